@@ -55,7 +55,9 @@ def lint(session: nox.Session) -> None:
 @nox.session(venv_backend="none")
 def docs(session: nox.Session) -> None:
     """Build the documentation, and run its tutorials and examples."""
-    session.run(PYTHON, "-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build", *session.posargs)
+    session.run(
+        PYTHON, "-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build", *session.posargs
+    )
 
 
 @nox.session(venv_backend="none")

@@ -46,8 +46,12 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=f"benchmarks:\n{listed}\n  {'all':<10} all benchmarks",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="a benchmark, or all")
-    parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, as a test")
+    parser.add_argument(
+        "names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="a benchmark, or all"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="smaller sizes and fewer runs, as a test"
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures to FILE")
     parser.add_argument("--seed", type=int, default=0, help="seed of all random inputs (default 0)")
     parser.add_argument(
@@ -59,7 +63,11 @@ def main(arguments: list[str] | None = None) -> int:
         "none with --quick)",
     )
     parser.add_argument(
-        "--from", dest="file", metavar="FILE", type=Path, help="peers: run nothing, use the figures that --json wrote"
+        "--from",
+        dest="file",
+        metavar="FILE",
+        type=Path,
+        help="peers: run nothing, use the figures that --json wrote",
     )
     options = parser.parse_args(arguments)
     folder = options.output or (None if options.quick else DOCS_FOLDER)

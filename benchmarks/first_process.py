@@ -1,4 +1,5 @@
-"""Run one of the first jobs of a new user, and print its CPU time and number of compilations as JSON.
+"""Run one of the first jobs of a new user, and print its CPU time and number of compilations as
+JSON.
 
 Usage: ``python -m benchmarks.first_process JOB FOLDER``; the folder has the inputs of the demo.
 """
@@ -24,7 +25,10 @@ DEMO = "demo"
 def main() -> None:
     """Run the job, and print the figures."""
     name, folder = sys.argv[1], Path(sys.argv[2])
-    with event.install_recorder("numba:compile") as recorder, contextlib.redirect_stdout(io.StringIO()):
+    with (
+        event.install_recorder("numba:compile") as recorder,
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
         if name == DEMO:
             app(["demo", "--output", str(folder / "demo"), "--overwrite"], standalone_mode=False)
         else:

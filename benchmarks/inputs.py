@@ -11,18 +11,22 @@ from cspace import Workspace
 from cspace.arrays import Bools
 
 
-def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16) -> Bools:
+def boxes(
+    size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16
+) -> Bools:
     """Draw boxes of 5 to 100 cells a side until a share of the cells is occupied.
 
-    The map has ``size`` cells along each axis. The share is computed after every ``each`` boxes, so small maps may be
-    denser.
+    The map has ``size`` cells along each axis. The share is computed after every ``each`` boxes, so
+    small maps may be denser.
     """
     occupied = np.zeros((size,) * dim, dtype=np.bool_)
     longest = min(100, size // 4)
     while occupied.mean() < density:
         for _ in range(each):
             first, sides = rng.integers(0, size - longest, dim), rng.integers(5, longest, dim)
-            occupied[tuple(slice(int(i), int(i + n)) for i, n in zip(first, sides, strict=True))] = True
+            occupied[
+                tuple(slice(int(i), int(i + n)) for i, n in zip(first, sides, strict=True))
+            ] = True
     return occupied
 
 

@@ -13,10 +13,23 @@ from typing import Any
 
 from benchmarks.timing import Timing
 
-INSTALLED_BY = {"cv2": "opencv-python-headless", "fcl": "python-fcl", "pinocchio": "pin", "vamp": "vamp-planner"}
+INSTALLED_BY = {
+    "cv2": "opencv-python-headless",
+    "fcl": "python-fcl",
+    "pinocchio": "pin",
+    "vamp": "vamp-planner",
+}
 """Distributions whose name differs from their package."""
 
-REPORTED_PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
+REPORTED_PACKAGES = (
+    "cspace",
+    "numpy",
+    "scipy",
+    "numba",
+    "shapely",
+    "ompl",
+    "opencv-python-headless",
+)
 
 
 class Report:
@@ -60,7 +73,13 @@ class Report:
         """Report the median time of a call and its spread."""
         low, high = min(timing.seconds), max(timing.seconds)
         cpu = timing.median_cpu if timing.cpu else None
-        figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
+        figures = {
+            "median_s": timing.median,
+            "min_s": low,
+            "max_s": high,
+            "cpu_s": cpu,
+            "runs": len(timing.seconds),
+        }
         self._row(name, {**figures, **more})
         spread = f"({time_text(low)} to {time_text(high)}, {len(timing.seconds)} runs"
         spread += ")" if cpu is None else f"; cpu {time_text(cpu)})"
@@ -75,11 +94,18 @@ class Report:
     def has(self, package: str, without: str = "skipped") -> bool:
         """Return True if a package can be imported; otherwise add a note."""
         if not is_here(package):
-            self.note(f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}")
+            self.note(
+                f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}"
+            )
         return is_here(package)
 
     def figure(
-        self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
+        self,
+        name: str,
+        value: float,
+        unit: str = "x",
+        least: float | None = None,
+        most: float | None = None,
     ) -> None:
         """Report a number beside its target, ``least`` or ``most``, for full sizes.
 
@@ -94,11 +120,18 @@ class Report:
             verdict = value >= bound if least is not None else value <= bound
             side = "least" if least is not None else "most"
             target = f"  target: at {side} {bound:g}, {'met' if verdict else 'MISSED'}"
-        self._row(name, {"value": value, "unit": unit, "least": least, "most": most, "met": verdict})
+        self._row(
+            name, {"value": value, "unit": unit, "least": least, "most": most, "met": verdict}
+        )
         print(f"  {name:<58}{f'{number_text(value)} {unit}':>10}{target}", flush=True)
 
     def ratio(
-        self, name: str, over: Timing, under: Timing, least: float | None = None, most: float | None = None
+        self,
+        name: str,
+        over: Timing,
+        under: Timing,
+        least: float | None = None,
+        most: float | None = None,
     ) -> None:
         """Report the ratio of two timings, by wall time and by CPU time.
 

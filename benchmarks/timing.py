@@ -49,7 +49,11 @@ class Timing:
 
     def per(self, number: float) -> Timing:
         """Return the times per item of a call that handles a number of items."""
-        return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
+        return Timing(
+            self.value,
+            [taken / number for taken in self.seconds],
+            [taken / number for taken in self.cpu],
+        )
 
 
 def once(call: Callable[[], Any]) -> Timing:
@@ -59,7 +63,9 @@ def once(call: Callable[[], Any]) -> Timing:
     return timing
 
 
-def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf) -> dict[str, Timing]:
+def interleave(
+    calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf
+) -> dict[str, Timing]:
     """Time calls alternately, so that other work affects all calls equally.
 
     Parameters

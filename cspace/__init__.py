@@ -1,7 +1,7 @@
 """Certified configuration-space maps for motion planning.
 
-The public names are listed in ``__init__.pyi``. Each is imported at its first use, so that importing the package costs
-next to nothing.
+The public names are listed in ``__init__.pyi``. Each is imported at its first use, so that
+importing the package costs next to nothing.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-# Public names and packages. Each is imported at its first use, so that importing the package costs next to nothing.
+# Public names and packages. Each is imported at its first use, so that the import costs nothing.
 
 from . import arms as arms
 from . import errors as errors

@@ -45,7 +45,8 @@ STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
 
 COPY_BAND_BYTES: Final = 16
-"""Bytes of a row that are copied at a time when a plane is transposed; 64 bytes take twice as long as 8 to 16."""
+"""Bytes of a row that are copied at a time when a plane is transposed; 64 bytes take twice as long
+as 8 to 16."""
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
@@ -66,21 +67,25 @@ def in_c_order(array: NDArray[Scalar]) -> NDArray[Scalar]:
 def copy_transposed(rows: NDArray[Scalar], out: NDArray[Scalar]) -> None:
     """Copy rows into the columns of another array.
 
-    ``rows`` has shape (n, m), and ``out`` shape (m, n). Narrow bands are copied, because otherwise each cache line of
-    the result would be read and written for each of its entries: eight times slower for 16,384 x 16,384 bytes.
+    ``rows`` has shape (n, m), and ``out`` shape (m, n). Narrow bands are copied, because otherwise
+    each cache line of the result would be read and written for each of its entries: eight times
+    slower for 16,384 x 16,384 bytes.
     """
     width = max(1, COPY_BAND_BYTES // rows.itemsize)
     for start in range(0, len(rows), width):
         out[:, start : start + width] = rows[start : start + width].T
 
 
-def reduce_blocks(cells: NDArray[Cell], starts: Sequence[Ints], combine: np.ufunc = np.maximum) -> NDArray[Cell]:
+def reduce_blocks(
+    cells: NDArray[Cell], starts: Sequence[Ints], combine: np.ufunc = np.maximum
+) -> NDArray[Cell]:
     """Return the maximum of each block of cells.
 
-    ``starts`` are the first cells of the blocks along each axis, from 0 on. ``combine`` may be ``np.minimum`` instead;
-    the maximum of booleans is whether any is set.
+    ``starts`` are the first cells of the blocks along each axis, from 0 on. ``combine`` may be
+    ``np.minimum`` instead; the maximum of booleans is whether any is set.
     """
-    # Combining all blocks at once is twenty times faster than ``reduceat``, which goes block by block.
+    # Combining all blocks at once is twenty times faster than ``reduceat``, which goes block by
+    # block.
     for axis, start in enumerate(starts):
         last = np.append(start[1:], cells.shape[axis]) - 1
         reduced = cells.take(start, axis)
@@ -102,7 +107,9 @@ def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, 
     """
     pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
     here, there = (
-        tuple(slice(low - s.start, high - s.start) for (low, high), s in zip(pairs, each, strict=True))
+        tuple(
+            slice(low - s.start, high - s.start) for (low, high), s in zip(pairs, each, strict=True)
+        )
         for each in (box, other)
     )
     return here, there

@@ -1,7 +1,8 @@
 """``build``: from a workspace and a robot to the certified map of the robot's configurations.
 
-A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the workspace, and
-BLOCKED if the inner raster overlaps an inner cell (see ``docs/explanation/certificate.md``).
+A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the
+workspace, and BLOCKED if the inner raster overlaps an inner cell (see
+``docs/explanation/certificate.md``).
 """
 
 from __future__ import annotations
@@ -65,7 +66,11 @@ class BuildOptions(TypedDict, total=False):
 
 @overload
 def build(
-    workspace: Workspace, robot: Robot | ShapeLike, *, store: None = None, **options: Unpack[BuildOptions]
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    store: None = None,
+    **options: Unpack[BuildOptions],
 ) -> CSpace: ...
 @overload
 def build(
@@ -106,35 +111,39 @@ def build(
         short text of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
         is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
-        Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
-        number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over 2
-        pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every
-        position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once.
+        Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about
+        z in space: the number of equal yaw cells, the first centred at 0, or the boundaries of the
+        cells in radians, ascending over 2 pi. For all rotations in space:
+        :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position
+        and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored
+        once.
     inner : bool
         Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
     counts : bool
         Store the overlap counts of the outer rasters as :attr:`CSpace.overlap_counts`.
     method : {"auto", "fft", "direct"}
-        The engine; the map is the same, cell for cell. "fft" correlates by transforms. "direct" dilates 64 cells at a
-        time. "auto" selects "direct", unless the robot has very many rows, or counts are requested, which need
-        transforms.
+        The engine; the map is the same, cell for cell. "fft" correlates by transforms. "direct"
+        dilates 64 cells at a time. "auto" selects "direct", unless the robot has very many rows, or
+        counts are requested, which need transforms.
     outside : {"blocked", "free"}
         State of all space outside the workspace's bounds.
     margin : float
-        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the margin.
+        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the
+        margin.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
         Called with (steps done, all steps); a step is a tile if there is a store.
     store : path-like, optional
         Folder to build the map into, tile by tile, for maps that do not fit into memory; see
-        ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are not stored.
+        ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are
+        not stored.
     tile : int or sequence of int
-        Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
-        states.
+        Largest number of cells of a tile along each axis. The longest sides are halved until a tile
+        has at most 2^28 states.
     client : dask.distributed.Client, optional
-        Cluster whose workers make the tiles; threads of this process if left out. All workers must see the folder of
-        the store.
+        Cluster whose workers make the tiles; threads of this process if left out. All workers must
+        see the folder of the store.
 
     Returns
     -------
@@ -144,10 +153,11 @@ def build(
     Raises
     ------
     InputError
-        If an argument is invalid, the robot is far too large for the workspace's spacing, or the map does not fit into
-        free memory; the message names settings that fit.
+        If an argument is invalid, the robot is far too large for the workspace's spacing, or the
+        map does not fit into free memory; the message names settings that fit.
     FileError
-        If the store is of another map or cannot be written, or the workspace changes while it is read.
+        If the store is of another map or cannot be written, or the workspace changes while it is
+        read.
 
     Warns
     -----
@@ -159,7 +169,8 @@ def build(
 
     References
     ----------
-    L. E. Kavraki, "Computation of configuration-space obstacles using the fast Fourier transform", 1995.
+    L. E. Kavraki, "Computation of configuration-space obstacles using the fast Fourier
+    transform", 1995.
 
     Examples
     --------
@@ -181,7 +192,9 @@ def build(
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
-            raise InputError("counts", "is True with a store", "a store has no counts", hint, value=counts)
+            raise InputError(
+                "counts", "is True with a store", "a store has no counts", hint, value=counts
+            )
         folder = build_tiles(
             workspace,
             robot,
@@ -200,12 +213,16 @@ def build(
         return TiledCSpace(folder)
     if client is not None:
         hint = "pass store='map.zarr'"
-        raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
+        raise InputError(
+            "client", "is given without a store", "its workers make tiles", hint, value=client
+        )
     workspace = workspace._in_memory()
     grid = workspace.grid
     slice_of = cells.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
-    needed = map_bytes(grid.shape, slices, counts) + raster_bytes(robot, grid.spacing, margin, cells, slices)
+    needed = map_bytes(grid.shape, slices, counts) + raster_bytes(
+        robot, grid.spacing, margin, cells, slices
+    )
     check_memory(needed, "the map", grid, slices=slices)
     rasters = slice_rasters(robot, grid.spacing, margin, cells)
     groups = group_rasters(rasters, inner)
@@ -252,7 +269,11 @@ def _check(
     """Raise InputError if an argument is invalid."""
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
-        hint = "use robot.footprint()" if robot.dim == 3 else "use a robot in space, or a workspace in the plane"
+        hint = (
+            "use robot.footprint()"
+            if robot.dim == 3
+            else "use a robot in space, or a workspace in the plane"
+        )
         raise InputError("robot", problem, "they must agree", hint, value=robot)
     rotations.check_dimension(robot.dim)
     if workers is not None:

@@ -113,7 +113,10 @@ def _digest_sources() -> str:
     for package in ("cspace", "planners"):
         for file in sorted((root / package).rglob("*.py")):
             source = file.read_bytes()
-            if _KERNELS.search(source) or file.relative_to(root).as_posix() in FILES_WITHOUT_KERNELS:
+            if (
+                _KERNELS.search(source)
+                or file.relative_to(root).as_posix() in FILES_WITHOUT_KERNELS
+            ):
                 digest.update(source)
     return digest.hexdigest()[:16]
 
@@ -125,7 +128,11 @@ def is_private(folder: Path) -> bool:
     is_own = folder.stat().st_uid == os.geteuid()
     is_closed = not modes[0] & (stat.S_IWGRP | stat.S_IWOTH)
     # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
-    return is_own and is_closed and all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in modes)
+    return (
+        is_own
+        and is_closed
+        and all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in modes)
+    )
 
 
 def _remove_unused(parent: Path) -> None:
@@ -155,7 +162,9 @@ class _Clock(event.Listener):
         has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
             self._is_told = True
-            LOGGER.warning(LONG_WAIT, "once" if cache_folder() else "at each start, as no cache is safe")
+            LOGGER.warning(
+                LONG_WAIT, "once" if cache_folder() else "at each start, as no cache is safe"
+            )
 
     def on_end(self, event: Any) -> None:
         """Let the clock go on after the outermost compilation."""

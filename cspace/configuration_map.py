@@ -44,8 +44,8 @@ class Backend(Protocol):
     def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query that runs a kernel.
 
-        It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the
-        record of the map. Each thread gets at least ``least`` rows.
+        It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows,
+        out)`` with the record of the map. Each thread gets at least ``least`` rows.
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
@@ -65,11 +65,11 @@ class Components(Protocol):
 class ConfigurationMap(ConfigurationSpace, MapPlot):
     """A certified map of a robot's configurations.
 
-    :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a store. Queries run
-    compiled kernels over the cells through a :class:`Backend`.
+    :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
+    store. Queries run compiled kernels over the cells through a :class:`Backend`.
     """
 
-    # ---- what the map is ---------------------------------------------------------------------------------------------
+    # ---- what the map is -------------------------------------------------------------------------
 
     @property
     @abstractmethod
@@ -168,7 +168,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         size = f"{cells} cells of {self.grid.spacing:g} {self.grid.unit}{turns}"
         return f"{type(self).__name__}({size}, {self.robot.name}: {self._summary})"
 
-    # ---- look-ups ----------------------------------------------------------------------------------------------------
+    # ---- look-ups --------------------------------------------------------------------------------
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Return configurations as an array, shape (..., size).
@@ -190,8 +190,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if a collision-free path is proven to exist between configurations.
 
-        The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`. Components of cells are
-        computed at the first call and cached; a tiled map caches them in its folder.
+        The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`.
+        Components of cells are computed at the first call and cached; a tiled map caches them in
+        its folder.
 
         Parameters
         ----------
@@ -217,9 +218,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if configurations are proven disconnected.
 
-        No collision-free path between them exists then. The proof is that no chain of FREE and MIXED cells joins them.
-        If this and :meth:`is_connected` are both False, the map is too coarse to decide; plan with ``exact=True``, or
-        build with a finer spacing.
+        No collision-free path between them exists then. The proof is that no chain of FREE and
+        MIXED cells joins them. If this and :meth:`is_connected` are both False, the map is too
+        coarse to decide; plan with ``exact=True``, or build with a finer spacing.
 
         Parameters
         ----------
@@ -236,7 +237,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
                 return known[1]
         return _bool_or_array(self._connectivity(q0, q1)[1])
 
-    def _connection_of_one(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> tuple[bool, bool] | None:
+    def _connection_of_one(
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
+    ) -> tuple[bool, bool] | None:
         """Return whether two configurations are proven connected, or disconnected.
 
         None if only the look-up of arrays can answer or refuse.
@@ -256,7 +259,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         both = np.concatenate([points.reshape(-1, self.size) for points in endpoints])
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
-            self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1")  # one of them raises
+            (
+                self._check_configurations(q0, "q0"),
+                self._check_configurations(q1, "q1"),
+            )  # one of them raises
         for points, name in zip(endpoints, ("q0", "q1"), strict=True):
             if points.ndim == 1:
                 warn_of_degrees(points, self._angles, name)
@@ -264,7 +270,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         def pairs(values: NDArray[Any]) -> list[NDArray[Any]]:
             halves = values[:count], values[count:]
-            return [half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True)]
+            return [
+                half.reshape(points.shape[:-1])
+                for half, points in zip(halves, endpoints, strict=True)
+            ]
 
         def find_joined(candidates: Bools, mixed: bool) -> Bools:
             """Return which candidate pairs share a component.
@@ -285,13 +294,15 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free_around(self, q: ConfigurationBatch, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(
+        self, q: ConfigurationBatch, distance: float, angle: float = 0.0
+    ) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
         """Return True if all near configurations are proven free.
 
-        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at most ``distance``
-        away along each axis, and rotated by at most ``angle``. They are proven if every closed cell that meets the box
-        is FREE. Use it to prove curves piece by piece.
+        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at
+        most ``distance`` away along each axis, and rotated by at most ``angle``. They are proven if
+        every closed cell that meets the box is FREE. Use it to prove curves piece by piece.
 
         Parameters
         ----------
@@ -308,7 +319,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """
         from cspace.map.points import boxes_are_free
 
-        reach = check_not_negative(distance, "distance"), check_not_negative(angle, "angle", "pass it in radians")
+        reach = (
+            check_not_negative(distance, "distance"),
+            check_not_negative(angle, "angle", "pass it in radians"),
+        )
         query = self._backend.query(boxes_are_free, *reach)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
@@ -319,17 +333,18 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Return a lower bound of the distance to configurations that are not FREE.
 
-        The distance is in the translation, to the nearest one. The bound is proven. At the center of a cell, it is the
-        distance but for rounding. Elsewhere in the grid, it is less than 1.42 cells below in the plane and 1.74 in
-        space; a few hundredths of a cell on average, a tenth where all is near obstacles. Outside the grid, it is at
-        least the distance to the box around the grid and all cells that are not FREE. It is zero if the configuration
-        is not FREE, and infinite if every configuration at its rotation is FREE.
+        The distance is in the translation, to the nearest one. The bound is proven. At the center
+        of a cell, it is the distance but for rounding. Elsewhere in the grid, it is less than 1.42
+        cells below in the plane and 1.74 in space; a few hundredths of a cell on average, a tenth
+        where all is near obstacles. Outside the grid, it is at least the distance to the box around
+        the grid and all cells that are not FREE. It is zero if the configuration is not FREE, and
+        infinite if every configuration at its rotation is FREE.
 
-        The first query at a rotation computes the distances of all cells there, 4 bytes each, and so does the first one
-        after an update: some 20 ms for a million cells.
+        The first query at a rotation computes the distances of all cells there, 4 bytes each, and
+        so does the first one after an update: some 20 ms for a million cells.
 
-        Clearances in a tiled map are at most the width of the halo of a tile, less two cells, because all farther away
-        is unknown there.
+        Clearances in a tiled map are at most the width of the halo of a tile, less two cells,
+        because all farther away is unknown there.
 
         Parameters
         ----------
@@ -341,9 +356,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return evaluate_batch(q, self.size, self._clearances(), np.float64, float, angles=self._angles)
+        return evaluate_batch(
+            q, self.size, self._clearances(), np.float64, float, angles=self._angles
+        )
 
-    # ---- what differs ------------------------------------------------------------------------------------------------
+    # ---- what differs ----------------------------------------------------------------------------
 
     @property
     @abstractmethod
@@ -375,7 +392,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self._states_query
 
     def _frees(self, exact: bool) -> Query:
-        return self._backend.query(self._exact.points) if exact else partial(_are_free, self._classify())
+        return (
+            self._backend.query(self._exact.points)
+            if exact
+            else partial(_are_free, self._classify())
+        )
 
     def _edges(self, exact: bool) -> Query:
         """Return the query that tests edges; with ``exact``, geometry decides."""

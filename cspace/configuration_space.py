@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import FREE, Bools, Floats
 from cspace.check import check_pairs
 from cspace.errors import InputError
-from cspace.map.batches import Configuration, ConfigurationBatch, Query, evaluate_batch, evaluate_edges, evaluate_pairs
+from cspace.map.batches import (
+    Configuration,
+    ConfigurationBatch,
+    Query,
+    evaluate_batch,
+    evaluate_edges,
+    evaluate_pairs,
+)
 from cspace.rotations.base import angle_axes
 from cspace.shown import SpaceView
 
@@ -21,8 +28,8 @@ from cspace.shown import SpaceView
 class ConfigurationSpace(SpaceView, ABC):
     """The configurations of a robot, with the queries of all maps and arms.
 
-    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace` tests the geometry. Each
-    has its own kernels for batches of configurations.
+    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace`
+    tests the geometry. Each has its own kernels for batches of configurations.
     """
 
     @property
@@ -126,33 +133,43 @@ class ConfigurationSpace(SpaceView, ABC):
     @overload
     def is_free(self, q: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Return True if configurations are proven collision-free; arguments and errors as :meth:`classify`.
+        """Return True if configurations are proven collision-free.
 
-        With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it always does.
+        Arguments and errors as :meth:`classify`.
+
+        With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an
+        arm it always does.
         """
         if isinstance(q, tuple) and not exact and (state := self._state_of_one(q)) is not None:
             return state == FREE
         return evaluate_batch(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
-    def motion_is_free(self, q0: Configuration, q1: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    def motion_is_free(  # type: ignore[overload-overlap]
+        self, q0: Configuration, q1: Configuration, *, exact: bool = False
+    ) -> bool: ...
     @overload
-    def motion_is_free(self, q0: ConfigurationBatch, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(
+        self, q0: ConfigurationBatch, q1: ArrayLike, *, exact: bool = False
+    ) -> Bools: ...
     @overload
-    def motion_is_free(self, q0: ArrayLike, q1: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(
+        self, q0: ArrayLike, q1: ConfigurationBatch, *, exact: bool = False
+    ) -> Bools: ...
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Return True if straight motions are proven collision-free all along.
 
-        On a map, a motion is proven if every closed cell that it touches, even in a corner, is FREE. A motion on the
-        boundary of two cells touches both, so a motion that starts on the boundary of a cell that is not FREE is not
-        proven. All joints of an arm move in proportion.
+        On a map, a motion is proven if every closed cell that it touches, even in a corner, is
+        FREE. A motion on the boundary of two cells touches both, so a motion that starts on the
+        boundary of a cell that is not FREE is not proven. All joints of an arm move in proportion.
 
         Parameters
         ----------
         q0, q1 : array-like, shape (size,) or (..., size)
             Endpoints of the motions, metres and radians; broadcast against each other.
         exact : bool
-            Decide MIXED cells by the geometry; see :mod:`cspace.exact`. For an arm, geometry always decides.
+            Decide MIXED cells by the geometry; see :mod:`cspace.exact`. For an arm, geometry always
+            decides.
 
         Returns
         -------
@@ -169,20 +186,23 @@ class ConfigurationSpace(SpaceView, ABC):
                 return state == FREE
         return evaluate_edges(q0, q1, self.size, self._edges(exact), self._angles)
 
-    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
+    def certify_path(
+        self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
+    ) -> Bools:
         """Return whether each edge is proven collision-free.
 
-        The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate along the shorter
-        arc, as OMPL interpolates, and answers are as for :meth:`motion_is_free`; for arms see
-        :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads.
+        The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate
+        along the shorter arc, as OMPL interpolates, and answers are as for :meth:`motion_is_free`;
+        for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads.
 
         Parameters
         ----------
         path : array-like, shape (n, size) or (..., n, size)
-            Configurations, metres and radians: a path, several paths of equal length, or the vertices of a roadmap.
+            Configurations, metres and radians: a path, several paths of equal length, or the
+            vertices of a roadmap.
         edges : array-like of int, shape (m, 2), optional
-            Indices of the two vertices of each edge; ``path`` must then have shape (n, size). If left out, edges join
-            consecutive configurations.
+            Indices of the two vertices of each edge; ``path`` must then have shape (n, size). If
+            left out, edges join consecutive configurations.
         exact : bool
             As for :meth:`motion_is_free`.
 
@@ -194,8 +214,8 @@ class ConfigurationSpace(SpaceView, ABC):
         Raises
         ------
         InputError
-            If a configuration is invalid, even if no edge uses it; if a path is empty; or if an edge is not a pair of
-            indices of vertices.
+            If a configuration is invalid, even if no edge uses it; if a path is empty; or if an
+            edge is not a pair of indices of vertices.
         ConfigurationError
             As :meth:`classify`.
 
@@ -215,7 +235,10 @@ class ConfigurationSpace(SpaceView, ABC):
             pairs = check_pairs(edges, points)
             return evaluate_pairs(np.ascontiguousarray(points), pairs, self._edges(exact))
         if points.ndim < 2 or points.shape[-2] == 0:
-            rule, hint = "a path has at least one configuration", f"pass an array of shape (n, {self.size})"
+            rule, hint = (
+                "a path has at least one configuration",
+                f"pass an array of shape (n, {self.size})",
+            )
             raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(evaluate_edges(q0, q1, self.size, self._edges(exact)))
@@ -223,22 +246,29 @@ class ConfigurationSpace(SpaceView, ABC):
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[TileSubproblem]:
         """Split a planning problem into parts.
 
-        Each part is a problem on a part of the space in memory. Return for each a function that opens the part, and two
-        configurations to join in it. Only a tiled map has several parts; see :class:`cspace.TiledCSpace`.
+        Each part is a problem on a part of the space in memory. Return for each a function that
+        opens the part, and two configurations to join in it. Only a tiled map has several parts;
+        see :class:`cspace.TiledCSpace`.
         """
-        return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
+        return [
+            (
+                lambda: self,
+                self._check_configurations(q0, "q0"),
+                self._check_configurations(q1, "q1"),
+            )
+        ]
 
-    # ---- one configuration, given as a tuple: the same look-ups, without arrays -------------------------------------
+    # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if only the look-up of arrays can answer or refuse."""
+        """Return the state of one configuration, or None if the look-up of arrays decides."""
         return None
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
         """Return FREE if a motion is proven free, else MIXED; None as for :meth:`_state_of_one`."""
         return None
 
-    # ---- what differs ------------------------------------------------------------------------------------------------
+    # ---- what differs ----------------------------------------------------------------------------
 
     @abstractmethod
     def _classify(self) -> Query:

@@ -70,27 +70,36 @@ def floor_plan() -> list[BaseGeometry]:
         Point(13.2, 3.4).buffer(0.7),
         box(14.2, 4.6, 15.8, 5.4),
     ]
-    return [outside, *(box(x, y, x + width, y + height) for x, y, width, height in walls), *furniture]
+    return [
+        outside,
+        *(box(x, y, x + width, y + height) for x, y, width, height in walls),
+        *furniture,
+    ]
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
     """Write the floor plan, and a house with two rooms.
 
-    The folder must exist; existing files are replaced. Returns the paths by name: ``floor_plan`` is GeoJSON, 16 m by
-    10 m, and ``house`` is STL, 6 m by 4 m by 2.5 m.
+    The folder must exist; existing files are replaced. Returns the paths by name: ``floor_plan`` is
+    GeoJSON, 16 m by 10 m, and ``house`` is STL, 6 m by 4 m by 2.5 m.
     """
     import shapely
     import trimesh
 
     files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
-    files["floor_plan"].write_text(shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8")
+    files["floor_plan"].write_text(
+        shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8"
+    )
     boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE_BOXES]
     trimesh.util.concatenate(boxes).export(files["house"])  # type: ignore[no-untyped-call]
     return files
 
 
 _HOUSE_BOXES: Final = (
-    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.15)),  # the floor; there is no roof, so that pictures show the inside
+    (
+        (0.0, 0.0, 0.0),
+        (6.0, 4.0, 0.15),
+    ),  # the floor; there is no roof, so that pictures show the inside
     ((0.0, 0.0, 0.15), (0.25, 4.0, 2.5)),
     ((5.75, 0.0, 0.15), (6.0, 4.0, 2.5)),
     ((0.25, 0.0, 0.15), (5.75, 0.25, 2.5)),
@@ -102,4 +111,5 @@ _HOUSE_BOXES: Final = (
     ((2.85, 2.75, 1.05), (3.15, 3.75, 2.15)),
     ((4.2, 0.25, 0.15), (5.75, 1.15, 0.95)),  # a table
 )
-"""Lower and upper corners of boxes, metres. Walls are thicker than cells of 0.1 m, so they have interior cells."""
+"""Lower and upper corners of boxes, metres. Walls are thicker than cells of 0.1 m, so they have
+interior cells."""

@@ -1,7 +1,7 @@
 """Errors that this library raises on purpose, under one base class.
 
-Each carries its parts as fields: the argument, its problem, the rule that it breaks and a hint. Messages consist of
-them; the command line puts them in its own words.
+Each carries its parts as fields: the argument, its problem, the rule that it breaks and a hint.
+Messages consist of them; the command line puts them in its own words.
 """
 
 from __future__ import annotations
@@ -45,13 +45,25 @@ class CspaceError(Exception):
     gap: ClassVar[str] = " "
 
     def __init__(
-        self, argument: str, problem: str | None = None, rule: str = "", hint: str = "", *, value: object = None
+        self,
+        argument: str,
+        problem: str | None = None,
+        rule: str = "",
+        hint: str = "",
+        *,
+        value: object = None,
     ) -> None:
         text = argument
         if problem is not None:
             problem = " ".join(problem.split())  # arrays print in several lines
-            problem = problem if len(problem) <= MAX_PROBLEM_CHARACTERS else f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
-            text = "; ".join(part for part in (f"{argument}{self.gap}{problem}", rule, hint) if part)
+            problem = (
+                problem
+                if len(problem) <= MAX_PROBLEM_CHARACTERS
+                else f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
+            )
+            text = "; ".join(
+                part for part in (f"{argument}{self.gap}{problem}", rule, hint) if part
+            )
         super().__init__(text)
         self.argument = argument
         self.problem = problem
@@ -81,7 +93,8 @@ class MissingPackageError(CspaceError, ImportError):
 def import_optional(package: str, use: str, extra: str) -> Any:
     """Import an optional package.
 
-    Raises MissingPackageError if it is not installed. The message gives its ``use`` and the ``extra`` that installs it.
+    Raises MissingPackageError if it is not installed. The message gives its ``use`` and the
+    ``extra`` that installs it.
     """
     try:
         return import_module(package)
@@ -107,7 +120,10 @@ class UnitWarning(UserWarning):
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INTERNAL_PACKAGES:
+    while (
+        frame.f_back is not None
+        and frame.f_globals.get("__name__", "").partition(".")[0] in _INTERNAL_PACKAGES
+    ):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
 
@@ -118,10 +134,12 @@ class ConfigurationError(InputError):
     Attributes
     ----------
     nearest : tuple of float or None
-        Nearest FREE configuration, if the map has one; for a pose out of reach, the configuration with the nearest pose
-        reached.
+        Nearest FREE configuration, if the map has one; for a pose out of reach, the configuration
+        with the nearest pose reached.
     """
 
-    def __init__(self, *parts: str, value: object = None, nearest: tuple[float, ...] | None = None) -> None:
+    def __init__(
+        self, *parts: str, value: object = None, nearest: tuple[float, ...] | None = None
+    ) -> None:
         super().__init__(*parts, value=value)
         self.nearest = nearest

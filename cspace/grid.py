@@ -17,8 +17,8 @@ from cspace.errors import InputError
 SLACK: Final = 2.0**-26
 """Rounding allowance in cells.
 
-Outer rasters grow by it, inner rasters shrink by it, and the rounding of every look-up stays below it, so that no
-answer depends on floating-point rounding.
+Outer rasters grow by it, inner rasters shrink by it, and the rounding of every look-up stays below
+it, so that no answer depends on floating-point rounding.
 """
 
 MAX_COORDINATE: Final = 2.0**22
@@ -28,7 +28,8 @@ MAX_COORDINATE: Final = 2.0**22
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
     """Refuse shapes so far from an origin that rounding matters.
 
-    Raises InputError if ``far``, in cells, is above :data:`MAX_COORDINATE`, where rounding could exceed :data:`SLACK`.
+    Raises InputError if ``far``, in cells, is above :data:`MAX_COORDINATE`, where rounding could
+    exceed :data:`SLACK`.
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
@@ -39,8 +40,8 @@ def check_reach(far: float, name: str, origin: str, hint: str) -> None:
 class Grid:
     """A box of closed cubic cells.
 
-    Cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``. Arrays over the grid are indexed in the order of the
-    coordinates, ``[x, y]`` or ``[x, y, z]``.
+    Cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``. Arrays over the grid are indexed in the
+    order of the coordinates, ``[x, y]`` or ``[x, y, z]``.
 
     Parameters
     ----------
@@ -58,8 +59,9 @@ class Grid:
     Raises
     ------
     InputError
-        If a value is not finite, the spacing or a count is not above zero, or the lengths differ; or if the grid lies
-        so far from the origin (over 2^22 cells) that floating-point rounding could exceed the certificate's slack.
+        If a value is not finite, the spacing or a count is not above zero, or the lengths differ;
+        or if the grid lies so far from the origin (over 2^22 cells) that floating-point rounding
+        could exceed the certificate's slack.
 
     Examples
     --------
@@ -88,7 +90,11 @@ class Grid:
         corner = check_finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
             raise InputError(
-                "lower", f"is {lower!r}", "it must have length 2 or 3", "pass e.g. (0.0, 0.0)", value=lower
+                "lower",
+                f"is {lower!r}",
+                "it must have length 2 or 3",
+                "pass e.g. (0.0, 0.0)",
+                value=lower,
             )
         side = check_positive(spacing, "spacing")
         counts = np.asarray(shape)
@@ -101,7 +107,12 @@ class Grid:
                 value=shape,
             )
         reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
-        check_reach(reach, "grid", "the origin", "use a larger spacing, or move the frame's origin nearer to the map")
+        check_reach(
+            reach,
+            "grid",
+            "the origin",
+            "use a larger spacing, or move the frame's origin nearer to the map",
+        )
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
         object.__setattr__(self, "shape", tuple(int(n) for n in counts))
@@ -110,7 +121,9 @@ class Grid:
         for name, texts in (("axes", self.axes), ("units", self.units)):
             if len(texts) != self.dim or (name == "axes" and len(set(texts)) < self.dim):
                 rule = f"there must be {self.dim}, and axes must differ"
-                raise InputError(name, f"are {', '.join(texts)}", rule, "leave them out", value=texts)
+                raise InputError(
+                    name, f"are {', '.join(texts)}", rule, "leave them out", value=texts
+                )
 
     @property
     def dim(self) -> int:
@@ -174,9 +187,10 @@ class Grid:
     def cell_of(self, points: ArrayLike) -> Ints:
         """Return the cells that contain points.
 
-        For points outside the grid, the cells continue without end. A point on a boundary belongs to the cell above it,
-        except on the grid's own upper boundary, which belongs to the last cell: cell ``i`` owns ``lower + spacing * (i
-        + [0, 1))``, the last one its upper boundary too.
+        For points outside the grid, the cells continue without end. A point on a boundary belongs
+        to the cell above it, except on the grid's own upper boundary, which belongs to the last
+        cell: cell ``i`` owns ``lower + spacing * (i + [0, 1))``, the last one its upper boundary
+        too.
 
         Parameters
         ----------

@@ -2,16 +2,18 @@
 
 Two kinds of geometric functions are separate, because proofs use them in different ways:
 
-* **Nearest points** (:func:`triangle_weights`, :func:`nearest_of_triangle`, :func:`gap_between`) are as good as
-  rounding allows, and poor for thin triangles and nearly parallel segments. A proof uses only a direction from them, or
-  a point of the triangle: the weights lie in [0, 1], so the point is within 2^-50 of the coordinates of a point in it.
-* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true distance. Let L be the
-  largest distance between any two of the points. With u = 2^-53, the foot on a segment has an error below 12 u L, and
-  the distance below 2^-48 L. A normal has an error below 5 u times the square of the longest side, which is below 2^-38
-  of its length for triangles that are not thin, and so has the distance from the plane relative to L. Callers allow for
-  that: rasters by ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
-  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.HULL_ROUNDING` for FREE and by
-  ``required`` of :func:`cspace.arms.scenes.make_inner_scene` for BLOCKED.
+* **Nearest points** (:func:`triangle_weights`, :func:`nearest_of_triangle`, :func:`gap_between`)
+  are as good as rounding allows, and poor for thin triangles and nearly parallel segments. A proof
+  uses only a direction from them, or a point of the triangle: the weights lie in [0, 1], so the
+  point is within 2^-50 of the coordinates of a point in it.
+* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true
+  distance. Let L be the largest distance between any two of the points. With u = 2^-53, the foot on
+  a segment has an error below 12 u L, and the distance below 2^-48 L. A normal has an error below 5
+  u times the square of the longest side, which is below 2^-38 of its length for triangles that are
+  not thin, and so has the distance from the plane relative to L. Callers allow for that: rasters by
+  ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
+  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.HULL_ROUNDING`
+  for FREE and by ``required`` of :func:`cspace.arms.scenes.make_inner_scene` for BLOCKED.
 """
 
 from __future__ import annotations
@@ -111,16 +113,16 @@ def extent_along(n: Row, half: Row) -> float:
     return abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2]
 
 
-# ---- nearest points, as good as rounding allows ----------------------------------------------------------------------
+# ---- nearest points, as good as rounding allows --------------------------------------------------
 
 
 @kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     """Return the weights of a triangle's nearest point.
 
-    It is the point nearest to the origin; the weights are (s, t). The point is ``a + s (b - a) + t (c - a)``. Both
-    weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly zero. Corners may coincide. C. Ericson,
-    "Real-Time Collision Detection", 2005, section 5.1.5.
+    It is the point nearest to the origin; the weights are (s, t). The point is ``a + s (b - a) + t
+    (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly
+    zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     ab, ac = minus(b, a), minus(c, a)
     d1, d2 = -dot(ab, a), -dot(ac, a)
@@ -159,8 +161,8 @@ def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """Return the shortest vector to one segment from another.
 
-    The first is ``p + s u`` and the second ``q + t v``, s and t in [0, 1]. C. Ericson, "Real-Time Collision Detection",
-    2005, section 5.1.9.
+    The first is ``p + s u`` and the second ``q + t v``, s and t in [0, 1]. C. Ericson, "Real-Time
+    Collision Detection", 2005, section 5.1.9.
     """
     r = minus(p, q)
     uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
@@ -171,7 +173,7 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
 
 
-# ---- distances that bound the true one -------------------------------------------------------------------------------
+# ---- distances that bound the true one -----------------------------------------------------------
 
 
 @kernel
@@ -196,14 +198,20 @@ def point_triangle(p: Row, triangle: Floats) -> float:
     """
     a, b, c = row_at(triangle[0], 0), row_at(triangle[1], 0), row_at(triangle[2], 0)
     ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
-    distance = math.sqrt(min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a)))
+    distance = math.sqrt(
+        min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
+    )
     longest, n = max(dot(ab, ab), dot(bc, bc), dot(ca, ca)), normal_of(triangle)
     length = math.sqrt(dot(n, n))
     if length <= THIN * longest:
         # Every point of the triangle is within its height of its sides.
         return max(0.0, distance - THIN * math.sqrt(longest))
     n, ap = (n[0] / length, n[1] / length, n[2] / length), minus(p, a)
-    if dot(n, cross(ab, ap)) < 0.0 or dot(n, cross(bc, minus(p, b))) < 0.0 or dot(n, cross(ca, minus(p, c))) < 0.0:
+    if (
+        dot(n, cross(ab, ap)) < 0.0
+        or dot(n, cross(bc, minus(p, b))) < 0.0
+        or dot(n, cross(ca, minus(p, c))) < 0.0
+    ):
         return distance
     return min(distance, abs(dot(n, ap)))
 

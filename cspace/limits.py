@@ -1,7 +1,8 @@
 """Limits of files and of memory, checked before any work.
 
-A file of a few bytes can declare a map of terabytes. So every reader states its needs from the size of the file or its
-header, and every build from its grid. Excessive needs are refused with the figures.
+A file of a few bytes can declare a map of terabytes. So every reader states its needs from the size
+of the file or its header, and every build from its grid. Excessive needs are refused with the
+figures.
 """
 
 from __future__ import annotations
@@ -25,25 +26,30 @@ MESH_CELL_BYTES: Final = 8
 """Memory for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
 
 TRANSFORM_BYTES: Final = 2**27
-"""Memory for the transforms of a build with a robot at most a hundred cells across, whatever the size of the map."""
+"""Memory for the transforms of a build with a robot at most a hundred cells across, whatever the
+size of the map."""
 
 SLICE_BYTES: Final = 2_500
-"""Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to 2,500."""
+"""Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to
+2,500."""
 
 RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
-"""Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8 to 11."""
+"""Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8
+to 11."""
 
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that work may use."""
 
 FIXED_CELLS_HINT: Final = (
-    "its cells are those of the file, so take a machine with more memory, or cut the file or make its cells coarser "
+    "its cells are those of the file, so take a machine with more memory, or cut the file or "
+    "make its cells coarser "
     "with the tools of its own format"
 )
 """Hint for files that declare the size of their cells."""
 
 _MIN_CHECKED_BYTES: Final = 2**18
-"""Size of files below which the free memory is not queried, because that takes longer than reading."""
+"""Size of files below which the free memory is not queried, because that takes longer than reading.
+"""
 
 
 class Limits(NamedTuple):
@@ -77,8 +83,9 @@ _LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it canno
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
     """Estimate the peak memory of :func:`cspace.build`, in bytes.
 
-    The workspace is not included. It may be more if the robot is very large. ``slices`` is the number of stored slices;
-    1 for a robot that only translates. ``overlap`` says whether overlap counts are stored.
+    The workspace is not included. It may be more if the robot is very large. ``slices`` is the
+    number of stored slices; 1 for a robot that only translates. ``overlap`` says whether overlap
+    counts are stored.
     """
     cells = count_cells(shape) * slices
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
@@ -87,8 +94,9 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
 def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
     """Estimate the time of :func:`cspace.build` on one core.
 
-    The factor of uncertainty is about three. Parameters as for :func:`map_bytes`. Fitted to measurements on one
-    machine, with robots a few tens of cells across: the rasters of each slice, and each state.
+    The factor of uncertainty is about three. Parameters as for :func:`map_bytes`. Fitted to
+    measurements on one machine, with robots a few tens of cells across: the rasters of each slice,
+    and each state.
     """
     rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
     return slices * (rasters + state * count_cells(shape))
@@ -111,8 +119,8 @@ def raised_limits(**limits: int) -> Iterator[None]:
     Parameters
     ----------
     **limits : int
-        New values of the fields of :class:`Limits`, by name: ``max_bytes``, ``max_cells``, ``max_text_bytes`` and
-        ``max_description_bytes``.
+        New values of the fields of :class:`Limits`, by name: ``max_bytes``, ``max_cells``,
+        ``max_text_bytes`` and ``max_description_bytes``.
 
     Raises
     ------
@@ -126,7 +134,12 @@ def raised_limits(**limits: int) -> Iterator[None]:
     """
     for name, value in limits.items():
         if name not in Limits._fields:
-            raise InputError(name, f"is {value}", f"the limits are {', '.join(Limits._fields)}", "correct the name")
+            raise InputError(
+                name,
+                f"is {value}",
+                f"the limits are {', '.join(Limits._fields)}",
+                "correct the name",
+            )
     token = _LIMITS.set(_LIMITS.get()._replace(**limits))
     try:
         yield
@@ -143,8 +156,8 @@ def check_bytes(
 ) -> None:
     """Refuse a file of too many bytes.
 
-    ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the size exceeds
-    ``max_bytes`` or ``limit``, or ``memory`` times the size does not fit into memory.
+    ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the
+    size exceeds ``max_bytes`` or ``limit``, or ``memory`` times the size does not fit into memory.
     """
     problem = f"{what} {bytes_text(size)}"
     limits = _LIMITS.get()
@@ -156,7 +169,8 @@ def check_bytes(
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
     """Refuse a file that declares too large a grid.
 
-    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
+    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit
+    into memory.
     """
     count = count_cells(shape)
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
@@ -183,7 +197,9 @@ class PlannedGrid(NamedTuple):
     unit: str = "m"
 
 
-def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1) -> None:
+def check_memory(
+    needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1
+) -> None:
     """Refuse work that does not fit into memory.
 
     Parameters
@@ -207,7 +223,8 @@ def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, hint: st
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
         fewer = "fewer rotations, " if slices > 1 else ""
         hint = (
-            f"use a spacing of at least {coarser:.2g} {grid.unit}, {fewer}smaller bounds, or check the units (metres)"
+            f"use a spacing of at least {coarser:.2g} {grid.unit}, {fewer}smaller bounds, or check "
+            "the units (metres)"
         )
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
@@ -217,7 +234,10 @@ def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, hint: st
 
 def _memory_parts(problem: str, needed: float, free: float) -> tuple[str, str]:
     """Return the problem and the rule of the error for work beyond the memory limit."""
-    rule = f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
+    rule = (
+        f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} "
+        "of the free memory"
+    )
     return f"{problem} and needs about {bytes_text(needed)} of memory", rule
 
 
@@ -243,8 +263,13 @@ def _container_bytes() -> float:
     folder = Path("/sys/fs/cgroup")
     try:
         group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")[2]
-        folder = next(f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists())
-        limit, used = (int((folder / name).read_text(encoding="ascii")) for name in ("memory.max", "memory.current"))
+        folder = next(
+            f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists()
+        )
+        limit, used = (
+            int((folder / name).read_text(encoding="ascii"))
+            for name in ("memory.max", "memory.current")
+        )
         lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
     except (OSError, StopIteration, ValueError):  # no limit: memory.max is missing or reads "max"
         return math.inf
@@ -252,8 +277,15 @@ def _container_bytes() -> float:
     return max(0, limit - used + cached)
 
 
-def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str, value: object) -> None:
+def _check_limit(
+    path: StrPath, problem: str, size: int, limit: str, limit_text: str, value: object
+) -> None:
     """Raise FileError if a value exceeds a limit of files."""
     if size > getattr(_LIMITS.get(), limit):
-        hint = f"raise it with cspace.limits.raised_limits({limit}={size}), if the file is meant to be so large"
-        raise FileError(os.fspath(path), problem, f"at most {limit_text} are read", hint, value=value)
+        hint = (
+            f"raise it with cspace.limits.raised_limits({limit}={size}), if the file is meant to "
+            "be so large"
+        )
+        raise FileError(
+            os.fspath(path), problem, f"at most {limit_text} are read", hint, value=value
+        )

@@ -77,8 +77,8 @@ class CellsInMemory:
 class LazyCells:
     """Cells of a lazy array, read a box at a time.
 
-    The array is of zarr, dask or ``numpy.memmap``, or an xarray of these. It is boolean, or has values 0 and 1, and is
-    indexed [x, y] or [x, y, z].
+    The array is of zarr, dask or ``numpy.memmap``, or an xarray of these. It is boolean, or has
+    values 0 and 1, and is indexed [x, y] or [x, y, z].
     """
 
     def __init__(self, array: Any, digest: str = "") -> None:
@@ -97,7 +97,9 @@ class LazyCells:
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             part = self.array[box]
-            if hasattr(part, "compute"):  # in this thread: a dask worker that waited for its own cluster would hang
+            if hasattr(
+                part, "compute"
+            ):  # in this thread: a dask worker that waited for its own cluster would hang
                 part = part.compute(scheduler="synchronous")
             cells = check_cells(np.asarray(part), "occupied")
         if cells.shape != tuple(part.stop - part.start for part in box):
@@ -113,8 +115,9 @@ class LazyCells:
     def stamp(self) -> str:
         """Digest that changes when the cells change.
 
-        It has the sizes and times of the files of the array. An array without files is read as a whole, once; the name
-        of a dask array does not serve, because it may be another one in the process that resumes a build.
+        It has the sizes and times of the files of the array. An array without files is read as a
+        whole, once; the name of a dask array does not serve, because it may be another one in the
+        process that resumes a build.
         """
         if self._file is None:
             self._digest = self._digest or self._digest_cells()
@@ -127,7 +130,9 @@ class LazyCells:
             try:
                 status = path.stat()
             except OSError as error:
-                raise changed_source(str(path), f"it cannot be read any more ({error.strerror})") from error
+                raise changed_source(
+                    str(path), f"it cannot be read any more ({error.strerror})"
+                ) from error
             parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
@@ -135,7 +140,10 @@ class LazyCells:
         """Return the digest of all cells, read some rows at a time."""
         digest, rows = hashlib.sha256(), max(1, _DIGESTED_CELLS // math.prod(self.shape[1:]))
         for first in range(0, self.shape[0], rows):
-            box = (slice(first, min(first + rows, self.shape[0])), *(slice(0, n) for n in self.shape[1:]))
+            box = (
+                slice(first, min(first + rows, self.shape[0])),
+                *(slice(0, n) for n in self.shape[1:]),
+            )
             digest.update(np.packbits(self.read(box)[0]).data)
         return digest.hexdigest()
 
@@ -188,7 +196,8 @@ def _open_memmap(
 ) -> LazyCells:
     """Open a view of a file as a memory map.
 
-    ``offset``, ``size`` and ``begin`` are in bytes: the mapped part of the file, and the start of the view in it.
+    ``offset``, ``size`` and ``begin`` are in bytes: the mapped part of the file, and the start of
+    the view in it.
     """
     whole = np.memmap(file, dtype=np.uint8, mode="r", offset=offset, shape=(size,))
     view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
@@ -199,7 +208,8 @@ def _open_memmap(
 def _files_to_watch(file: Path) -> Iterable[Path]:
     """Yield files whose times change with an array.
 
-    They are the file itself, or a folder with all its folders, whose times change when a file in them is replaced.
+    They are the file itself, or a folder with all its folders, whose times change when a file in
+    them is replaced.
     """
     yield file
     if file.is_dir():
@@ -239,7 +249,9 @@ def check_no_chunk_missing(array: Any) -> None:
     if _package_of(array) == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
         with decoding(LazyCells(array).name, "Zarr array"):
             if array.nchunks_initialized < array.nchunks:
-                raise missing_chunk(f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks")
+                raise missing_chunk(
+                    f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks"
+                )
 
 
 def is_lazy(array: Any) -> bool:
@@ -251,11 +263,14 @@ def is_lazy(array: Any) -> bool:
 def changed_source(name: str, problem: str) -> FileError:
     """Return the error for cells that changed during a build."""
     rule = "the workspace must not change while a map is built"
-    return FileError(name, f"has changed: {problem}", rule, "build the map again, into another store")
+    return FileError(
+        name, f"has changed: {problem}", rule, "build the map again, into another store"
+    )
 
 
 CellBox = tuple[Ints, Ints]
-"""First cell of a box, and the cell after the last one; the box of an obstacle outside the grid is empty."""
+"""First cell of a box, and the cell after the last one; the box of an obstacle outside the grid is
+empty."""
 
 
 class Obstacle(NamedTuple):
@@ -281,13 +296,17 @@ class Obstacle(NamedTuple):
 
         Its cells are clipped to the grid, but its geometry is not.
 
-        Raises InputError if the shape is so far from the grid that rounding could exceed the certificate's slack, or if
-        its interior depends on the spacing.
+        Raises InputError if the shape is so far from the grid that rounding could exceed the
+        certificate's slack, or if its interior depends on the spacing.
         """
         shape.outer.boundary()  # raises the errors of later exact queries now
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
-        first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
-        # This grid has the same lower corner as that of a build, so that its cells are equal to the bit.
+        first, stop = (
+            np.clip(np.floor(cell), 0, grid.shape).astype(np.int64)
+            for cell in (low - 1.0, high + 2.0)
+        )
+        # This grid has the same lower corner as that of a build, so that its cells are equal to the
+        # bit.
         outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))
         window = tuple(map(slice, first, stop))
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
@@ -336,7 +355,10 @@ class ObstacleLayers:
         if self._base_shapes is None and self.shapes is None:
             cells = Voxels(self.outer.copy(), self.grid.spacing, np.array(self.grid.lower))
             self._base_shapes = (cells,) if self.outer.any() else ()
-        return (*(self._base_shapes or self.shapes or ()), *(each.shape for each in self.named.values()))
+        return (
+            *(self._base_shapes or self.shapes or ()),
+            *(each.shape for each in self.named.values()),
+        )
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
         """Write a box of the base's cells.
@@ -353,7 +375,11 @@ class ObstacleLayers:
 
         Returns the boxes of cells that may have changed.
         """
-        boxes = [each.box for each in (obstacle, self.named.get(name)) if each is not None and each.outer.size]
+        boxes = [
+            each.box
+            for each in (obstacle, self.named.get(name))
+            if each is not None and each.outer.size
+        ]
         if obstacle is None:
             del self.named[name]
         else:

@@ -20,7 +20,8 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     Parameters
     ----------
     path : path-like
-        A Zarr folder that :meth:`cspace.CSpace.save` or :func:`cspace.build` with a ``store`` wrote.
+        A Zarr folder that :meth:`cspace.CSpace.save` or :func:`cspace.build` with a ``store``
+        wrote.
 
     Returns
     -------
@@ -30,7 +31,8 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     Raises
     ------
     FileError
-        If the map is missing, unreadable, truncated or changed, or of another version of the format.
+        If the map is missing, unreadable, truncated or changed, or of another version of the
+        format.
 
     Examples
     --------

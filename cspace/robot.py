@@ -19,7 +19,17 @@ from cspace.files.access import suggest_converter, suggest_name
 from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, as_shape, primitives, shape_from_spec
+from cspace.shapes import (
+    Balls,
+    BoundedShape,
+    Mesh,
+    Polygons,
+    Shape,
+    Voxels,
+    as_shape,
+    primitives,
+    shape_from_spec,
+)
 from cspace.shown import NotebookPicture
 
 if TYPE_CHECKING:
@@ -39,11 +49,12 @@ GROWN: Final = "it grows the robot, in metres"
 class Robot(NotebookPicture):
     """A rigid robot in the plane or in space.
 
-    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`, :meth:`from_footprint` or
-    :meth:`from_nav2` in the plane, :meth:`from_mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or
-    :meth:`from_urdf` in space, and :meth:`from_balls`, :meth:`from_bitmap`, :meth:`parse` or :meth:`open` in either.
-    A configuration is the position of the reference point, which is the origin of the robot's frame. The origin need
-    not lie in the shape.
+    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`,
+    :meth:`from_footprint` or :meth:`from_nav2` in the plane, :meth:`from_mesh`, :meth:`box`,
+    :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or :meth:`from_urdf` in space, and
+    :meth:`from_balls`, :meth:`from_bitmap`, :meth:`parse` or :meth:`open` in either. A
+    configuration is the position of the reference point, which is the origin of the robot's frame.
+    The origin need not lie in the shape.
 
     Attributes
     ----------
@@ -93,7 +104,9 @@ class Robot(NotebookPicture):
         return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
-    def polygon(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None) -> Robot:
+    def polygon(
+        cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None
+    ) -> Robot:
         """Make a robot of polygons.
 
         They may be convex or not, with or without holes.
@@ -113,14 +126,18 @@ class Robot(NotebookPicture):
         polygons = Polygons.of(shape)
         count = len(polygons.geometries)
         return cls(
-            name or f"polygon with {polygons.corners} corners" + (f" in {count} parts" if count > 1 else ""), polygons
+            name
+            or f"polygon with {polygons.corners} corners"
+            + (f" in {count} parts" if count > 1 else ""),
+            polygons,
         )
 
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """Make a rectangle.
 
-        It has ``length`` along x and ``width`` along y, around ``center`` in the robot's frame (metres).
+        It has ``length`` along x and ``width`` along y, around ``center`` in the robot's frame
+        (metres).
         """
         return cls(*primitives.rectangle(length, width, center))
 
@@ -128,8 +145,9 @@ class Robot(NotebookPicture):
     def ellipse(cls, radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """Make an ellipse with semi-axes along x and y.
 
-        FREE is proven for a polygon of 64 corners around the ellipse, which reaches at most 0.13 % farther, and BLOCKED
-        for a polygon of 64 corners inside it, so that both hold for the ellipse.
+        FREE is proven for a polygon of 64 corners around the ellipse, which reaches at most 0.13 %
+        farther, and BLOCKED for a polygon of 64 corners inside it, so that both hold for the
+        ellipse.
 
         Parameters
         ----------
@@ -141,7 +159,8 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If a size is not above zero, or the center is over 10^9 times as far from the reference point.
+            If a size is not above zero, or the center is over 10^9 times as far from the reference
+            point.
 
         Examples
         --------
@@ -177,15 +196,20 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If there is no ball, shapes of arrays disagree, a value is not finite, or a radius is not above zero.
+            If there is no ball, shapes of arrays disagree, a value is not finite, or a radius is
+            not above zero.
         """
         balls = Balls.of(centers, radii)
         smallest = float(balls.radii.min())
         if smallest <= 0.0:
             hint = "drop balls without volume"
-            raise InputError("radii", f"contains {smallest:g}", "each must be above zero", hint, value=smallest)
+            raise InputError(
+                "radii", f"contains {smallest:g}", "each must be above zero", hint, value=smallest
+            )
         count = len(balls.radii)
-        return cls(f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls)
+        return cls(
+            f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls
+        )
 
     @classmethod
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -204,8 +228,8 @@ class Robot(NotebookPicture):
     def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make an upright cylinder around ``center`` (metres).
 
-        FREE is proven for a prism of 64 sides around the cylinder, whose radius is 0.12 % larger, and BLOCKED for a
-        prism inside it, so that both hold for the cylinder.
+        FREE is proven for a prism of 64 sides around the cylinder, whose radius is 0.12 % larger,
+        and BLOCKED for a prism inside it, so that both hold for the cylinder.
         """
         return cls(*primitives.cylinder(radius, height, center))
 
@@ -213,8 +237,9 @@ class Robot(NotebookPicture):
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make an upright capsule around ``center``.
 
-        It is ``length + 2 * radius`` high (metres). It contains all points within ``radius`` of a vertical segment. Two
-        polyhedra bound it, as a :meth:`cylinder`; the outer one reaches 0.24 % of the radius farther.
+        It is ``length + 2 * radius`` high (metres). It contains all points within ``radius`` of a
+        vertical segment. Two polyhedra bound it, as a :meth:`cylinder`; the outer one reaches 0.24
+        % of the radius farther.
         """
         return cls(*primitives.capsule(radius, length, center))
 
@@ -225,16 +250,18 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and
-            ``.dae``. A warning is given if the mesh is farther from its origin than its own size.
+            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``,
+            ``.gltf`` and ``.dae``. A warning is given if the mesh is farther from its origin than
+            its own size.
         solid : {"auto", "surface", "fill"}
-            Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a ``cspace.Mesh``.
+            Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a
+            ``cspace.Mesh``.
 
         Raises
         ------
         GeometryError
-            If there is no triangle, or the mesh is farther from its origin than a hundred times its size, so that the
-            origin can hardly be the reference point.
+            If there is no triangle, or the mesh is farther from its origin than a hundred times its
+            size, so that the origin can hardly be the reference point.
         InputError
             If a coordinate is NaN or infinite, or ``solid`` is unknown.
         FileError
@@ -245,10 +272,13 @@ class Robot(NotebookPicture):
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
-    def from_bitmap(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
+    def from_bitmap(
+        cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None
+    ) -> Robot:
         """Make a robot of a bitmap.
 
-        The robot is the union of the closed cells that are set. Cell i is ``lower + spacing * (i + [0, 1]^d)``.
+        The robot is the union of the closed cells that are set. Cell i is ``lower + spacing * (i +
+        [0, 1]^d)``.
 
         Parameters
         ----------
@@ -264,21 +294,29 @@ class Robot(NotebookPicture):
         GeometryError
             If no cell is occupied.
         InputError
-            If ``occupied`` is not boolean with two or three axes (0 and 1 are accepted), or another value is invalid.
+            If ``occupied`` is not boolean with two or three axes (0 and 1 are accepted), or another
+            value is invalid.
         """
         voxels = Voxels.of(occupied, spacing, lower)
-        return cls(f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m", voxels)
+        return cls(
+            f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m",
+            voxels,
+        )
 
     @classmethod
-    def from_footprint(cls, footprint: str | ArrayLike, *, padding: float = 0.0, name: str | None = None) -> Robot:
+    def from_footprint(
+        cls, footprint: str | ArrayLike, *, padding: float = 0.0, name: str | None = None
+    ) -> Robot:
         """Make a polygon of a Nav2 ``footprint``.
 
         Parameters
         ----------
         footprint : str or array-like, shape (n, 2)
-            Corners in order, metres; as text e.g. ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+            Corners in order, metres; as text e.g. ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3,
+            0.2]]"``.
         padding : float
-            Metres by which each coordinate of a corner moves away from zero, as with ``footprint_padding``.
+            Metres by which each coordinate of a corner moves away from zero, as with
+            ``footprint_padding``.
 
         Raises
         ------
@@ -294,15 +332,16 @@ class Robot(NotebookPicture):
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
         """Read the robot of Nav2's YAML parameters.
 
-        A ``costmap_common_params.yaml`` of ROS 1 is read too. A ``footprint`` becomes a polygon, as in
-        :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both are padded by ``footprint_padding``,
-        which is 0.01 m by default, as in Nav2.
+        A ``costmap_common_params.yaml`` of ROS 1 is read too. A ``footprint`` becomes a polygon, as
+        in :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both are padded by
+        ``footprint_padding``, which is 0.01 m by default, as in Nav2.
 
         Parameters
         ----------
         path : path-like
         costmap : str, optional
-            Name of a costmap, such as "local_costmap"; needed if the costmaps of the file have different robots.
+            Name of a costmap, such as "local_costmap"; needed if the costmaps of the file have
+            different robots.
 
         Raises
         ------
@@ -315,7 +354,9 @@ class Robot(NotebookPicture):
 
         base = read_nav2(path, costmap)
         if base.corners:
-            return cls.from_footprint(base.corners, padding=base.padding, name=f"footprint of {Path(path).name}")
+            return cls.from_footprint(
+                base.corners, padding=base.padding, name=f"footprint of {Path(path).name}"
+            )
         return cls.disc(base.radius + base.padding)
 
     @classmethod
@@ -329,29 +370,31 @@ class Robot(NotebookPicture):
     ) -> Robot:
         """Read the collision geometry of a URDF.
 
-        Some links are read, or all links fixed to the root. Boxes and meshes are exact; cylinders and spheres are
-        bounded by two polyhedra, as in :meth:`cylinder`.
+        Some links are read, or all links fixed to the root. Boxes and meshes are exact; cylinders
+        and spheres are bounded by two polyhedra, as in :meth:`cylinder`.
 
-        A mesh named ``package://PACKAGE/REST`` is the file ``PACKAGE/REST`` in the first of these folders that has it:
+        A mesh named ``package://PACKAGE/REST`` is the file ``PACKAGE/REST`` in the first of these
+        folders that has it:
 
         1. each of ``package_dirs``;
         2. the folder of the URDF, then those above it, the nearest first;
         3. each of the environment variable ``ROS_PACKAGE_PATH``;
         4. ``share`` in each of ``AMENT_PREFIX_PATH``.
 
-        A mesh named ``REST`` or ``file://REST`` is that file, relative to the folder of the URDF. If no such file
-        exists, but exactly one ``REST`` in 1 and 2 does, that file is read and a warning names it.
+        A mesh named ``REST`` or ``file://REST`` is that file, relative to the folder of the URDF.
+        If no such file exists, but exactly one ``REST`` in 1 and 2 does, that file is read and a
+        warning names it.
 
         Parameters
         ----------
         path : path-like
         link : str or sequence of str, optional
-            Links to read, with all joints at zero; the reference point is the origin of the first one. If left out, the
-            root and all links fixed to it, in the frame of the root; a warning names links with geometry that are left
-            out because they move, such as wheels.
+            Links to read, with all joints at zero; the reference point is the origin of the first
+            one. If left out, the root and all links fixed to it, in the frame of the root; a
+            warning names links with geometry that are left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
-            Parts with an interior, as for :meth:`from_mesh`. "surface" is only for links whose geometry is meshes,
-            because boxes, cylinders and spheres are solid.
+            Parts with an interior, as for :meth:`from_mesh`. "surface" is only for links whose
+            geometry is meshes, because boxes, cylinders and spheres are solid.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 
@@ -360,8 +403,8 @@ class Robot(NotebookPicture):
         FileError
             If the file or a mesh is missing or malformed, or the name of a mesh is ambiguous.
         InputError
-            If a folder or link does not exist, the links have no collision geometry, a size is not above zero, or
-            ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
+            If a folder or link does not exist, the links have no collision geometry, a size is not
+            above zero, or ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
         MissingPackageError
             If yourdfpy is not installed.
         """
@@ -371,20 +414,27 @@ class Robot(NotebookPicture):
         outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in surfaces)
         outer.check_origin()
         names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
-        return cls(f"{Path(path).name}{names}", BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
+        return cls(
+            f"{Path(path).name}{names}",
+            BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer),
+        )
 
     def footprint(self) -> Robot:
         """Project the robot onto the ground, for maps in the plane.
 
-        FREE is proven for the projection grown by a micrometre and BLOCKED for the projection shrunk by a micrometre,
-        which covers rounding. A robot in the plane is returned unchanged.
+        FREE is proven for the projection grown by a micrometre and BLOCKED for the projection
+        shrunk by a micrometre, which covers rounding. A robot in the plane is returned unchanged.
 
         Raises
         ------
         GeometryError
             If the projection has no area.
         """
-        return Robot(f"footprint of {self.name}", self.shape.project_to_plane()) if self.dim == 3 else self
+        return (
+            Robot(f"footprint of {self.name}", self.shape.project_to_plane())
+            if self.dim == 3
+            else self
+        )
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, object]) -> Robot:
@@ -399,7 +449,9 @@ class Robot(NotebookPicture):
             robot = cls(str(spec["name"]), shape_from_spec(spec))
         except (KeyError, TypeError, ValueError) as error:
             rule = f"it must be a value of Robot.spec: {error}"
-            raise InputError("spec", f"is {str(spec)[:80]}", rule, "write it again", value=spec) from error
+            raise InputError(
+                "spec", f"is {str(spec)[:80]}", rule, "write it again", value=spec
+            ) from error
         robot.shape.check_origin()
         return robot
 
@@ -410,10 +462,11 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         text : str
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``, ``box:XxYxZ``,
-            ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each followed by its center if that is not
-            the origin, as in ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and the text of a
-            robot in space, for its projection.
+            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``,
+            ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each
+            followed by its center if that is not the origin, as in ``rect:4.5x1.9@1.3,0``;
+            ``footprint:[[X,Y],...]``, or ``footprint:`` and the text of a robot in space, for its
+            projection.
 
         Raises
         ------
@@ -428,21 +481,32 @@ class Robot(NotebookPicture):
         """
         if not isinstance(text, str) or not primitives.is_short_text(text):
             hint = f"pass {', '.join(primitives.SHORT_TEXTS)}; Robot.open reads files"
-            raise InputError("robot", f"is {text!r}", "it must be a short text such as 'ball:0.3'", hint, value=text)
+            raise InputError(
+                "robot",
+                f"is {text!r}",
+                "it must be a short text such as 'ball:0.3'",
+                hint,
+                value=text,
+            )
         return cls(*primitives.parse_short_text(text, "robot"))
 
     @classmethod
     def open(
-        cls, path: str | os.PathLike[str], *, solid: Solid | None = None, package_dirs: PackageDirs | None = None
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        solid: Solid | None = None,
+        package_dirs: PackageDirs | None = None,
     ) -> Robot:
         """Read a robot from a file; :meth:`parse` takes short texts.
 
         Parameters
         ----------
         path : path-like
-            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.glb``,
-            ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``; or Nav2's
-            parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
+            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
+            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
+            ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as
+            ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
             Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
@@ -451,8 +515,8 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If the suffix is none of these, the path is a short text, or ``solid`` or ``package_dirs`` is given for a
-            file that does not take it.
+            If the suffix is none of these, the path is a short text, or ``solid`` or
+            ``package_dirs`` is given for a file that does not take it.
         FileError
             If the file cannot be read.
         """
@@ -460,37 +524,58 @@ class Robot(NotebookPicture):
             text = os.fspath(path)
         except TypeError as error:
             hint = "pass a string or a pathlib.Path"
-            raise InputError("robot", f"is {path!r}", "it must be a file name", hint, value=path) from error
+            raise InputError(
+                "robot", f"is {path!r}", "it must be a file name", hint, value=path
+            ) from error
         files = _files()
         name, mark, part = text.rpartition("#")
         if not mark or Path(text).suffix.lower() in files:
             name, part = text, ""
         suffix = Path(name).suffix.lower()
         if primitives.is_short_text(text) and not Path(name).exists():
-            raise InputError("robot", f"is {text!r}", "it must be a file", f"use Robot.parse({text!r})", value=path)
+            raise InputError(
+                "robot",
+                f"is {text!r}",
+                "it must be a file",
+                f"use Robot.parse({text!r})",
+                value=path,
+            )
         if suffix not in files:
             known = ", ".join(files)
             if name and Path(name).exists():
                 hint = suggest_converter(Path(name)) or "convert the file"
-                raise FileError(name, f"has suffix {suffix!r}", f"robots are read from {known}", hint)
+                raise FileError(
+                    name, f"has suffix {suffix!r}", f"robots are read from {known}", hint
+                )
             kinds = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
             hint = " ".join(filter(None, (suggest_name(Path(name)), kinds)))
-            raise InputError("robot", f"is {text!r}", "it must be a file that describes a robot", hint, value=path)
+            raise InputError(
+                "robot",
+                f"is {text!r}",
+                "it must be a file that describes a robot",
+                hint,
+                value=path,
+            )
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}
         options = {option: value for option, value in given.items() if value is not None}
         for option, value in options.items():
             if option not in taken:
-                rule = f"it applies to {', '.join(known for known, (_, names) in files.items() if option in names)}"
-                raise InputError(option, f"is {value!r} for {text}", rule, "leave it out", value=value)
+                rule = (
+                    "it applies to "
+                    f"{', '.join(known for known, (_, names) in files.items() if option in names)}"
+                )
+                raise InputError(
+                    option, f"is {value!r} for {text}", rule, "leave it out", value=value
+                )
         return reader(Path(name), *[part] if part else [], **options)
 
     @property
     def geometry(self) -> BaseGeometry:
         """Outline of a robot in the plane.
 
-        It is a shapely geometry, in metres, for drawing only. Discs become polygons of 128 corners. A shape with an
-        outer and an inner bound, such as an ellipse, is drawn as the outer one.
+        It is a shapely geometry, in metres, for drawing only. Discs become polygons of 128 corners.
+        A shape with an outer and an inner bound, such as an ellipse, is drawn as the outer one.
         """
         return self.shape.outer.outline
 
@@ -498,8 +583,9 @@ class Robot(NotebookPicture):
     def surface(self) -> Surface:
         """Surface of a robot in space.
 
-        It has vertices (V, 3) and triangles (F, 3), in metres, for drawing only. Balls get flat faces. A shape with an
-        outer and an inner bound, such as a cylinder, is drawn as the outer one.
+        It has vertices (V, 3) and triangles (F, 3), in metres, for drawing only. Balls get flat
+        faces. A shape with an outer and an inner bound, such as a cylinder, is drawn as the outer
+        one.
         """
         return self.shape.outer.surface
 
@@ -507,9 +593,9 @@ class Robot(NotebookPicture):
     def inscribed_radius(self) -> float:
         """Radius of the largest circle inside the robot.
 
-        The circle lies around the reference point of a robot in the plane. The radius is in metres; 0 if there is no
-        circle. The value is a lower bound for several discs, and for a robot with an outer and an inner bound, such as
-        an ellipse, because the circle lies in the inner one.
+        The circle lies around the reference point of a robot in the plane. The radius is in metres;
+        0 if there is no circle. The value is a lower bound for several discs, and for a robot with
+        an outer and an inner bound, such as an ellipse, because the circle lies in the inner one.
         """
         return self.shape.inner.inscribed_radius
 
@@ -537,12 +623,13 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If the spacing is not above zero, the margin is negative, or the robot is too large or too far from its
-            reference point for that spacing.
+            If the spacing is not above zero, the margin is negative, or the robot is too large or
+            too far from its reference point for that spacing.
         """
         side = check_positive(spacing, "spacing")
         grown = check_not_negative(margin, "margin", GROWN)
-        # A rotation may move a corner of the robot's box, which is farther from the origin than a side, onto an axis.
+        # A rotation may move a corner of the robot's box, which is farther from the origin than a
+        # side, onto an axis.
         far = (self.span * (1.0 if rotation.matrix is None else math.sqrt(self.dim)) + grown) / side
         hint = "use a larger spacing, or check the robot's units (metres) and origin"
         check_reach(far, "robot", "its reference point", hint)

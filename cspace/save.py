@@ -117,7 +117,9 @@ def making_map(path: StrPath) -> Iterator[None]:
 # ---- folders and their digest --------------------------------------------------------------------
 
 
-def write_folder(folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()) -> None:
+def write_folder(
+    folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
+) -> None:
     """Write a Zarr group with a digest of its attributes and of named files, attributes last."""
     document = {
         "zarr_format": 3,
@@ -172,7 +174,9 @@ def _add_file(digest: Any, name: str, content: bytes) -> None:
 def read_format(path: StrPath) -> str:
     """Return the format that a folder says it has, or "" if it is no map of ours."""
     try:
-        form = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))["attributes"]["format"]
+        form = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))["attributes"][
+            "format"
+        ]
     except (FileError, KeyError, TypeError, ValueError, RecursionError):
         return ""
     return form if form in (FORMAT, TILES_FORMAT) else ""
@@ -210,12 +214,16 @@ def write_map(contents: Contents, folder: Path, compress: bool = True, **more: A
     write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
 
 
-def _iterate_files(arrays: Mapping[str, Any], grid: Grid, compress: bool) -> Iterator[tuple[str, bytes]]:
+def _iterate_files(
+    arrays: Mapping[str, Any], grid: Grid, compress: bool
+) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
     for name, values in arrays.items():
         about = stored()[name]
         layout = Layout.of(values.shape, about.dtype, compress)
-        description = layout.describe(about.lost, attributes_of(name, grid), axes_of(name, grid.dim))
+        description = layout.describe(
+            about.lost, attributes_of(name, grid), axes_of(name, grid.dim)
+        )
         yield f"{name}/{ROOT_FILE}", description
         for file, cells in layout.iterate_chunks():
             block = values[cells[0]][(slice(None), *cells[1:])]
@@ -247,7 +255,9 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
         contents = _make_contents(attributes, grid, arrays)
         for name, value in metadata_of(contents).items():
             if name not in _FREE_ATTRIBUTES and attributes[name] != value:
-                raise ValueError(f"its attribute {name!r} is {attributes[name]!r:.40}, not {value!r:.40}")
+                raise ValueError(
+                    f"its attribute {name!r} is {attributes[name]!r:.40}, not {value!r:.40}"
+                )
         return contents, attributes
 
 
@@ -279,7 +289,9 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     return layouts
 
 
-def _read_arrays(path: StrPath, layouts: Mapping[str, Layout], digest: Any) -> dict[str, NDArray[Any]]:
+def _read_arrays(
+    path: StrPath, layouts: Mapping[str, Layout], digest: Any
+) -> dict[str, NDArray[Any]]:
     """Read all arrays, and add their files to the digest."""
 
     def read(name: str) -> bytes:
@@ -303,7 +315,9 @@ def _read_arrays(path: StrPath, layouts: Mapping[str, Layout], digest: Any) -> d
     return arrays
 
 
-def _make_contents(attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]) -> Contents:
+def _make_contents(
+    attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
+) -> Contents:
     """Make a map of what its files hold.
 
     Raises any error if they describe no map.

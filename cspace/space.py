@@ -88,18 +88,21 @@ class MemoryBackend:
 class CSpace(ConfigurationMap, MapExport):
     """Certified map of a robot's configurations.
 
-    The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)`` or ``(x, y, z)``,
-    followed by a yaw if the robot rotates about z, or by a quaternion ``(qx, qy, qz, qw)`` if it rotates about any
-    axis. Use :func:`cspace.build` to make a map and :func:`cspace.open` to read a saved one.
+    The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)``
+    or ``(x, y, z)``, followed by a yaw if the robot rotates about z, or by a quaternion ``(qx, qy,
+    qz, qw)`` if it rotates about any axis. Use :func:`cspace.build` to make a map and
+    :func:`cspace.open` to read a saved one.
 
-    A query of one configuration, shape (size,), returns a Python number; a query of a batch, shape (..., size), returns
-    an array of shape (...). Queries are compiled and may run in several threads at once. Labels, sums and distances
-    are computed at the first call and cached; copies and pickles of the map leave them out. Yaw is in radians, and
-    wrapped. A quaternion and its negative are the same rotation; the norm must be 1 within 1e-6.
+    A query of one configuration, shape (size,), returns a Python number; a query of a batch, shape
+    (..., size), returns an array of shape (...). Queries are compiled and may run in several
+    threads at once. Labels, sums and distances are computed at the first call and cached; copies
+    and pickles of the map leave them out. Yaw is in radians, and wrapped. A quaternion and its
+    negative are the same rotation; the norm must be 1 within 1e-6.
 
-    With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven to leave the
-    workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no obstacle; otherwise it is MIXED.
-    In a window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
+    With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven
+    to leave the workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no
+    obstacle; otherwise it is MIXED. In a window of a larger map
+    (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
 
     Parameters
     ----------
@@ -142,7 +145,7 @@ class CSpace(ConfigurationMap, MapExport):
         if rasters is not None:
             vars(self)["_rasters"] = list(rasters)
 
-    # ---- description -------------------------------------------------------------------------------------------------
+    # ---- description -----------------------------------------------------------------------------
 
     @property
     def workspace(self) -> Workspace:
@@ -160,14 +163,18 @@ class CSpace(ConfigurationMap, MapExport):
         The array is read-only. None if the map was built without counts, or its cells changed.
         """
         counts = self._contents.overlap_counts
-        return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
+        return (
+            None
+            if counts is None
+            else read_only(counts).reshape(self._contents.leading(len(counts)))
+        )
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
         """State of each cell.
 
-        Its shape is (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates. The array is
-        read-only. Each access makes a new one if rotation cells share slices.
+        Its shape is (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates.
+        The array is read-only. Each access makes a new one if rotation cells share slices.
 
         Raises
         ------
@@ -182,8 +189,8 @@ class CSpace(ConfigurationMap, MapExport):
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """Return the state of each cell at a rotation.
 
-        The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration: nothing, a yaw in
-        radians, or a quaternion.
+        The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration:
+        nothing, a yaw in radians, or a quaternion.
         """
         part: States = self._seen[
             int(self._slice_of[self.rotations.find_cells(self.rotations.check_rotation(rotation))])
@@ -225,7 +232,7 @@ class CSpace(ConfigurationMap, MapExport):
             layers = None if self._layers is None else self._layers.copy()
             return type(self), (self._contents.copy(), None, layers)
 
-    # ---- one configuration -------------------------------------------------------------------------------------------
+    # ---- one configuration -----------------------------------------------------------------------
 
     @overload
     def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
@@ -234,10 +241,11 @@ class CSpace(ConfigurationMap, MapExport):
     def overlap_count(self, q: ArrayLike) -> int | Ints:
         """Count the cells in which robot and obstacles overlap.
 
-        The cells are those of their outer rasters. In the grid, the count is zero if and only if the configuration is
-        FREE, and it grows with the depth of the collision; times ``spacing**d`` it is an area or a volume. Cells
-        outside the workspace count if ``outside="blocked"``. The robot's rows are summed at each configuration; no
-        stored counts are needed.
+        The cells are those of their outer rasters. In the grid, the count is zero if and only if
+        the configuration is FREE, and it grows with the depth of the collision; times
+        ``spacing**d`` it is an area or a volume. Cells outside the workspace count if
+        ``outside="blocked"``. The robot's rows are summed at each configuration; no stored counts
+        are needed.
 
         Parameters
         ----------
@@ -257,8 +265,9 @@ class CSpace(ConfigurationMap, MapExport):
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Return True if the robot is proven to lie inside the obstacles.
 
-        Use it for packing: if the obstacles are a cavity or a sheet of material, True means that the robot fits there,
-        margin included. False means that this is not proven at this resolution.
+        Use it for packing: if the obstacles are a cavity or a sheet of material, True means that
+        the robot fits there, margin included. False means that this is not proven at this
+        resolution.
 
         Parameters
         ----------
@@ -272,23 +281,28 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == counts[self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]]
+        inside: Bools = (
+            sums
+            == counts[self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]]
+        )
         return inside if inside.ndim else bool(inside)
 
-    def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
+    def obstacle_distance(
+        self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
+    ) -> float:
         """Return a lower bound of the distance from obstacles.
 
-        It bounds the smallest distance of the robot over all given configurations. The distance is between the robot
-        without margin and the current obstacles: their shapes if the map has them, otherwise the outer cells, and the
-        boundary of the grid unless the outside is free.
+        It bounds the smallest distance of the robot over all given configurations. The distance is
+        between the robot without margin and the current obstacles: their shapes if the map has
+        them, otherwise the outer cells, and the boundary of the grid unless the outside is free.
 
         Parameters
         ----------
         q : array-like, shape (size,) or (..., size)
             Configurations, or the centers of pieces of a path; metres, and radians.
         lengths, turns : array-like, shape () or (...)
-            Length and rotation of each piece, metres and radians. The bound holds for all configurations within half of
-            them from the center.
+            Length and rotation of each piece, metres and radians. The bound holds for all
+            configurations within half of them from the center.
 
         Returns
         -------
@@ -308,7 +322,9 @@ class CSpace(ConfigurationMap, MapExport):
             along = check_finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
                 hint = "pass one number, or one per configuration"
-                raise InputError(name, f"is {given!r}", "it must be zero or above", hint, value=given)
+                raise InputError(
+                    name, f"is {given!r}", "it must be zero or above", hint, value=given
+                )
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
         if classify(self._kernel_map, rows, states) >= 0:
@@ -332,11 +348,18 @@ class CSpace(ConfigurationMap, MapExport):
             state = self._look_up_motion(*q0, *q1)
         except TypeError:
             return None
-        if state == NOT_USABLE or len(q0) != len(q1) or self._is_suspect(q0) or self._is_suspect(q1):
+        if (
+            state == NOT_USABLE
+            or len(q0) != len(q1)
+            or self._is_suspect(q0)
+            or self._is_suspect(q1)
+        ):
             return None
         return state
 
-    def _connection_of_one(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> tuple[bool, bool] | None:
+    def _connection_of_one(
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
+    ) -> tuple[bool, bool] | None:
         """Return whether two configurations are connected or disconnected; see the base class."""
         with self._lock:  # an update changes the components
             try:
@@ -351,9 +374,13 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
         """Return True if an angle seems to be in degrees, so that a warning is due."""
-        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles) if self._angles else False
+        return (
+            any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
+            if self._angles
+            else False
+        )
 
-    # ---- for callbacks -----------------------------------------------------------------------------------------------
+    # ---- for callbacks ---------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``is_free`` of floats, for callbacks.
@@ -366,7 +393,8 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or infinite input.
+            ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
+            infinite input.
         """
         return self._exact.point_checker(self._point_checker) if exact else self._point_checker
 
@@ -381,8 +409,8 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats; returns False for NaN
-            or infinite input.
+            ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
+            returns False for NaN or infinite input.
         """
         return self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
 
@@ -400,13 +428,13 @@ class CSpace(ConfigurationMap, MapExport):
 
         return clearance_checker(self._kernel_map, self._distances, self.size)
 
-    # ---- paths through FREE cells ------------------------------------------------------------------------------------
+    # ---- paths through FREE cells ----------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Return the bounding box of the reachable FREE cells.
 
-        They are connected to the configuration through FREE cells. No path through FREE cells of the grid leaves the
-        box, so that a planner need not sample outside of it.
+        They are connected to the configuration through FREE cells. No path through FREE cells of
+        the grid leaves the box, so that a planner need not sample outside of it.
 
         Parameters
         ----------
@@ -439,9 +467,9 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
-        A path is found whenever FREE cells of the grid join the two configurations. It is deterministic, and a short
-        one: it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A radian of
-        rotation counts as half a metre.
+        A path is found whenever FREE cells of the grid join the two configurations. It is
+        deterministic, and a short one: it follows a short chain of cells (Hart, Nilsson and Raphael
+        1968), and is then shortened. A radian of rotation counts as half a metre.
 
         Parameters
         ----------
@@ -450,26 +478,28 @@ class CSpace(ConfigurationMap, MapExport):
         straight : bool
             If False, return the chain of cells without shortening it.
         exact : bool
-            Whether the path may cross MIXED cells where the geometry itself proves it free. The search decides the
-            centers of MIXED cells near its chain and repeats, until geometry proves all edges of a path, or no chain
-            left promises a shorter path than the one through FREE cells.
+            Whether the path may cross MIXED cells where the geometry itself proves it free. The
+            search decides the centers of MIXED cells near its chain and repeats, until geometry
+            proves all edges of a path, or no chain left promises a shorter path than the one
+            through FREE cells.
         time_limit : float, optional
             Seconds after which the search gives up; compiling does not count. No limit by default.
 
         Returns
         -------
         ndarray of float64, shape (n, size)
-            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi). Of length 0 if FREE
-            cells do not join the two, if one of them is on the boundary of a cell that is not FREE, or if time runs
-            out.
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
+            Of length 0 if FREE cells do not join the two, if one of them is on the boundary of a
+            cell that is not FREE, or if time runs out.
 
         Raises
         ------
         ConfigurationError
-            If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does not prove it free.
+            If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does
+            not prove it free.
         InputError
-            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for a map without
-            geometry.
+            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for
+            a map without geometry.
         """
         check_flag(exact, "exact")
         search = self._exact_path if exact else self._free_path
@@ -487,7 +517,9 @@ class CSpace(ConfigurationMap, MapExport):
 
         Its length is 0 if time runs out.
         """
-        seconds = math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
+        seconds = (
+            math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
+        )
         try:
             return search(q0, q1, straight, seconds)
         except TimeoutError:
@@ -495,10 +527,14 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        endpoints = np.stack(
+            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
+        )
         dim = self.grid.dim
         if not self.rotations.steps_between(*endpoints)[dim:].any():
-            endpoints[1, dim:] = endpoints[0, dim:]  # the same rotation may be given in other numbers, e.g. other signs
+            endpoints[1, dim:] = endpoints[
+                0, dim:
+            ]  # the same rotation may be given in other numbers, e.g. other signs
         if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
             return endpoints
         return self._path_along_chain(endpoints, straight, seconds)
@@ -510,7 +546,9 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.paths import in_time, path_length, pulled_straight
 
-        endpoints = np.stack([self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        endpoints = np.stack(
+            [self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))]
+        )
         until, rotations = clock() + seconds, self.rotations
         check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
@@ -529,7 +567,7 @@ class CSpace(ConfigurationMap, MapExport):
     def _path_through_mixed(
         self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
     ) -> Floats:
-        """Return the path of :class:`cspace.map.undecided.Undecided`, whose edges pass ``check``."""
+        """Return the path of :class:`cspace.map.undecided.Undecided`; edges pass ``check``."""
         from cspace.map.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
         check_bytes(UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations))
@@ -555,8 +593,8 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> Floats:
         """Return a path along a short chain of cells.
 
-        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length of a move is
-        multiplied by those of its cells, and ``cost`` is that of an edge.
+        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
+        of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
         """
         from cspace.map.paths import in_time, pulled_straight, waypoints
         from cspace.map.search import NO_FACTORS, find_chain
@@ -586,14 +624,19 @@ class CSpace(ConfigurationMap, MapExport):
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
-        """Find a path of low cost, at most that of the path of :meth:`find_path`, as :meth:`_free_path`.
+        """Find a path of low cost, otherwise as :meth:`_free_path`.
 
-        ``factor_at`` returns the cost of a metre at an array of clearances in metres; it does not increase. ``cost``
-        integrates it along an edge, given by the coordinates of two configurations.
+        The cost is at most that of the path of :meth:`find_path`.
+
+        ``factor_at`` returns the cost of a metre at an array of clearances in metres; it does not
+        increase. ``cost`` integrates it along an edge, given by the coordinates of two
+        configurations.
         """
         from cspace.map.paths import edge_costs, in_time, pulled_straight
 
-        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
+        endpoints = np.stack(
+            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
+        )
         factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
         until = clock() + seconds
         paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
@@ -601,17 +644,22 @@ class CSpace(ConfigurationMap, MapExport):
             check = in_time(self.edge_checker(), until)
             paths.append(pulled_straight(paths[0], self.rotations, check, cost))
         with suppress(TimeoutError):
-            paths.append(self._path_along_chain(endpoints, straight, until - clock(), factors, cost))
+            paths.append(
+                self._path_along_chain(endpoints, straight, until - clock(), factors, cost)
+            )
         found = [path for path in paths if len(path)]
-        return min(found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0])
+        return min(
+            found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0]
+        )
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
 
-        A point that is BLOCKED at all rotations is on no path, within the grid or outside. The bound is that of
-        ``cspace/map/lower_bound.py``: in the plane, within 3 % and two cells of the shortest path among the other
-        points. In space, it is the largest of three such bounds, of projections along each axis, extended by the
-        difference along that axis. Rotations count nothing.
+        A point that is BLOCKED at all rotations is on no path, within the grid or outside. The
+        bound is that of ``cspace/map/lower_bound.py``: in the plane, within 3 % and two cells of
+        the shortest path among the other points. In space, it is the largest of three such bounds,
+        of projections along each axis, extended by the difference along that axis. Rotations count
+        nothing.
 
         Parameters
         ----------
@@ -632,26 +680,37 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.lower_bound import min_length
 
-        grid, endpoints = self.grid, np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
+        grid, endpoints = (
+            self.grid,
+            np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]),
+        )
         passable = np.zeros(grid.shape, dtype=np.bool_)
         for states in self._seen:
             passable |= states != BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing))
+        return grid.spacing * min_length(
+            passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing)
+        )
 
     def find_widest_path(
-        self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        *,
+        straight: bool = True,
+        time_limit: float | None = None,
     ) -> Floats:
         """Find a shortest path among those of the largest possible clearance.
 
-        Among all chains of FREE cells that join the two, rotating on the spot between rotation cells, the smallest
-        clearance of the chain is the largest possible. If start or goal has less clearance, the path leaves it by
-        steepest ascent of clearance, so that the endpoints do not limit the rest. The chain between is a shortest one,
-        counting a radian as half a metre, and is then shortened without losing clearance. The path is deterministic.
+        Among all chains of FREE cells that join the two, rotating on the spot between rotation
+        cells, the smallest clearance of the chain is the largest possible. If start or goal has
+        less clearance, the path leaves it by steepest ascent of clearance, so that the endpoints do
+        not limit the rest. The chain between is a shortest one, counting a radian as half a metre,
+        and is then shortened without losing clearance. The path is deterministic.
 
-        Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a 64th of a cell and
-        limited to 1024 cells; between centers, it may be less by half a cell's diagonal. Chains stay in the grid, also
-        if the outside is free.
+        Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a
+        64th of a cell and limited to 1024 cells; between centers, it may be less by half a cell's
+        diagonal. Chains stay in the grid, also if the outside is free.
 
         Parameters
         ----------
@@ -660,22 +719,23 @@ class CSpace(ConfigurationMap, MapExport):
         straight : bool
             If False, return the chain of cells without shortening it.
         time_limit : float, optional
-            Seconds after which the search gives up; compiling and arrays that the map caches do not count. No limit by
-            default.
+            Seconds after which the search gives up; compiling and arrays that the map caches do not
+            count. No limit by default.
 
         Returns
         -------
         ndarray of float64, shape (n, size)
-            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi). Of length 0 if FREE
-            cells do not join the two, if one of them is on the boundary of a cell that is not FREE, or if time runs
-            out.
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
+            Of length 0 if FREE cells do not join the two, if one of them is on the boundary of a
+            cell that is not FREE, or if time runs out.
 
         Raises
         ------
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a coordinate is not finite, the time limit is not above zero, or the search does not fit into memory.
+            If a coordinate is not finite, the time limit is not above zero, or the search does not
+            fit into memory.
         """
         return self._in_time(self._widest_path, q0, q1, straight, time_limit)
 
@@ -683,22 +743,29 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
         from cspace.map.widest import WidthMap, find_widest_path
 
-        endpoints = np.stack([self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))])
-        widths = WidthMap(self._search_distances(), self._slice_of, self.rotations, self._turn_costs)
+        endpoints = np.stack(
+            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
+        )
+        widths = WidthMap(
+            self._search_distances(), self._slice_of, self.rotations, self._turn_costs
+        )
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         path = find_widest_path(widths, self._kernel_map, self.grid, both, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
     def _search_distances(self) -> Distances:
-        """Return the distance of each cell, by slice; raise InputError if a search does not fit into memory."""
+        """Return the distance of each cell, by slice.
+
+        Raise InputError if a search does not fit into memory.
+        """
         from cspace.map.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search it by clearance,", self.grid)
         return self._distances.array()
 
-    # ---- the set of FREE configurations ------------------------------------------------------------------------------
+    # ---- the set of FREE configurations ----------------------------------------------------------
 
     @overload
     def sample_free(self, n: None = None, rng: np.random.Generator | None = None) -> Floats: ...
@@ -742,7 +809,8 @@ class CSpace(ConfigurationMap, MapExport):
         Parameters
         ----------
         q : array-like, shape (size,)
-            Metres and radians, inside the grid or not. A radian counts as half a metre, as in OMPL's SE(2).
+            Metres and radians, inside the grid or not. A radian counts as half a metre, as in
+            OMPL's SE(2).
 
         Returns
         -------
@@ -759,7 +827,9 @@ class CSpace(ConfigurationMap, MapExport):
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration, shape ({self.size},)"
-            raise InputError("q", f"has shape {point.shape}", rule, "pass one configuration at a time", value=q)
+            raise InputError(
+                "q", f"has shape {point.shape}", rule, "pass one configuration at a time", value=q
+            )
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._nothing_free()
@@ -767,34 +837,44 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _nothing_free(self) -> ConfigurationError:
         """Return the error for a map without FREE cells."""
-        narrower = [text for text, _ in narrower_rotations(self.robot, self.rotations, self.grid.spacing)]
+        narrower = [
+            text for text, _ in narrower_rotations(self.robot, self.rotations, self.grid.spacing)
+        ]
         # Within one of these rotation cells, no point of the robot moves farther than the spacing.
         rotations = f"{narrower[-1]}, " if narrower else ""
-        hint = f"use a smaller robot, a finer spacing, {rotations}or unknown='free' for a sensor map"
-        return ConfigurationError("the map", "has no FREE cell", "no configuration can be drawn", hint)
+        hint = (
+            f"use a smaller robot, a finer spacing, {rotations}or unknown='free' for a sensor map"
+        )
+        return ConfigurationError(
+            "the map", "has no FREE cell", "no configuration can be drawn", hint
+        )
 
-    # ---- updates -----------------------------------------------------------------------------------------------------
+    # ---- updates ---------------------------------------------------------------------------------
 
-    def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
+    def update(
+        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
+    ) -> Update:
         """Replace a box of workspace cells.
 
-        The map becomes equal to a new build. The cost grows with the box around the cells that differ and with the
-        robot, not with the map. Existing checkers (:meth:`point_checker`, :meth:`edge_checker`,
-        :meth:`clearance_checker`, and those of the ``planners`` package) follow the update.
+        The map becomes equal to a new build. The cost grows with the box around the cells that
+        differ and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
+        :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
+        follow the update.
 
-        The first update copies the cells of the workspace, so that the :class:`Workspace` passed to the build, and
-        other maps of it, do not change. :attr:`workspace` then has the current cells; its ``shapes`` are None, and
-        queries with ``exact=True`` use the outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top.
-        Overlap counts are dropped, because they belong to the old obstacles. A map built without
-        ``inner`` gets no BLOCKED cells, also after it is saved and opened.
+        The first update copies the cells of the workspace, so that the :class:`Workspace` passed to
+        the build, and other maps of it, do not change. :attr:`workspace` then has the current
+        cells; its ``shapes`` are None, and queries with ``exact=True`` use the outer cells instead.
+        Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped, because they
+        belong to the old obstacles. A map built without ``inner`` gets no BLOCKED cells, also after
+        it is saved and opened.
 
-        All data that the map derives from its cells, such as components, distances and the geometry for ``exact=True``,
-        are computed anew when next asked for.
+        All data that the map derives from its cells, such as components, distances and the geometry
+        for ``exact=True``, are computed anew when next asked for.
 
-        Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`,
-        :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and pickles. Any other query of another thread
-        during an update reads each cell either before or after it; an :meth:`overlap_count` may be neither the old nor
-        the new count.
+        Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`,
+        :meth:`reachable_bounds`, :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and
+        pickles. Any other query of another thread during an update reads each cell either before or
+        after it; an :meth:`overlap_count` may be neither the old nor the new count.
 
         Parameters
         ----------
@@ -813,7 +893,8 @@ class CSpace(ConfigurationMap, MapExport):
         Raises
         ------
         InputError
-            If an argument is invalid, or a cell is in ``inner`` but not in ``cells``; nothing changes then.
+            If an argument is invalid, or a cell is in ``inner`` but not in ``cells``; nothing
+            changes then.
 
         Examples
         --------
@@ -832,30 +913,35 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:
             return self._updates.update(patch)
 
-    def add_obstacle(self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
+    def add_obstacle(
+        self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None
+    ) -> Update:
         """Add a named obstacle, or move it, and update the map.
 
-        The map becomes equal to a build with the base of the workspace and all named obstacles. An obstacle replaces
-        the one of the same name, and the cells that it covered reappear. Obstacles may overlap. They are clipped to the
-        grid; one that lies outside keeps its name and changes nothing.
+        The map becomes equal to a build with the base of the workspace and all named obstacles. An
+        obstacle replaces the one of the same name, and the cells that it covered reappear.
+        Obstacles may overlap. They are clipped to the grid; one that lies outside keeps its name
+        and changes nothing.
 
-        Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update` changes the base, below
-        all named obstacles; exact queries then use the cells of the base. All else is as for :meth:`update`. A move
-        farther than the robot's size is two changes, the new position first, so that other threads may see the obstacle
-        at both positions, but never at neither.
+        Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update`
+        changes the base, below all named obstacles; exact queries then use the cells of the base.
+        All else is as for :meth:`update`. A move farther than the robot's size is two changes, the
+        new position first, so that other threads may see the obstacle at both positions, but never
+        at neither.
 
-        Copies and pickles keep the names. A saved map keeps the obstacles without names, so that they can no longer be
-        moved after it is opened.
+        Copies and pickles keep the names. A saved map keeps the obstacles without names, so that
+        they can no longer be moved after it is opened.
 
         Parameters
         ----------
         name : str
         shape : shape, or array-like, shape (n, 2) or (n, 3)
-            Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
-            geometry, or three or more corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes, such
-            as a ``trimesh.Trimesh``; in both points with their ``radius``, a decomposition into balls, a shape of
-            ``cspace.shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point
-            of a robot is then the origin of the map.
+            Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes,
+            such as a shapely geometry, or three or more corners of a polygon; in space a mesh, as
+            :meth:`Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in both points with
+            their ``radius``, a decomposition into balls, a shape of ``cspace.shapes``, a robot, or
+            the short text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point of a robot
+            is then the origin of the map.
         radius : array-like, shape () or (n,), optional
             Radius of the balls around points, metres, zero or above.
 
@@ -866,9 +952,10 @@ class CSpace(ConfigurationMap, MapExport):
         Raises
         ------
         InputError
-            If the name is empty or no string, or the obstacle is of another type or dimension, has points without a
-            radius, or is so far away that rounding could matter; nothing changes then. A :class:`GeometryError` if it
-            is empty, not finite, or a polygon that crosses itself.
+            If the name is empty or no string, or the obstacle is of another type or dimension, has
+            points without a radius, or is so far away that rounding could matter; nothing changes
+            then. A :class:`GeometryError` if it is empty, not finite, or a polygon that crosses
+            itself.
 
         Examples
         --------
@@ -885,12 +972,20 @@ class CSpace(ConfigurationMap, MapExport):
         ['people']
         """
         if not isinstance(name, str) or not name:
-            raise InputError("name", f"is {name!r}", "it must be a non-empty string", 'pass e.g. "cart"', value=name)
+            raise InputError(
+                "name",
+                f"is {name!r}",
+                "it must be a non-empty string",
+                'pass e.g. "cart"',
+                value=name,
+            )
         self._check_whole()
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
             rule = f"it must be in {('the plane', 'space')[self.grid.dim - 2]}, as the map is"
-            raise InputError("shape", f"is in {obstacle.place}", rule, "pass another shape", value=shape)
+            raise InputError(
+                "shape", f"is in {obstacle.place}", rule, "pass another shape", value=shape
+            )
         with self._lock:
             return self._updates.set_obstacle(name, obstacle)
 
@@ -913,8 +1008,14 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:
             named = self.obstacles
             if name not in named:
-                rule = f"it must be one of {', '.join(map(repr, named))}" if named else "there is no named obstacle"
-                raise InputError("name", f"is {name!r}", rule, "see space.obstacles for the names", value=name)
+                rule = (
+                    f"it must be one of {', '.join(map(repr, named))}"
+                    if named
+                    else "there is no named obstacle"
+                )
+                raise InputError(
+                    "name", f"is {name!r}", rule, "see space.obstacles for the names", value=name
+                )
             return self._updates.set_obstacle(name, None)
 
     @property
@@ -929,12 +1030,17 @@ class CSpace(ConfigurationMap, MapExport):
         """Updater of the states."""
         from cspace.update import Updater
 
-        return Updater(self._contents, self._layers, self._rasters, self._exterior, self._drop_derived)
+        return Updater(
+            self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
+        )
 
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
-            rule, hint = "the cells around it matter too", "update the larger map and open the window again"
+            rule, hint = (
+                "the cells around it matter too",
+                "update the larger map and open the window again",
+            )
             raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
@@ -949,7 +1055,7 @@ class CSpace(ConfigurationMap, MapExport):
             if part in vars(self):
                 vars(self)[part].drop()
 
-    # ---- for files and messages --------------------------------------------------------------------------------------
+    # ---- for files and messages ------------------------------------------------------------------
 
     def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
         """Call ``write`` with the contents of the map.
@@ -960,7 +1066,10 @@ class CSpace(ConfigurationMap, MapExport):
             write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
-        """Return the clearance at each cell's center, in metres: in one slice, or the largest of all slices."""
+        """Return the clearance at each cell's center, in metres.
+
+        It is that of one slice, or the largest of all slices.
+        """
         from cspace.map.distance import ROUNDING_FACTOR
 
         if number is None:
@@ -981,7 +1090,7 @@ class CSpace(ConfigurationMap, MapExport):
             np.maximum(highest, self._seen[index], out=highest)
         return np.where(lowest == highest, lowest, MIXED).astype(np.uint8)
 
-    # ---- caches ------------------------------------------------------------------------------------------------------
+    # ---- caches ----------------------------------------------------------------------------------
 
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
@@ -989,12 +1098,16 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _exterior(self) -> Exterior:
-        return self._contents.exterior or Exterior.of(self.workspace.outer, self._rasters, self.outside)
+        return self._contents.exterior or Exterior.of(
+            self.workspace.outer, self._rasters, self.outside
+        )
 
     @lazy
     def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
-        return make_record(self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of))
+        return make_record(
+            self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
+        )
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -1008,7 +1121,14 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.exact.boundaries import Problem
 
         exterior_blocked = self.outside != "free"
-        return Problem(self._kernel_map, self.rotations, self.workspace, self.robot, self.margin, exterior_blocked)
+        return Problem(
+            self._kernel_map,
+            self.rotations,
+            self.workspace,
+            self.robot,
+            self.margin,
+            exterior_blocked,
+        )
 
     @property
     def _is_labelled(self) -> bool:
@@ -1105,7 +1225,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Backend of the queries."""
         return MemoryBackend(self._kernel_map, self._lock)
 
-    # ---- kernels and checks ------------------------------------------------------------------------------------------
+    # ---- kernels and checks ----------------------------------------------------------------------
 
     def _clearances(self) -> Query:
         """Return the query that computes clearances."""
@@ -1135,10 +1255,13 @@ class CSpace(ConfigurationMap, MapExport):
         query = self._backend.query(count_overlaps, sums, self._robot_rows, int(exterior_blocked))
         return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
 
-    def _in_grid(self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False) -> Floats:
+    def _in_grid(
+        self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
+    ) -> Floats:
         """Return one configuration in the grid, its yaw in [-pi, pi).
 
-        With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises ConfigurationError otherwise.
+        With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
+        ConfigurationError otherwise.
         """
         point = self.rotations.make_canonical(self._check_configurations(q, name), name)
         is_inside = point.ndim == 1 and self.grid.contains(point[: self.grid.dim])

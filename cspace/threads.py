@@ -22,12 +22,14 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_chunks(work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD) -> int:
+def in_chunks(
+    work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD
+) -> int:
     """Call ``work(start, stop)`` over chunks of a range.
 
-    The chunks cover ``range(size)``; threads call it if that is faster. Each call returns the index, relative to
-    ``start``, of the first bad item of its chunk, or -1. Returns the same for the whole range. A thread gets at least
-    ``min_items``. Nested calls run serially.
+    The chunks cover ``range(size)``; threads call it if that is faster. Each call returns the
+    index, relative to ``start``, of the first bad item of its chunk, or -1. Returns the same for
+    the whole range. A thread gets at least ``min_items``. Nested calls run serially.
     """
     threads = 1 if getattr(_local, "is_worker", False) else min(cores(), max(1, size // min_items))
     if threads == 1:
@@ -35,7 +37,9 @@ def in_chunks(work: Callable[[int, int], int], size: int, min_items: int = MIN_I
     bounds = [size * k // threads for k in range(threads + 1)]
     with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         bad = list(pool.map(work, bounds[:-1], bounds[1:]))
-    return next((start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1)
+    return next(
+        (start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1
+    )
 
 
 def in_threads(

@@ -36,8 +36,8 @@ class Update:
     occupied : int
         Number of workspace cells that changed.
     lower, upper : tuple of int
-        Box of configuration cells that were computed again: its first cell, and the cell after its last one along each
-        axis. They are equal if none was.
+        Box of configuration cells that were computed again: its first cell, and the cell after its
+        last one along each axis. They are equal if none was.
     changed : int
         Number of configuration cells, over all rotation cells, whose state changed.
     """
@@ -57,7 +57,9 @@ class Update:
         nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
         lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
         upper = np.max([each.upper for each in computed or updates or nowhere], axis=0)
-        occupied, changed = (sum(getattr(each, name) for each in updates) for name in ("occupied", "changed"))
+        occupied, changed = (
+            sum(getattr(each, name) for each in updates) for name in ("occupied", "changed")
+        )
         return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
@@ -83,10 +85,14 @@ class Patch:
     @property
     def window(self) -> tuple[slice, ...]:
         """The box as slices."""
-        return tuple(slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True))
+        return tuple(
+            slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True)
+        )
 
     @classmethod
-    def of(cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None) -> Patch:
+    def of(
+        cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None
+    ) -> Patch:
         """Check and copy the arguments of :meth:`cspace.CSpace.update`.
 
         Raises InputError if the cells or the position of the box are invalid.
@@ -95,20 +101,39 @@ class Patch:
         first = _check_first_cell(lower, grid.dim)
         if outer.ndim != grid.dim:
             problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
-            raise InputError("cells", problem, "they must agree", "pass one entry per cell of a box", value=cells)
+            raise InputError(
+                "cells", problem, "they must agree", "pass one entry per cell of a box", value=cells
+            )
         for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
             if low < 0 or low + count > size:
-                problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
-                raise InputError("cells", problem, "the box must lie in the grid", "clip it to the grid", value=cells)
+                problem = (
+                    f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
+                )
+                raise InputError(
+                    "cells",
+                    problem,
+                    "the box must lie in the grid",
+                    "clip it to the grid",
+                    value=cells,
+                )
         if inner is None:
             return cls(first, outer, outer)
         within = _copy_cells(inner, "inner")
         if within.shape != outer.shape:
             problem = f"has shape {within.shape} but cells has {outer.shape}"
-            raise InputError("inner", problem, "they must be equal", "pass one entry per cell of the box", value=inner)
+            raise InputError(
+                "inner",
+                problem,
+                "they must be equal",
+                "pass one entry per cell of the box",
+                value=inner,
+            )
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
-            problem, rule = f"has entry {lost}, which is not in cells", "it must be a subset of cells"
+            problem, rule = (
+                f"has entry {lost}, which is not in cells",
+                "it must be a subset of cells",
+            )
             raise InputError("inner", problem, rule, "add it to cells", value=lost)
         return cls(first, outer, within)
 
@@ -118,8 +143,15 @@ def _copy_cells(values: ArrayLike, name: str) -> Bools:
 
     It holds only the bytes 0 and 1.
     """
-    if type(values) is np.ndarray and values.dtype == np.bool_ and values.size and values.ndim in (2, 3):
-        return np.not_equal(values, 0, order="C")  # a view as bool may hold other bytes than 0 and 1
+    if (
+        type(values) is np.ndarray
+        and values.dtype == np.bool_
+        and values.size
+        and values.ndim in (2, 3)
+    ):
+        return np.not_equal(
+            values, 0, order="C"
+        )  # a view as bool may hold other bytes than 0 and 1
     return np.array(check_cells(values, name))
 
 
@@ -129,21 +161,26 @@ def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     if isinstance(values, np.ndarray):
         values = values.tolist()
     try:
-        first = tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
+        first = (
+            tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
+        )
     except TypeError:
         first = ()
     if len(first) != dim:
         rule = f"it must be {dim} integers, the index of the first cell"
-        raise InputError("lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower)
+        raise InputError(
+            "lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower
+        )
     return first
 
 
 class Updater:
     """Update a map in place when cells of its workspace change.
 
-    The state of a cell depends on the workspace cells under the robot's rasters. So the cells that a changed box can
-    reach form a window around it, in all slices. The engine computes the window from the part of the workspace around
-    it. Only then the window, the workspace and the states outside the grid are written.
+    The state of a cell depends on the workspace cells under the robot's rasters. So the cells that
+    a changed box can reach form a window around it, in all slices. The engine computes the window
+    from the part of the workspace around it. Only then the window, the workspace and the states
+    outside the grid are written.
 
     Parameters
     ----------
@@ -156,8 +193,8 @@ class Updater:
     exterior : Exterior
         Updates write into its boxes.
     drop_derived : callable
-        Called with the workspace and the layers of obstacles, before the map changes; it drops all data of the map that
-        depend on its cells.
+        Called with the workspace and the layers of obstacles, before the map changes; it drops all
+        data of the map that depend on its cells.
     """
 
     def __init__(
@@ -181,8 +218,8 @@ class Updater:
     def update(self, patch: Patch) -> Update:
         """Write a box of known cells into the base, and update the map.
 
-        The *base* is the workspace without named obstacles. Its outer cells meet an obstacle, its inner cells lie in
-        obstacles.
+        The *base* is the workspace without named obstacles. Its outer cells meet an obstacle, its
+        inner cells lie in obstacles.
         """
         base = self._workspace if self._layers is None else self._layers
         pairs = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
@@ -191,7 +228,8 @@ class Updater:
             # Nothing changes, so the workspace keeps its shapes.
             return Update(0, patch.lower, patch.lower, 0)
         if self._layers is None:
-            # Without named obstacles, the base is the workspace. Its shapes no longer describe its cells.
+            # Without named obstacles, the base is the workspace. Its shapes no longer describe its
+            # cells.
             self._set_shapes(None)
             return self._write_all([patch])
         # Named obstacles lie over the base, so the map gets the union of both.
@@ -220,7 +258,9 @@ class Updater:
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
         """Copy boxes of cells from the layers to the map, with all shapes."""
         self._set_shapes(layers.obstacles)
-        return self._write_all([Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes])
+        return self._write_all(
+            [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
+        )
 
     def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
         """Replace the shapes of the workspace."""
@@ -267,8 +307,12 @@ class Updater:
         self._states[window] = states
         self._write_cells(patch)
         if self._outside == "free":
-            self._exterior.table[...] = Exterior.of(self._workspace.outer, self._rasters, "free").table
-        return Update(occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes))
+            self._exterior.table[...] = Exterior.of(
+                self._workspace.outer, self._rasters, "free"
+            ).table
+        return Update(
+            occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes)
+        )
 
     def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
         """Return the states of the cells from ``first`` to ``stop``, with the patch."""
@@ -331,7 +375,9 @@ def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) ->
 def _layers_of(workspace: Workspace) -> ObstacleLayers:
     """Return layers with the workspace as their base, without named obstacles."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
-    return ObstacleLayers(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
+    return ObstacleLayers(
+        workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes
+    )
 
 
 def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:

@@ -37,8 +37,8 @@ Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterabl
 
 
 _SLIVER: Final = 1e-9
-"""Rounding allowance of the upper bound, in cells. It is far below the slack of an outer raster, so that an obstacle in
-this sliver still marks the last cell."""
+"""Rounding allowance of the upper bound, in cells. It is far below the slack of an outer raster, so
+that an obstacle in this sliver still marks the last cell."""
 
 _ZERO_BOUND: Final = SLACK / 2**14
 """Bounds nearer to zero than this, in cells, count as zero."""
@@ -47,7 +47,8 @@ _MIN_EXTENT: Final = 1.0 - 2.0**-20
 """Extent of all obstacles, in cells, below which their unit is probably wrong."""
 
 _MIN_EXTENT_IN_BOUNDS: Final = 0.25
-"""Extent of all obstacles, in cells, below which their unit is probably wrong if the map has bounds."""
+"""Extent of all obstacles, in cells, below which their unit is probably wrong if the map has
+bounds."""
 
 
 class OpenOptions(TypedDict, total=False):
@@ -69,8 +70,8 @@ class OpenOptions(TypedDict, total=False):
 class Workspace(WorkspacePlot):
     """Obstacles as two sets of closed grid cells.
 
-    `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the obstacles are given as
-    cells. Use a ``from_...`` method or :meth:`open` to make one.
+    `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the
+    obstacles are given as cells. Use a ``from_...`` method or :meth:`open` to make one.
 
     Attributes
     ----------
@@ -78,22 +79,25 @@ class Workspace(WorkspacePlot):
     outer : ndarray of bool, shape grid.shape
         Cells that meet an obstacle; read-only, a copy of what was passed.
     inner : ndarray of bool, shape grid.shape
-        Cells that lie in obstacles; the same object as ``outer`` if the obstacles are given as cells.
+        Cells that lie in obstacles; the same object as ``outer`` if the obstacles are given as
+        cells.
     source : str
         File or kind of input, for messages.
     unknown : ndarray of bool, shape grid.shape, or None
-        Unknown cells of a sensor map; None if there are none. `outer` says whether they count as free or occupied.
-        Pictures draw them in a colour of their own.
+        Unknown cells of a sensor map; None if there are none. `outer` says whether they count as
+        free or occupied. Pictures draw them in a colour of their own.
     shapes : tuple or None
-        The obstacles as shapes, metres, unclipped; exact queries use them. None if the obstacles are given as cells.
+        The obstacles as shapes, metres, unclipped; exact queries use them. None if the obstacles
+        are given as cells.
     live : bool
-        True if a map that can be updated owns these cells and writes to them; other maps copy them first.
+        True if a map that can be updated owns these cells and writes to them; other maps copy them
+        first.
 
     Raises
     ------
     InputError
-        If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell is in ``inner`` and
-        not in ``outer``.
+        If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell
+        is in ``inner`` and not in ``outer``.
 
     Examples
     --------
@@ -118,27 +122,42 @@ class Workspace(WorkspacePlot):
         for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
             if cells is not None and cells.shape != self.grid.shape:
                 problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
-                raise InputError(name, problem, "they must be equal", "pass one entry per cell", value=cells)
+                raise InputError(
+                    name, problem, "they must be equal", "pass one entry per cell", value=cells
+                )
         if inner is not outer and (lost := inner > outer).any():
             problem = f"has cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer"
-            raise InputError("inner", problem, "it must be a subset of outer", "add it to outer", value=self.inner)
+            raise InputError(
+                "inner",
+                problem,
+                "it must be a subset of outer",
+                "add it to outer",
+                value=self.inner,
+            )
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
-        object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
+        object.__setattr__(
+            self, "unknown", unknown if unknown is not None and unknown.any() else None
+        )
         object.__setattr__(self, "outer", outer)
-        object.__setattr__(self, "inner", outer if inner is outer or np.array_equal(inner, outer) else inner)
+        object.__setattr__(
+            self, "inner", outer if inner is outer or np.array_equal(inner, outer) else inner
+        )
 
     def __repr__(self) -> str:
         """Return source, cells, and the occupied and unknown shares."""
         grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
         if self.unknown is not None:
             count, taken = int(np.count_nonzero(self.unknown)), 0
-            for outer, unseen in zip(self.outer, self.unknown, strict=True):  # slab by slab, to spare memory
+            for outer, unseen in zip(
+                self.outer, self.unknown, strict=True
+            ):  # slab by slab, to spare memory
                 taken += int(np.count_nonzero(outer & unseen))
             occupied -= taken
             unknown = f", {100.0 * count / self.outer.size:.3g} % unknown"
             unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")
         cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
-        return f"Workspace({self.source}: {cells}, {100.0 * occupied / self.outer.size:.3g} % occupied{unknown})"
+        share = f"{100.0 * occupied / self.outer.size:.3g} % occupied"
+        return f"Workspace({self.source}: {cells}, {share}{unknown})"
 
     @classmethod
     def from_array(
@@ -158,8 +177,8 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
-            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted. A path names a
-            ``.npy`` file or a ``.zarr`` array.
+            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are
+            accepted. A path names a ``.npy`` file or a ``.zarr`` array.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
@@ -196,18 +215,24 @@ class Workspace(WorkspacePlot):
         corner = check_finite(np.zeros(dim) if lower is None else lower, "lower")
         if corner.shape != (dim,):
             rule = f"it must have {dim} coordinates, as occupied has axes"
-            raise InputError("lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower)
+            raise InputError(
+                "lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower
+            )
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
-        made = cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
+        made = cls(
+            Grid(corner, spacing, cells.shape),
+            cells,
+            cells if inner is None else check_cells(inner, "inner"),
+        )
         return made if source == made.source else replace(made, source=source)
 
     @classmethod
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
         """Read a ROS map.
 
-        It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the origin with its yaw
-        apply as in :func:`cspace.files.ros.read_ros_map`.
+        It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
+        origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
 
         Parameters
         ----------
@@ -234,23 +259,29 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_occupancy_grid(
-        cls, msg: GridMessage, unknown: str = "occupied", *, free_thresh: float = 0.25, occupied_thresh: float = 0.65
+        cls,
+        msg: GridMessage,
+        unknown: str = "occupied",
+        *,
+        free_thresh: float = 0.25,
+        occupied_thresh: float = 0.65,
     ) -> Workspace:
         """Convert a ROS occupancy grid message; ROS itself is not needed.
 
         Parameters
         ----------
         msg : object
-            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or :class:`cspace.files.ros.OccupancyGrid`:
-            ``info.resolution``, ``width``, ``height`` and ``origin``, and ``data``, row by row in per cent, -1 for
-            unknown. The yaw of the origin applies as in a ROS map. The resolution is a float32 in messages; it is read
-            as the shortest decimal number that rounds to it: 0.05, not 0.0500000007.
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
+            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
+            ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
+            applies as in a ROS map. The resolution is a float32 in messages; it is read as the
+            shortest decimal number that rounds to it: 0.05, not 0.0500000007.
         unknown : {"occupied", "free"}
             State of unknown cells: of value -1, or between the thresholds.
         free_thresh, occupied_thresh : float
-            From 0 to 1: a cell is free below the first and occupied from the second on. The defaults are Nav2's, of its
-            map saver. Costmaps that Nav2 publishes are already inflated: use 0.995 and 1.0 to read only their
-            obstacles.
+            From 0 to 1: a cell is free below the first and occupied from the second on. The
+            defaults are Nav2's, of its map saver. Costmaps that Nav2 publishes are already
+            inflated: use 0.995 and 1.0 to read only their obstacles.
 
         Raises
         ------
@@ -263,7 +294,9 @@ class Workspace(WorkspacePlot):
         from cspace.raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
-        grid, outer, inner, unseen = align_image(*read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown)
+        grid, outer, inner, unseen = align_image(
+            *read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown
+        )
         return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod
@@ -289,9 +322,11 @@ class Workspace(WorkspacePlot):
         lower : array-like, shape (2,), optional
             Lower left corner of the image, in metres; the origin if left out.
         threshold : float
-            Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is below this.
+            Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is
+            below this.
         dark : {"occupied", "free"}
-            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are always occupied.
+            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
+            always occupied.
 
         Raises
         ------
@@ -310,8 +345,8 @@ class Workspace(WorkspacePlot):
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
         """Read a map of the MovingAI benchmarks.
 
-        It is a ``.map`` in the plane, or a ``.3dmap`` of voxels in space. In a ``.map``, ``.``, ``G`` and ``S`` are
-        passable, ``@``, ``O``, ``T`` and ``W`` blocked.
+        It is a ``.map`` in the plane, or a ``.3dmap`` of voxels in space. In a ``.map``, ``.``,
+        ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
 
         Parameters
         ----------
@@ -347,13 +382,16 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Rasterize a shape on a grid.
 
-        The grid covers a box, shape (2, dim), or the bounds of the shape. If ``kind`` names the shape, warn if the
-        extent of its points, or of its corners, can hardly be in metres. ``cost`` is in bytes per cell.
+        The grid covers a box, shape (2, dim), or the bounds of the shape. If ``kind`` names the
+        shape, warn if the extent of its points, or of its corners, can hardly be in metres.
+        ``cost`` is in bytes per cell.
         """
         corners = np.stack(shape.outer.bounds)
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
         if kind:
-            extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
+            extent = (
+                corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
+            )
             warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
             from cspace.obstacles import ShapeCells
@@ -364,7 +402,9 @@ class Workspace(WorkspacePlot):
         return cls(grid, outer, inner, source=source, shapes=(shape,))
 
     @classmethod
-    def from_shapes(cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+    def from_shapes(
+        cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None
+    ) -> Workspace:
         """Rasterize shapes of any kind.
 
         All lie in the plane, or all in space.
@@ -372,26 +412,28 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
-            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot, or a text such as ``"ellipse:0.5,0.3@2,1"``,
-            is placed with its reference point at the origin of the map.
+            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot, or a text such as
+            ``"ellipse:0.5,0.3@2,1"``, is placed with its reference point at the origin of the map.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (2 d,) or (2, d), optional
-            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left out. **Obstacles are
-            clipped to it.**
+            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left
+            out. **Obstacles are clipped to it.**
 
         Raises
         ------
         InputError
-            If there is no shape, a shape is invalid, their dimensions differ, or the map does not fit into memory. For
-            shapes with names, build the map first and :meth:`cspace.CSpace.add_obstacle` each of them.
+            If there is no shape, a shape is invalid, their dimensions differ, or the map does not
+            fit into memory. For shapes with names, build the map first and
+            :meth:`cspace.CSpace.add_obstacle` each of them.
         FileError
             If a file is missing or malformed.
 
         Examples
         --------
         >>> import cspace, shapely
-        >>> shapes = [shapely.box(0, 0, 1, 3), cspace.Robot.disc(0.5, (3, 1)), "ellipse:0.6,0.3@2,2.5"]
+        >>> disc = cspace.Robot.disc(0.5, (3, 1))
+        >>> shapes = [shapely.box(0, 0, 1, 3), disc, "ellipse:0.6,0.3@2,2.5"]
         >>> cspace.Workspace.from_shapes(shapes, 0.1, bounds=(0, 0, 4, 3))
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
@@ -405,13 +447,19 @@ class Workspace(WorkspacePlot):
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
             hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
-            raise InputError("shapes", "is empty", "at least one shape is needed", hint, value=shapes)
+            raise InputError(
+                "shapes", "is empty", "at least one shape is needed", hint, value=shapes
+            )
         for index, shape in enumerate(made):
             if shape.dim != made[0].dim:
                 rule = f"all must be in {made[0].place}, as shapes[0] is"
-                raise InputError(f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape)
+                raise InputError(
+                    f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape
+                )
         box = None if bounds is None else check_bounds(bounds, made[0].dim)
-        return cls._of_shapes(made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes")
+        return cls._of_shapes(
+            made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes"
+        )
 
     @classmethod
     def _of_shapes(
@@ -458,7 +506,12 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_polygons(
-        cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None, *, lazy: bool = False
+        cls,
+        polygons: Geometries,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        lazy: bool = False,
     ) -> Workspace:
         """Rasterize polygons, lines and points in the plane.
 
@@ -471,16 +524,18 @@ class Workspace(WorkspacePlot):
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (4,) or (2, 2), optional
-            ``xmin, ymin, xmax, ymax`` of the map, as in shapely, or its lower and its upper corner, as in trimesh, in
-            metres; the bounding box of the obstacles if left out. The grid begins at the lower corner and covers the
-            upper one, except for a strip of at most 1e-9 cells due to rounding. **Obstacles are clipped to it.**
+            ``xmin, ymin, xmax, ymax`` of the map, as in shapely, or its lower and its upper corner,
+            as in trimesh, in metres; the bounding box of the obstacles if left out. The grid begins
+            at the lower corner and covers the upper one, except for a strip of at most 1e-9 cells
+            due to rounding. **Obstacles are clipped to it.**
         lazy : bool
             Rasterize cells when they are read: see :class:`cspace.workspace.LazyWorkspace`.
 
         Raises
         ------
         GeometryError
-            If a geometry is empty, self-crossing, not finite or not in the plane; the message names it.
+            If a geometry is empty, self-crossing, not finite or not in the plane; the message names
+            it.
         InputError
             If ``bounds`` is reversed or a number is invalid.
         FileError
@@ -492,7 +547,10 @@ class Workspace(WorkspacePlot):
         box = None if bounds is None else check_bounds(bounds)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
-        named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
+        named = (
+            isinstance(polygons, str | os.PathLike)
+            and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
+        )
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
         return cls._of(shape, spacing, box, source, "set of polygons", lazy=lazy)
 
@@ -515,11 +573,13 @@ class Workspace(WorkspacePlot):
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
-            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, or its lower and its upper corner, in metres; the
-            bounding box of the mesh if left out, as for :meth:`from_polygons`. **Obstacles are clipped to it.**
+            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, or its lower and its upper corner, in
+            metres; the bounding box of the mesh if left out, as for :meth:`from_polygons`.
+            **Obstacles are clipped to it.**
         solid : {"auto", "surface", "fill"}
-            Parts with an interior. "auto": the closed parts, with a warning if others are open. "surface": none.
-            "fill": all that the surface encloses at this spacing, with a warning if an open mesh encloses no cell.
+            Parts with an interior. "auto": the closed parts, with a warning if others are open.
+            "surface": none. "fill": all that the surface encloses at this spacing, with a warning
+            if an open mesh encloses no cell.
         lazy : bool
             As for :meth:`from_polygons`; not for "fill", which needs all cells at once.
 
@@ -528,7 +588,8 @@ class Workspace(WorkspacePlot):
         GeometryError
             If the mesh has no triangle or a vertex is NaN or infinite.
         InputError
-            If ``bounds`` is reversed, a number or word is invalid, or the map does not fit into memory.
+            If ``bounds`` is reversed, a number or word is invalid, or the map does not fit into
+            memory.
         FileError
             If the file is missing or malformed.
         """
@@ -538,7 +599,9 @@ class Workspace(WorkspacePlot):
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
             problem, rule = "is True with solid='fill'", "filling needs all cells at once"
-            raise InputError("lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy)
+            raise InputError(
+                "lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy
+            )
         made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_CELL_BYTES, lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
@@ -563,8 +626,8 @@ class Workspace(WorkspacePlot):
         spacing : float
             Side of a cell, in metres; needed.
         bounds : array-like, shape (2 d,) or (2, d), optional
-            Lower, then upper corner of the map, in metres; the bounding box of the balls if left out. **Obstacles are
-            clipped to it.**
+            Lower, then upper corner of the map, in metres; the bounding box of the balls if left
+            out. **Obstacles are clipped to it.**
 
         Raises
         ------
@@ -578,14 +641,20 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_points(
-        cls, points: ArrayLike | StrPath, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
+        cls,
+        points: ArrayLike | StrPath,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        radius: float = 0.0,
     ) -> Workspace:
         """Rasterize a point cloud: each point is an obstacle, or a ball around it.
 
         Parameters
         ----------
         points : array-like, shape (n, 2) or (n, 3), or path-like
-            Metres; files are ``.npy``, ``.xyz``, ``.txt``, ``.csv``, ``.ply`` and ``.pcd``, of points in space.
+            Metres; files are ``.npy``, ``.xyz``, ``.txt``, ``.csv``, ``.ply`` and ``.pcd``, of
+            points in space.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (2 d,) or (2, d), optional
@@ -606,7 +675,9 @@ class Workspace(WorkspacePlot):
         named = isinstance(points, str | os.PathLike)
         if named and bounds is not None:
             check_bounds(bounds, 3)
-        cloud = Balls.of(read_points(points) if isinstance(points, str | os.PathLike) else points, radius)
+        cloud = Balls.of(
+            read_points(points) if isinstance(points, str | os.PathLike) else points, radius
+        )
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
         source = str(points) if named else f"{len(cloud.radii)} points"
@@ -639,29 +710,38 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_moveit_scene(
-        cls, path: StrPath, spacing: float, bounds: ArrayLike | None = None, *, package_dirs: PackageDirs = ()
+        cls,
+        path: StrPath,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        package_dirs: PackageDirs = (),
     ) -> Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
-        Boxes, spheres, cylinders, cones and meshes of collision objects are read; all objects must be in one frame,
-        the planning frame. Cylinders and cones lie between two polyhedra, as :meth:`cspace.Robot.cylinder` does.
+        Boxes, spheres, cylinders, cones and meshes of collision objects are read; all objects must
+        be in one frame, the planning frame. Cylinders and cones lie between two polyhedra, as
+        :meth:`cspace.Robot.cylinder` does.
 
         Parameters
         ----------
         path : path-like
-            YAML of a ``moveit_msgs/PlanningScene``: as ROS prints it, or as MotionBenchMaker and robowflex write it.
+            YAML of a ``moveit_msgs/PlanningScene``: as ROS prints it, or as MotionBenchMaker and
+            robowflex write it.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
             As for :meth:`from_mesh`.
         package_dirs : path-like, or sequence of path-like
-            Folders that hold the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
+            Folders that hold the folders of packages, for meshes, as for
+            :meth:`cspace.Robot.from_urdf`.
 
         Raises
         ------
         FileError
-            If the file is missing or malformed, only changes another scene, or holds anything else: an OctoMap, a
-            plane, a subframe, a transform, a padded link, a primitive of another type, or an unknown field.
+            If the file is missing or malformed, only changes another scene, or holds anything else:
+            an OctoMap, a plane, a subframe, a transform, a padded link, a primitive of another
+            type, or an unknown field.
         GeometryError
             If a mesh has no triangle, or there is no shape at all.
         InputError
@@ -675,7 +755,9 @@ class Workspace(WorkspacePlot):
 
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
-        return cls._of_shapes(read_scene_shapes(path, package_dirs), spacing, box, str(path), "planning scene")
+        return cls._of_shapes(
+            read_scene_shapes(path, package_dirs), spacing, box, str(path), "planning scene"
+        )
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
@@ -684,19 +766,22 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         path : path-like
-            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``, ``.wkt``
-            (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``, ``.jpeg``, ``.bmp``, ``.tif``,
-            ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``,
-            ``.ot`` (OctoMap); ``.xyz``, ``.txt``, ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud);
-            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
+            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
+            ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
+            ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
+            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
+            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
+            or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
         **options
-            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps (optional for MovingAI),
-            ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.
+            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
+            (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
+            ``solid``, ``radius``.
 
         Raises
         ------
         InputError
-            If the suffix is unknown, an option does not apply to the format, or ``spacing`` is missing.
+            If the suffix is unknown, an option does not apply to the format, or ``spacing`` is
+            missing.
         FileError
             If the file is missing or malformed.
         """
@@ -704,15 +789,17 @@ class Workspace(WorkspacePlot):
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
                 problem = f"is missing for {os.fspath(path)}"
-                raise InputError(name, problem, "the file does not contain it", f"pass e.g. {name}=0.05")
+                raise InputError(
+                    name, problem, "the file does not contain it", f"pass e.g. {name}=0.05"
+                )
         return reader(path, **options)
 
 
 class LazyWorkspace(Workspace):
     """A workspace whose cells are read or rasterized when they are needed.
 
-    :func:`cspace.build` with a ``store`` reads a tile at a time. Any other use reads all cells into memory, if they
-    fit, at the first access.
+    :func:`cspace.build` with a ``store`` reads a tile at a time. Any other use reads all cells into
+    memory, if they fit, at the first access.
 
     Parameters
     ----------
@@ -729,8 +816,15 @@ class LazyWorkspace(Workspace):
     _cells: Source
     _whole: list[tuple[Bools, Bools]]
 
-    def __init__(self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None) -> None:
-        for name, value in (("grid", grid), ("source", source), ("shapes", shapes), ("live", False)):
+    def __init__(
+        self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None
+    ) -> None:
+        for name, value in (
+            ("grid", grid),
+            ("source", source),
+            ("shapes", shapes),
+            ("live", False),
+        ):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_cells", cells)
         object.__setattr__(self, "_whole", [])
@@ -765,9 +859,13 @@ class LazyWorkspace(Workspace):
     def __repr__(self) -> str:
         """Return source and number of cells."""
         shape = " x ".join(map(str, self.grid.shape))
-        return f"LazyWorkspace({self.source}: {shape} cells of {self.grid.spacing:g} m, read at need)"
+        return (
+            f"LazyWorkspace({self.source}: {shape} cells of {self.grid.spacing:g} m, read at need)"
+        )
 
-    def __reduce__(self) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
         """Pickle the source of the cells, not the cells."""
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
@@ -779,7 +877,9 @@ def _naming_file(path: StrPath) -> Iterator[None]:
         yield
     except InputError as error:
         problem = f"{error.argument} {error.problem}"
-        raise FileError(os.fspath(path), problem, error.rule, error.hint, value=error.value) from error
+        raise FileError(
+            os.fspath(path), problem, error.rule, error.hint, value=error.value
+        ) from error
 
 
 def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
@@ -787,14 +887,16 @@ def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
     outer = frozen(workspace.outer.copy())
     inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
     unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
-    return Workspace(workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes, live)
+    return Workspace(
+        workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes, live
+    )
 
 
 def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
     """Return the classmethod that reads a file, and check that it takes the options.
 
-    Raises InputError if the suffix is unknown or an option does not apply, and FileError if the format depends on the
-    content and the file is missing.
+    Raises InputError if the suffix is unknown or an option does not apply, and FileError if the
+    format depends on the content and the file is missing.
     """
     from cspace.files.formats import find_constructor
 
@@ -802,7 +904,9 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     known = _options_of(reader)
     for name in options:
         if name not in known:
-            raise InputError(name, f"is given for {path}", f"its format takes {', '.join(known)}", "leave it out")
+            raise InputError(
+                name, f"is given for {path}", f"its format takes {', '.join(known)}", "leave it out"
+            )
     return reader
 
 
@@ -819,7 +923,7 @@ def covering_shape(corners: Floats, spacing: float) -> list[int]:
 
 
 def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
-    """Return the grid that begins at the lower of two corners, shape (2, dim), and covers the upper one.
+    """Return the grid from the lower of two corners, shape (2, dim), over the upper one.
 
     Raises InputError if its cells do not fit into memory.
     """
@@ -833,26 +937,32 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
     """Warn if obstacles are smaller than a cell, because their unit is then hardly the metre.
 
-    If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a quarter of a cell.
-    ``corners``, shape (2, d), is the box of the obstacles; a single point raises no warning. ``what`` names the
-    obstacles in the message.
+    If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a
+    quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
+    no warning. ``what`` names the obstacles in the message.
     """
     sides = corners[1] - corners[0]
     if 0.0 < sides.max() < (_MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT) * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
         warn_user(
-            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
+            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are "
+            "probably wrong "
             "(metres are needed): scale it, or use a smaller spacing",
             UnitWarning,
         )
 
 
 def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
-    """Warn if no obstacle lies in the bounds of a map; ``corners``, shape (2, d), is the obstacles' box in metres."""
+    """Warn if no obstacle lies in the bounds of a map.
+
+    ``corners``, shape (2, d), is the obstacles' box in metres.
+    """
     if not outer.any():
         warn_user(
-            f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "
-            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle: check the bounds, "
+            f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and "
+            "none lies within the "
+            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no "
+            "obstacle: check the bounds, "
             "and the units (metres)"
         )
 

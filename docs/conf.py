@@ -1,4 +1,5 @@
-"""How Sphinx builds the documentation and runs the examples: ``sphinx-build -W --keep-going docs docs/_build``."""
+"""How Sphinx builds the documentation and runs the examples: ``sphinx-build -W --keep-going docs
+docs/_build``."""
 
 import inspect
 import re
@@ -51,7 +52,9 @@ autosummary_context = {
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True
-nitpick_ignore_regex = [("py:attr", ".*")]  # the page of a record describes its fields, which are no targets
+nitpick_ignore_regex = [
+    ("py:attr", ".*")
+]  # the page of a record describes its fields, which are no targets
 suppress_warnings = ["config.cache"]  # the two functions below are not kept between builds
 
 html_theme = "pydata_sphinx_theme"
@@ -129,11 +132,16 @@ ROOT_PAGES = "SECURITY|CHANGELOG|CONTRIBUTING"
 
 
 def at_home(app: Any, page: str, source: list[str]) -> None:
-    """Turn links to files outside this folder, which work on GitHub, into links to pages of the site."""
+    """Turn links to files outside this folder, which work on GitHub, into links to pages of the
+    site."""
     up = "../" * page.count("/")
     source[0] = re.sub(r"\]\((?:\.\./)+examples/(\w+)\.py\)", rf"]({up}gallery/\1.rst)", source[0])
-    source[0] = re.sub(r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0])
-    source[0] = re.sub(rf"\]\((?:\.\./)+({ROOT_PAGES})\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0])
+    source[0] = re.sub(
+        r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0]
+    )
+    source[0] = re.sub(
+        rf"\]\((?:\.\./)+({ROOT_PAGES})\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0]
+    )
 
 
 OBJECTS = {
@@ -150,7 +158,12 @@ OWNERS = ("cspace", "planners", "cspace.CSpace", "cspace.spectral", "planners.Pl
 """Modules and classes searched, in this order, for a name without a prefix."""
 
 
-TAKE_PARAMETERS = ("cspace.build", "cspace.CSpace.is_free", "planners.plan", "cspace.CSpace.find_path")
+TAKE_PARAMETERS = (
+    "cspace.build",
+    "cspace.CSpace.is_free",
+    "planners.plan",
+    "cspace.CSpace.find_path",
+)
 """Functions searched, in this order, for a parameter without a function."""
 
 
@@ -166,14 +179,17 @@ def find(name: str) -> Any:
 def full_name(name: str, before: str) -> str:
     """Return the full name of a function, class or parameter in the features table.
 
-    A parameter such as ``exact=True`` links to the function that takes it. ``before`` is the full name before it in the
-    same cell, or "": names without a prefix and parameters are looked up there first.
+    A parameter such as ``exact=True`` links to the function that takes it. ``before`` is the full
+    name before it in the same cell, or "": names without a prefix and parameters are looked up
+    there first.
     """
     if name.startswith('"'):  # another value of the parameter before
         return before
     if "=" in name and "(" not in name:
         functions = [f for f in (before, *TAKE_PARAMETERS) if callable(find(f))]
-        found = [f for f in functions if name.split("=")[0] in inspect.signature(find(f)).parameters]
+        found = [
+            f for f in functions if name.split("=")[0] in inspect.signature(find(f)).parameters
+        ]
     else:
         first, _, rest = name.split("(")[0].partition(".")
         whole = f"{OBJECTS.get(first, first) if rest else first}.{rest}".rstrip(".")
@@ -195,7 +211,9 @@ def link_features(app: Any, page: str, source: list[str]) -> None:
         return
     lines = source[0].splitlines()
     for i, line in enumerate(lines):
-        if not line.startswith("| `") or line.startswith("| `cspace "):  # commands have a page of their own
+        if not line.startswith("| `") or line.startswith(
+            "| `cspace "
+        ):  # commands have a page of their own
             continue
         _, cell, rest = line.split("|", 2)
         before, links = "", list[str]()

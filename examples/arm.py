@@ -2,10 +2,10 @@
 An arm of two links, and a proven path
 ======================================
 
-``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm_space`` puts it among obstacles.
-Configurations are
-then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Planners of OMPL take the
-space of an arm as they take a map. ``space.view()`` shows it in the browser, with a slider for each joint.
+``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm_space`` puts it among
+obstacles. Configurations are then FREE, BLOCKED or MIXED, and a whole motion of the joints is
+proven free in one call. Planners of OMPL take the space of an arm as they take a map.
+``space.view()`` shows it in the browser, with a slider for each joint.
 """
 
 from pathlib import Path
@@ -54,7 +54,9 @@ space = cspace.build_arm_space(obstacles, arm)
 start, goal = np.array([-0.2, 0.4]), np.array([2.6, -0.4])
 contact = space.closest(start)
 print(f"at the start, {contact.link!r} is nearest to {contact.other!r}: {contact.distance:.2f} m")
-print(f"straight from start to goal: {'proven free' if space.motion_is_free(start, goal) else 'not free'}")
+print(
+    f"straight from start to goal: {'proven free' if space.motion_is_free(start, goal) else 'not free'}"
+)
 
 # %%
 # The configuration space, sampled every 1.5 degrees.
@@ -74,7 +76,11 @@ print(plan)
 
 figure = plt.figure(figsize=(11, 5.2), layout="constrained")
 space.plot(
-    path=plan, ax=figure.add_subplot(1, 2, 1, projection="3d"), camera=(50, -70), legend=False, title="on its way"
+    path=plan,
+    ax=figure.add_subplot(1, 2, 1, projection="3d"),
+    camera=(50, -70),
+    legend=False,
+    title="on its way",
 )
 joints = figure.add_subplot(1, 2, 2)
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee"])  # FREE, MIXED, BLOCKED
@@ -83,7 +89,10 @@ joints.plot(*path.T, color="#6a1b9a", linewidth=2.0)
 joints.plot(*start, "o", color="white", mec="black")
 joints.plot(*goal, "*", color="#cc79a7", mec="black", markersize=12)
 joints.set(
-    aspect="equal", xlabel="shoulder (rad)", ylabel="elbow (rad)", title="FREE white, BLOCKED blue, MIXED orange"
+    aspect="equal",
+    xlabel="shoulder (rad)",
+    ylabel="elbow (rad)",
+    title="FREE white, BLOCKED blue, MIXED orange",
 )
 figure.savefig("arm.png", dpi=110)
 plt.close(figure)

@@ -2,9 +2,9 @@
 A straight line of a tool, and how near it stays
 ================================================
 
-``space.follow_line`` brings a frame of an arm along straight lines from pose to pose. The motion is proven free, and
-its distance from the line has a proven bound. Here a hand goes around three sides of a rectangle, beside a post, and
-keeps its rotation.
+``space.follow_line`` brings a frame of an arm along straight lines from pose to pose. The motion is
+proven free, and its distance from the line has a proven bound. Here a hand goes around three sides
+of a rectangle, beside a post, and keeps its rotation.
 """
 
 from pathlib import Path
@@ -41,7 +41,9 @@ def at(x, y):
     return pose
 
 
-space = cspace.build_arm_space({"post": PosedShape(cspace.Robot.cylinder(0.12, 0.6).shape, at(1.35, 0.0))}, arm)
+space = cspace.build_arm_space(
+    {"post": PosedShape(cspace.Robot.cylinder(0.12, 0.6).shape, at(1.35, 0.0))}, arm
+)
 
 # %%
 # The corners of the line. Poses without a rotation keep the hand along x.
@@ -60,8 +62,8 @@ for start in candidates[space.is_free(candidates)]:
 plan = planners.plan(space, (-1.5, 1.0, 0.0), motion.waypoints[0], time_limit=5.0, seed=1)
 print(plan)
 
-# %%
-# Left: the arm from above, at the waypoints. Right: the distance from the line, sampled, below its proven bound.
+# %% Left: the arm from above, at the waypoints. Right: the distance from the line, sampled, below
+# its proven bound.
 
 times = np.linspace(0.0, 1.0, 40)[:, np.newaxis]
 steps = np.diff(motion.waypoints, axis=0)
@@ -79,15 +81,21 @@ joints = np.stack([poses[link][:, :2, 3] for link in ("upper", "fore", "hand")],
 tips = (poses["hand"] @ (0.3, 0.0, 0.0, 1.0))[:, np.newaxis, :2]
 for chain in np.concatenate([joints, tips], axis=1):
     drawing.plot(*chain.T, "o-", color="#7fb8a4", linewidth=1.0, markersize=3.0)
-drawing.plot(*motion.poses[:, :2, 3].T, color="#d55e00", linewidth=3.0, label="line of the hand's frame")
+drawing.plot(
+    *motion.poses[:, :2, 3].T, color="#d55e00", linewidth=3.0, label="line of the hand's frame"
+)
 drawing.add_patch(plt.Circle((1.35, 0.0), 0.12, color="#6b6b6b"))
-drawing.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="around three sides, the hand along x")
+drawing.set(
+    aspect="equal", xlabel="x (m)", ylabel="y (m)", title="around three sides, the hand along x"
+)
 drawing.legend(loc="lower center")
 graph = figure.add_subplot(1, 2, 2)
 graph.plot(parameters, 1e3 * distances, color="#6a1b9a", label="sampled distance from the target")
 graph.axhline(1e3 * motion.deviation, color="#009e73", label="proven bound")
 graph.axhline(1e3 * motion.tolerance[0], color="#262626", linestyle=":", label="tolerance")
-graph.plot(motion.parameters, np.zeros(len(motion.parameters)), "|", color="#d55e00", label="waypoints")
+graph.plot(
+    motion.parameters, np.zeros(len(motion.parameters)), "|", color="#d55e00", label="waypoints"
+)
 graph.set(xlabel="parameter on the line", ylabel="mm", ylim=(-0.05, 3.0))
 graph.legend(loc="upper right")
 figure.savefig("arm_line.png", dpi=110)

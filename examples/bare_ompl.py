@@ -2,8 +2,8 @@
 OMPL as it comes, with the map as its validity callback
 =======================================================
 
-To keep your own OMPL script, hand it one function of the map. OMPL then looks at states a step apart; only the map can
-prove the edges between them.
+To keep your own OMPL script, hand it one function of the map. OMPL then looks at states a step
+apart; only the map can prove the edges between them.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ import cspace
 import planners
 from cspace.plot import save_plot
 
-# %%
-# The map of a disc of 0.2 m in a room of 10 m by 6 m with two walls across it; cells are indexed ``[x, y]``.
+# %% The map of a disc of 0.2 m in a room of 10 m by 6 m with two walls across it; cells are indexed
+# ``[x, y]``.
 
 occupied = np.zeros((200, 120), dtype=bool)
 occupied[60:66, :90] = True
@@ -39,7 +39,8 @@ def solve(space: cspace.CSpace) -> np.ndarray:
 
     setup = og.SimpleSetup(states)
     setup.setStateValidityChecker(lambda state: is_free(state[0], state[1]))
-    # By default OMPL checks motions in steps of 1 % of the extent, here 0.12 m, which can skip a thin wall.
+    # By default OMPL checks motions in steps of 1 % of the extent, here 0.12 m, which can skip a
+    # thin wall.
     step = 0.5 * space.grid.spacing / states.getMaximumExtent()
     setup.getSpaceInformation().setStateValidityCheckingResolution(step)
 
@@ -57,16 +58,15 @@ ou.setLogLevel(ou.LOG_WARN)
 path = solve(space)
 print(np.array2string(path, precision=2, suppress_small=True))
 
-# %%
-# The map proves only some of these edges. :func:`planners.plan` and :class:`planners.MotionValidator` prove all edges.
+# %% The map proves only some of these edges. :func:`planners.plan` and
+# :class:`planners.MotionValidator` prove all edges.
 
 proven = space.certify_path(path)
 print(f"edges proven free all along: {proven.sum()} of {len(proven)}")
 save_plot(space, "bare_ompl.png", True, path=path)
 
-# %%
-# The same with all parts of the map: ``simple_setup`` brings states and their bounds, a checker of whole motions, a
-# sampler of FREE states, and a resolution that fits the cells.
+# %% The same with all parts of the map: ``simple_setup`` brings states and their bounds, a checker
+# of whole motions, a sampler of FREE states, and a resolution that fits the cells.
 
 
 def solve_with_parts(space: cspace.CSpace) -> np.ndarray:

@@ -2,8 +2,8 @@
 OMPL's planners on one map, side by side
 ========================================
 
-Every geometric planner that the installed OMPL binds is called by its name. The map answers them all, and proves each
-path anew when it is there.
+Every geometric planner that the installed OMPL binds is called by its name. The map answers them
+all, and proves each path anew when it is there.
 """
 
 import matplotlib.pyplot as plt
@@ -23,13 +23,15 @@ for x in (20, 85, 110, 155):
         occupied[x : x + 6, y : y + 6] = True
 space = cspace.build(cspace.Workspace.from_array(occupied, 0.05), cspace.Robot.rectangle(0.5, 0.3))
 
-# %%
-# Planners that keep improving their path use the whole time limit. The first plan also compiles; that time is not
-# counted.
+# %% Planners that keep improving their path use the whole time limit. The first plan also compiles;
+# that time is not counted.
 
 start, goal = (0.7, 0.7), (9.3, 5.3)
 planners.plan(space, start, goal)
-plans = [planners.plan(space, start, goal, planner=name, time_limit=0.3) for name in planners.planner_names()]
+plans = [
+    planners.plan(space, start, goal, planner=name, time_limit=0.3)
+    for name in planners.planner_names()
+]
 print(f"{'planner':16} {'length':>8} {'clearance':>10} {'planning':>11}")
 for plan in sorted(plans, key=lambda plan: plan.length):
     print(
@@ -41,7 +43,9 @@ for plan in sorted(plans, key=lambda plan: plan.length):
 # The paths; white cells are free, grey cells are not.
 
 rows = -(-len(plans) // 4)
-figure, axes = plt.subplots(rows, 4, figsize=(12, 2.1 * rows), sharex=True, sharey=True, layout="constrained")
+figure, axes = plt.subplots(
+    rows, 4, figsize=(12, 2.1 * rows), sharex=True, sharey=True, layout="constrained"
+)
 for ax in axes.flat[len(plans) :]:
     ax.set_visible(False)
 for ax, plan in zip(axes.flat, plans, strict=False):

@@ -2,7 +2,8 @@
 A robot that must turn to fit
 =============================
 
-Two rooms are joined by a passage of 1 m. The robot, 0.9 m by 0.6 m, fits into it lengthwise and cannot turn there.
+Two rooms are joined by a passage of 1 m. The robot, 0.9 m by 0.6 m, fits into it lengthwise and
+cannot turn there.
 """
 
 import math
@@ -21,8 +22,8 @@ workspace = cspace.Workspace.from_polygons([*walls, *furniture], spacing=0.05)
 space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
 print(space)
 
-# %%
-# A batch of configurations is one look-up: the yaws at which the robot fits into the center of the passage.
+# %% A batch of configurations is one look-up: the yaws at which the robot fits into the center of
+# the passage.
 
 yaws = np.arange(0, 180, 5)
 fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])

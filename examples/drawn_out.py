@@ -2,8 +2,9 @@
 Can a part be drawn out of its housing?
 =======================================
 
-A key with a wide head sits in a T-shaped slot. It cannot be lifted out; it can be slid out, unless the slot's end is
-capped. Whether it comes out is a question of connectivity: the map answers it with a proof, and no planner is run.
+A key with a wide head sits in a T-shaped slot. It cannot be lifted out; it can be slid out, unless
+the slot's end is capped. Whether it comes out is a question of connectivity: the map answers it
+with a proof, and no planner is run.
 """
 
 import trimesh
@@ -15,14 +16,19 @@ from cspace.plot import save_plot
 def solid(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> trimesh.Trimesh:
     """Return the union of boxes, which may overlap, from lower and upper corners in millimetres."""
     return trimesh.util.concatenate(
-        [trimesh.creation.box(bounds=[[c / 1000 for c in low], [c / 1000 for c in high]]) for low, high in corners]
+        [
+            trimesh.creation.box(bounds=[[c / 1000 for c in low], [c / 1000 for c in high]])
+            for low, high in corners
+        ]
     )
 
 
-# %%
-# The key has a head of 20 x 24 x 6 mm with a stem of 10 mm. The housing is a block with a slot along x.
+# %% The key has a head of 20 x 24 x 6 mm with a stem of 10 mm. The housing is a block with a slot
+# along x.
 
-key = cspace.Robot.from_mesh(solid(((-10, -12, 0), (10, 12, 6)), ((-10, -5, 5), (10, 5, 20))), name="key")
+key = cspace.Robot.from_mesh(
+    solid(((-10, -12, 0), (10, 12, 6)), ((-10, -5, 5), (10, 5, 20))), name="key"
+)
 block = [
     ((-30, -24, -10), (30, 24, -2)),  # floor
     ((-30, -24, -4), (30, -14, 14)),  # walls
@@ -38,7 +44,9 @@ cap = ((22, -24, -4), (30, 24, 14))
 
 seated, outside = (0.0, 0.0, 0.0), (0.0, 0.0, 0.045)
 for name, parts in (("open", block), ("capped", [*block, cap])):
-    workspace = cspace.Workspace.from_mesh(solid(*parts), 0.0005, (-0.06, -0.05, -0.03, 0.08, 0.05, 0.06))
+    workspace = cspace.Workspace.from_mesh(
+        solid(*parts), 0.0005, (-0.06, -0.05, -0.03, 0.08, 0.05, 0.06)
+    )
     space = cspace.build(workspace, key, outside="free")
     print(f"slot {name}: the key")
     print(f"  comes out, proven: {space.is_connected(seated, outside)}")

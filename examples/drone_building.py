@@ -2,8 +2,8 @@
 A drone through a building
 ==========================
 
-The drone is a box that does not turn. Two storeys of 10 m x 6 m are joined by an opening in the floor between them. A
-real building comes from an OctoMap: ``cspace.Workspace.open("building.bt")``.
+The drone is a box that does not turn. Two storeys of 10 m x 6 m are joined by an opening in the
+floor between them. A real building comes from an OctoMap: ``cspace.Workspace.open("building.bt")``.
 """
 
 import numpy as np

@@ -2,8 +2,9 @@
 A drone that must bank to pass a slit
 =====================================
 
-The slit stands upright and is narrower than the drone is wide. At no yaw does the level drone pass, which the map of
-(x, y, z, yaw) proves; free to turn about any axis, it passes on its side, and every edge of its path is proven free.
+The slit stands upright and is narrower than the drone is wide. At no yaw does the level drone pass,
+which the map of (x, y, z, yaw) proves; free to turn about any axis, it passes on its side, and
+every edge of its path is proven free.
 """
 
 import numpy as np
@@ -14,8 +15,8 @@ import cspace
 import planners
 from cspace.plot import save_plot
 
-# %%
-# Two rooms, and a wall of 0.2 m between them with an upright slit of 0.5 m by 1.8 m. The drone is 0.8 m wide.
+# %% Two rooms, and a wall of 0.2 m between them with an upright slit of 0.5 m by 1.8 m. The drone
+# is 0.8 m wide.
 
 parts = [
     ((3.4, 0.0, 0.0), (3.6, 1.25, 2.6)),
@@ -34,11 +35,12 @@ start, goal = (0.9, 1.0, 1.0), (6.1, 2.0, 1.0)
 level = cspace.build(cspace.Workspace.from_mesh(wall, 0.05, bounds), drone, rotations=72)
 print("no path exists, proven:", level.is_disconnected((*start, 0.0), (*goal, 0.0)))
 
-# %%
-# At any rotation, in SE(3). The cells leave the slit undecided, so an exact check of the geometry decides there; the
-# proof is as strong.
+# %% At any rotation, in SE(3). The cells leave the slit undecided, so an exact check of the
+# geometry decides there; the proof is as strong.
 
-space = cspace.build(cspace.Workspace.from_mesh(wall, 0.1, bounds), drone, rotations=cspace.Rotations.quaternions(8))
+space = cspace.build(
+    cspace.Workspace.from_mesh(wall, 0.1, bounds), drone, rotations=cspace.Rotations.quaternions(8)
+)
 still = (0.0, 0.0, 0.0, 1.0)
 plan = planners.plan(space, (*start, *still), (*goal, *still), exact=True, time_limit=20, seed=1)
 print(plan)

@@ -2,8 +2,8 @@
 How much room is left as a robot grows
 ======================================
 
-Maps become labelled arrays of xarray, for analysis with its tools. FREE cells are a lower bound of the room that is
-left, and cells that are not BLOCKED an upper one.
+Maps become labelled arrays of xarray, for analysis with its tools. FREE cells are a lower bound of
+the room that is left, and cells that are not BLOCKED an upper one.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,10 @@
 Paths that keep away
 ====================
 
-The shortest path runs along the border of the C-obstacle. Three others leave room: one weighs the clearance in the map
-against length, one the overlap of swollen balls in place of robot and obstacles, which is smooth, and the widest path
-has the largest clearance possible. The overlap needs ``pip install "cspace[spectral]"``.
+The shortest path runs along the border of the C-obstacle. Three others leave room: one weighs the
+clearance in the map against length, one the overlap of swollen balls in place of robot and
+obstacles, which is smooth, and the widest path has the largest clearance possible. The overlap
+needs ``pip install "cspace[spectral]"``.
 """
 
 import matplotlib.pyplot as plt
@@ -27,7 +28,10 @@ space = cspace.build(workspace, cspace.Robot.polygon(cart))
 # %%
 # The overlap is a field beside the map; the map still decides which cells are FREE.
 
-balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.union_all([shelf, pillar]))]
+balls = [
+    decompose(shape, kind="outer", number=48)
+    for shape in (cart, shapely.union_all([shelf, pillar]))
+]
 field = OverlapField.of(space, FourierOverlap.of_shapes(*balls, swell=0.3))
 
 
@@ -35,15 +39,16 @@ def by_overlap(si):
     return planners.OverlapObjective(si, space, field)
 
 
-# %%
-# The map's own search takes milliseconds. The overlap is for OMPL's planners that optimise, which use their whole time
-# limit.
+# %% The map's own search takes milliseconds. The overlap is for OMPL's planners that optimise,
+# which use their whole time limit.
 
 start, goal = (1.0, 4.3), (7.3, 0.6)
 plans = {
     "length": planners.plan(space, start, goal),
     "clearance": planners.plan(space, start, goal, objective="clearance"),
-    "overlap": planners.plan(space, start, goal, planner="RRTstar", objective=by_overlap, time_limit=2, seed=1),
+    "overlap": planners.plan(
+        space, start, goal, planner="RRTstar", objective=by_overlap, time_limit=2, seed=1
+    ),
     "widest": planners.plan(space, start, goal, planner="MaxClearance"),
 }
 for name, plan in plans.items():
@@ -56,5 +61,10 @@ for name, plan in plans.items():
 
 figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
 for ax, (name, plan) in zip(axes.flat, plans.items(), strict=True):
-    space.plot(ax=ax, path=plan, legend=False, title=f"{name}: {plan.length:.2f} m, clearance {plan.clearance:.2f} m")
+    space.plot(
+        ax=ax,
+        path=plan,
+        legend=False,
+        title=f"{name}: {plan.length:.2f} m, clearance {plan.clearance:.2f} m",
+    )
 figure.savefig("keep_away.png", dpi=110)

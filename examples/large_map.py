@@ -2,8 +2,8 @@
 A map larger than memory
 ========================
 
-A map is built tile by tile into a folder, where look-ups, plans and updates use it. This map is small; a city needs the
-same calls.
+A map is built tile by tile into a folder, where look-ups, plans and updates use it. This map is
+small; a city needs the same calls.
 """
 
 import tempfile
@@ -14,9 +14,8 @@ import cspace
 import planners
 from cspace.plot import save_plot
 
-# %%
-# Streets of 7 m between blocks of houses, 150 m by 150 m. An array of zarr or dask, or a ``numpy.memmap``, would
-# stay on disk.
+# %% Streets of 7 m between blocks of houses, 150 m by 150 m. An array of zarr or dask, or a
+# ``numpy.memmap``, would stay on disk.
 
 houses = np.ones((750, 750), dtype=bool)  # [x, y], 0.2 m each
 for street in range(0, 750, 143):

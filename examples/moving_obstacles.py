@@ -2,8 +2,9 @@
 Replan as obstacles move
 ========================
 
-A robot crosses an office while trolleys move to and fro. Each step of a trolley moves an obstacle of the map. The robot
-queries the map for the rest of its path, and plans another path if an edge is no longer free.
+A robot crosses an office while trolleys move to and fro. Each step of a trolley moves an obstacle
+of the map. The robot queries the map for the rest of its path, and plans another path if an edge is
+no longer free.
 """
 
 import statistics
@@ -30,9 +31,8 @@ office = cspace.Workspace.from_polygons([union_all(walls) - union_all(doors)], s
 radius = 0.3
 space = cspace.build(office, cspace.Robot.disc(radius))
 
-# %%
-# Trolleys, each with two end points, the lengths of its sides and its speed. ``add_obstacle`` moves an obstacle to a
-# new position, metres, and frees its old position.
+# %% Trolleys, each with two end points, the lengths of its sides and its speed. ``add_obstacle``
+# moves an obstacle to a new position, metres, and frees its old position.
 
 trolleys = [
     ((2.0, 4.4), (14.0, 4.4), (0.9, 0.6), 0.8),
@@ -57,11 +57,17 @@ def where(number: int, distance: float) -> Polygon:
 # %%
 # The robot moves until it reaches the goal. A trolley waits if the robot blocks it.
 
-start, goal, step = np.array((0.8, 1.0)), np.array((15.2, 9.0)), 0.15  # metres; the step is in seconds
+start, goal, step = (
+    np.array((0.8, 1.0)),
+    np.array((15.2, 9.0)),
+    0.15,
+)  # metres; the step is in seconds
 planners.plan(space, start, goal)  # compile before the loop
 q, path, frames, updates, plans = start, np.empty((0, 2)), [], [], []
 while not np.array_equal(q, goal) and len(frames) < 400:
-    disc = Polygon([*q + radius * np.array([(np.cos(t), np.sin(t)) for t in np.linspace(0, 6, 20)])])
+    disc = Polygon(
+        [*q + radius * np.array([(np.cos(t), np.sin(t)) for t in np.linspace(0, 6, 20)])]
+    )
     for number, (*_, speed) in enumerate(trolleys):
         trolley = where(number, gone[number] + speed * step)
         if trolley.distance(disc) > 0.2:
@@ -81,7 +87,9 @@ while not np.array_equal(q, goal) and len(frames) < 400:
     frames.append((space.cell_states + 3 * space.workspace.outer, q, path))
 
 print(f"arrived after {len(frames) * step:.1f} s, with {len(plans)} plans on the way")
-print(f"{len(updates)} moves of trolleys: {1e3 * statistics.median(updates):.2f} ms each in the median")
+print(
+    f"{len(updates)} moves of trolleys: {1e3 * statistics.median(updates):.2f} ms each in the median"
+)
 print(f"a plan: {1e3 * statistics.median(plans):.1f} ms in the median")
 
 # %%
@@ -89,7 +97,9 @@ print(f"a plan: {1e3 * statistics.median(plans):.1f} ms in the median")
 
 figure, ax = plt.subplots(figsize=(8, 5.2), layout="constrained")
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee", "#262626"])
-image = ax.imshow(np.zeros((200, 320)), origin="lower", extent=(0, 16, 0, 10), cmap=colors, vmin=0, vmax=3)
+image = ax.imshow(
+    np.zeros((200, 320)), origin="lower", extent=(0, 16, 0, 10), cmap=colors, vmin=0, vmax=3
+)
 (line,) = ax.plot([], [], color="#6a1b9a")
 robot = ax.add_patch(Circle(start, radius, color="#009e73", zorder=3))
 ax.plot(*goal, "*", color="#009e73", markersize=16)

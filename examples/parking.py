@@ -2,8 +2,9 @@
 Park a car
 ==========
 
-A car cannot move sideways. It backs out of a gap between parked cars and drives into another, along the shortest curves
-of Reeds and Shepp. Each curve is proven free along its whole length, not at samples.
+A car cannot move sideways. It backs out of a gap between parked cars and drives into another, along
+the shortest curves of Reeds and Shepp. Each curve is proven free along its whole length, not at
+samples.
 """
 
 import math
@@ -23,8 +24,8 @@ lower = [box(x, -14.5, x + 2, -10) for x in (0.5, 3.3, 6.1, 11.7, 14.5)]
 workspace = cspace.Workspace.from_polygons([*upper, *lower], 0.1, bounds=(-1, -16, 20, 2))
 space = cspace.build(workspace, cspace.Robot.rectangle(4.2, 1.9), rotations=72)
 
-# %%
-# A search on a lattice of headings and short curves finds the way, and longer curves then shorten it.
+# %% A search on a lattice of headings and short curves finds the way, and longer curves then
+# shorten it.
 
 start, goal = (4.3, -2.6, math.pi / 2), (9.9, -12.0, -math.pi / 2)
 plan = planners.plan(space, start, goal, drive="reeds-shepp", turning_radius=2.5)

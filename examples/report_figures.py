@@ -3,9 +3,9 @@ Collision in the frequency domain, in seven figures
 ===================================================
 
 The figures follow Lysenko (2013) and Behandish and Ilies (2016), with data of our own runs.
-``docs/explanation/frequency.md`` explains them. Times are medians of a few runs on the machine that built this page.
-The figures are written into the working folder, as ``report_figures_1.png`` and so on. It needs
-``pip install "cspace[spectral]"``.
+``docs/explanation/frequency.md`` explains them. Times are medians of a few runs on the machine that
+built this page. The figures are written into the working folder, as ``report_figures_1.png`` and so
+on. It needs ``pip install "cspace[spectral]"``.
 """
 
 import math
@@ -41,8 +41,17 @@ from cspace.spectral import (
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#262626")  # Okabe and Ito (2008), and black
-SHAPE = shapely.Polygon([(0.3, 0.3), (1.7, 0.3), (1.7, 0.8), (1.2, 0.7), (0.9, 1.7), (0.3, 1.5)])  # metres
+COLORS = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#e69f00",
+    "#262626",
+)  # Okabe and Ito (2008), and black
+SHAPE = shapely.Polygon(
+    [(0.3, 0.3), (1.7, 0.3), (1.7, 0.8), (1.2, 0.7), (0.9, 1.7), (0.3, 1.5)]
+)  # metres
 PERIOD = 4.0  # metres; no shape here is longer
 FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
 
@@ -87,7 +96,9 @@ def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Compl
     """Return the spectrum by FFT of values at cell centers; the period is a whole number of cells."""
     grid, k = descriptor.grid, np.fft.fftfreq(count, 1.0 / count).astype(int)
     cells = round(period / grid.spacing)
-    spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[np.ix_(k % cells, k % cells)]
+    spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[
+        np.ix_(k % cells, k % cells)
+    ]
     x, y = (np.exp(-2j * math.pi * k * (low + 0.5 * grid.spacing) / period) for low in grid.lower)
     return np.asarray(spectrum * x[:, None] * y)
 
@@ -97,7 +108,9 @@ obstacle = indicator(SHAPE, cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512)))
 left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
 left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
 plain(left, "an obstacle", "x [m]", "y [m]")
-image = draw_modulus(right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator")
+image = draw_modulus(
+    right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator"
+)
 add_scale(image, right)
 save(figure, 1)
 
@@ -111,7 +124,9 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.0), layout="constrain
 s, k = np.linspace(-1.2, 1.2, 961), np.linspace(0.0, 32.0, 6401)
 for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=True):
     bump = Bump(alpha)
-    label = rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
+    label = (
+        rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
+    )
     left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
     density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
     below = cumulative_simpson(density, x=k, initial=0.0)
@@ -119,7 +134,12 @@ for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=Tru
 left.set(ylim=(-0.03, 1.08))
 right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
 plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
-plain(right, "how much lies in high frequencies", "frequency [cycles/radius]", "share of the energy beyond it")
+plain(
+    right,
+    "how much lies in high frequencies",
+    "frequency [cycles/radius]",
+    "share of the energy beyond it",
+)
 figure.legend(loc="outside right center", frameon=False)
 save(figure, 2)
 
@@ -129,13 +149,17 @@ save(figure, 2)
 #
 # And their descriptor, the sum of their bumps.
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True)
+figure, (left, right) = plt.subplots(
+    1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True
+)
 balls = decompose(SHAPE, kind="inner", number=48)
 balls.plot(left, title=f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area")
 grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
 values = BallDescriptor(balls.centers, balls.radii, Bump(2.0)).sample(grid).values
 extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
-image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis")
+image = right.imshow(
+    np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis"
+)
 right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
 plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
 plt.colorbar(image, ax=right, shrink=0.8, label="descriptor")
@@ -147,7 +171,9 @@ save(figure, 3)
 #
 # Their spectra as images and along an axis.
 
-figure, axes = plt.subplots(1, 3, figsize=(13.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.1))
+figure, axes = plt.subplots(
+    1, 3, figsize=(13.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.1)
+)
 radius, bump = 0.08, Bump(2.0)
 ticks = np.arange(0.0, 2.0, 1.25 * radius)
 centers = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -160,7 +186,9 @@ axes[1].set_ylabel("")
 add_scale(image, axes[:2])
 k = np.arange(FREQUENCIES // 2)
 for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0], "shape")):
-    axes[2].semilogy(k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label)
+    axes[2].semilogy(
+        k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label
+    )
 plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
 axes[2].legend(frameon=False)
 save(figure, 4)
@@ -169,11 +197,14 @@ save(figure, 4)
 # 5. Minkowski sums of bitmaps
 # ----------------------------
 #
-# Direct sums and sums by FFT, and the sizes from which the FFT is faster. Both run alternately, so a busy machine slows
-# both equally. The first run of each, which imports and compiles, is not counted.
+# Direct sums and sums by FFT, and the sizes from which the FFT is faster. Both run alternately, so
+# a busy machine slows both equally. The first run of each, which imports and compiles, is not
+# counted.
 
 
-def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[list[float], list[Any]]:
+def in_turns(
+    works: Sequence[Callable[[], Any]], most: float = 0.2
+) -> tuple[list[float], list[Any]]:
     """Return median times, seconds, over up to 31 rounds and ``most`` seconds, and the results."""
     for work in works:
         work()
@@ -188,7 +219,8 @@ def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[lis
 
 
 def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
-    """Return the size from which ``slow`` stays above ``fast``, on log axes; None if always or never."""
+    """Return the size from which ``slow`` stays above ``fast``, on log axes; None if always or
+    never."""
     ratio = np.log(slow / fast)
     if (ratio > 0.0).all() or ratio[-1] <= 0.0:
         return None
@@ -199,11 +231,16 @@ def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
 figure, both = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
 rng = np.random.default_rng(5)
 small, large = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48], [2, 3, 4, 6, 8, 12, 16]
-panels = (("n x n cells and n x n cells", small, small), ("256 x 256 cells and n x n cells", [256] * 7, large))
+panels = (
+    ("n x n cells and n x n cells", small, small),
+    ("256 x 256 cells and n x n cells", [256] * 7, large),
+)
 for ax, (title, firsts, sizes) in zip(both, panels, strict=True):
     rounds = []
     for sides in zip(firsts, sizes, strict=True):
-        f, g = (indicator(rng.random((n, n)) < 0.5, cspace.Grid((0.0, 0.0), 0.1, (n, n))) for n in sides)
+        f, g = (
+            indicator(rng.random((n, n)) < 0.5, cspace.Grid((0.0, 0.0), 0.1, (n, n))) for n in sides
+        )
         direct = partial(convolve2d, f.values, g.values)
         rounds.append(in_turns([direct, partial(minkowski_sum, f, g)])[0])
     direct, fft = np.transpose(rounds)
@@ -232,7 +269,9 @@ count, bump, rng = 64, Bump(2.0), np.random.default_rng(6)
 period, radius = 1.0, 4.0 / count
 k = np.fft.fftfreq(count, 1.0 / count) / period
 waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
-radial = radius**2 * bump.radial_spectrum(radius * np.linalg.norm(waves, axis=1), 2).reshape(count, count)
+radial = radius**2 * bump.radial_spectrum(radius * np.linalg.norm(waves, axis=1), 2).reshape(
+    count, count
+)
 
 
 def summed(points: Floats) -> Complexes:
@@ -283,8 +322,8 @@ save(figure, 6)
 # 7. Early answers about the depth
 # --------------------------------
 #
-# The number of frequencies that prove an overlap below or above a threshold, over their ratio. Where it is zero,
-# trees of the balls answer without any frequency.
+# The number of frequencies that prove an overlap below or above a threshold, over their ratio.
+# Where it is zero, trees of the balls answer without any frequency.
 
 
 def draw_answers(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats) -> None:
@@ -293,11 +332,23 @@ def draw_answers(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats) 
         answer = overlap.separated(places)
         verdicts, taken = np.asarray(answer.verdict), np.asarray(answer.frequencies)
         ratios = np.asarray(overlap.value(places)) / overlap.threshold
-        decided, open_ = (taken > 0) & (verdicts != Verdict.UNDECIDED), verdicts == Verdict.UNDECIDED
+        decided, open_ = (
+            (taken > 0) & (verdicts != Verdict.UNDECIDED),
+            verdicts == Verdict.UNDECIDED,
+        )
         median = f"median {np.median(taken[decided]):.0f} of {overlap.frequencies}"
-        ax.loglog(ratios[decided], taken[decided], ".", color=color, markersize=4.0, label=f"{name}: {median}")
+        ax.loglog(
+            ratios[decided],
+            taken[decided],
+            ".",
+            color=color,
+            markersize=4.0,
+            label=f"{name}: {median}",
+        )
         ax.loglog(ratios[open_], taken[open_], "x", color=color, markersize=4.0, alpha=0.3)
-        print(f"{name}: {median} frequencies; {np.mean(taken == 0):.0%} take none, {np.mean(open_):.1%} are undecided")
+        print(
+            f"{name}: {median} frequencies; {np.mean(taken == 0):.0%} take none, {np.mean(open_):.1%} are undecided"
+        )
     ax.plot([], [], "x", color="0.4", label="undecided")
     plain(ax, "proofs about the depth", "overlap / threshold", "frequencies summed")
     ax.set(xlim=(1e-2, 1e3), ylim=(10.0, 5e7))
@@ -307,11 +358,19 @@ def draw_answers(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats) 
 part = shapely.Polygon([(-0.3, -0.2), (0.3, -0.2), (0.3, 0.0), (0.0, 0.0), (0.0, 0.3), (-0.3, 0.3)])
 a, b = (decompose(shape, kind="outer", number=32) for shape in (part, SHAPE))
 places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
-levels = {level: FourierOverlap(a, b, bump=Bump(2.0), threshold=level) for level in (1e-4, 1e-3, 1e-2)}
+levels = {
+    level: FourierOverlap(a, b, bump=Bump(2.0), threshold=level) for level in (1e-4, 1e-3, 1e-2)
+}
 flat = {alpha: FourierOverlap(a, b, bump=Bump(alpha), threshold=1e-3) for alpha in (8.0, math.inf)}
-figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True)
+figure, (left, right) = plt.subplots(
+    1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True
+)
 draw_answers(left, {f"{level:g} m²": each for level, each in levels.items()}, places)
-draw_answers(right, {f"alpha = {alpha:g}": each for alpha, each in {2.0: levels[1e-3], **flat}.items()}, places)
+draw_answers(
+    right,
+    {f"alpha = {alpha:g}": each for alpha, each in {2.0: levels[1e-3], **flat}.items()},
+    places,
+)
 left.set_title("several thresholds, alpha = 2", fontsize=10)
 right.set_title("bumps of several alpha, threshold 0.001 m²", fontsize=10)
 save(figure, 7)

@@ -2,8 +2,9 @@
 A custom roadmap
 ================
 
-The map samples FREE configurations and proves thousands of edges in one call. A probabilistic roadmap (Kavraki and
-others, 1996) needs no more; scipy finds the shortest path in it, without a planner.
+The map samples FREE configurations and proves thousands of edges in one call. A probabilistic
+roadmap (Kavraki and others, 1996) needs no more; scipy finds the shortest path in it, without a
+planner.
 """
 
 import matplotlib.pyplot as plt
@@ -18,9 +19,8 @@ from cspace.demo import demo_workspace
 
 space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
 
-# %%
-# Vertices are sampled evenly from the FREE cells. The first and the last are start and goal; the requested start is
-# inside a table, so the nearest FREE configuration replaces it.
+# %% Vertices are sampled evenly from the FREE cells. The first and the last are start and goal; the
+# requested start is inside a table, so the nearest FREE configuration replaces it.
 
 start, goal = space.nearest_free((13.2, 3.4)), (1.4, 8.6)
 vertices = np.vstack([start, space.sample_free(1200, np.random.default_rng(3)), goal])

@@ -2,7 +2,8 @@
 Robots of many kinds
 ====================
 
-A robot is a short text (``Robot.parse``), a file (``Robot.open``), or a shape in code. The command line takes both.
+A robot is a short text (``Robot.parse``), a file (``Robot.open``), or a shape in code. The command
+line takes both.
 """
 
 import tempfile
@@ -14,9 +15,8 @@ from shapely.plotting import plot_polygon
 
 import cspace
 
-# %%
-# A URDF of a cart with a mast. Only its collision geometry counts. Wheels move, so they are omitted with a warning
-# unless you name links.
+# %% A URDF of a cart with a mast. Only its collision geometry counts. Wheels move, so they are
+# omitted with a warning unless you name links.
 
 URDF = """<robot name="cart">
   <link name="base"><collision><geometry><box size="0.8 0.5 0.3"/></geometry></collision></link>
@@ -30,7 +30,12 @@ urdf.write_text(URDF)
 # %%
 # On a plane map, a robot in space is represented by its projection, ``footprint``.
 
-texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "ellipse:0.5,0.3", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
+texts = [
+    "disc:0.3",
+    "rect:0.9x0.5@0.2,0",
+    "ellipse:0.5,0.3",
+    "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]",
+]
 texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8"]
 robots = [*(cspace.Robot.parse(text) for text in texts), cspace.Robot.open(urdf)]
 robots.append(cspace.Robot.from_bitmap(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
@@ -51,4 +56,8 @@ print("wrote robots.png")
 # %%
 # Robots and their short texts can be obstacles as well.
 
-print(cspace.Workspace.from_shapes(["ellipse:0.5,0.3@1,1", cspace.Robot.disc(0.4, (3, 1)), "rect:4x0.1@2,2"], 0.05))
+print(
+    cspace.Workspace.from_shapes(
+        ["ellipse:0.5,0.3@1,1", cspace.Robot.disc(0.4, (3, 1)), "rect:4x0.1@2,2"], 0.05
+    )
+)

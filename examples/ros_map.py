@@ -2,7 +2,8 @@
 Plan on a ROS map
 =================
 
-A ROS map is a YAML file with an image beside it. The script writes a small one; for your own map, change the name.
+A ROS map is a YAML file with an image beside it. The script writes a small one; for your own map,
+change the name.
 """
 
 import tempfile
@@ -19,7 +20,9 @@ from cspace.plot import save_plot
 # A room of 8 m by 6 m with a wall across it and unknown corners.
 
 folder = tempfile.TemporaryDirectory()
-pixels = np.full((120, 160), 254, np.uint8)  # rows from the top, 0.05 m each: 254 is free, 0 occupied, 205 unknown
+pixels = np.full(
+    (120, 160), 254, np.uint8
+)  # rows from the top, 0.05 m each: 254 is free, 0 occupied, 205 unknown
 pixels[:20, 120:] = 205
 pixels[[0, -1], :] = pixels[:, [0, -1]] = 0
 pixels[30:, 78:82] = 0

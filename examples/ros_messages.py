@@ -2,8 +2,8 @@
 From ROS messages to a plan and a costmap, without ROS
 ======================================================
 
-Any object with the fields of a message will do, so ROS is not needed. In a node, ``msg`` comes from a topic:
-``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
+Any object with the fields of a message will do, so ROS is not needed. In a node, ``msg`` comes from
+a topic: ``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
 """
 
 import matplotlib.pyplot as plt
@@ -34,7 +34,9 @@ msg.data.frombytes(cells.tobytes())
 workspace = cspace.Workspace.from_occupancy_grid(msg)
 footprint = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"
 space = cspace.build(workspace, cspace.Robot.from_footprint(footprint, padding=0.01), rotations=36)
-plan = planners.plan(space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1)
+plan = planners.plan(
+    space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1
+)
 print(plan)
 save_plot(space, "ros_messages.png", True, path=plan, rotation=0.0)
 print(len(plan.to_path().poses), "poses")  # or to_path(nav_msgs.msg.Path())
@@ -42,13 +44,17 @@ print(len(plan.to_path().poses), "poses")  # or to_path(nav_msgs.msg.Path())
 # %%
 # The costmap of that robot, in the convention of Nav2.
 
-costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
+costmap = space.to_costmap(
+    cost_scaling_factor=3.0, inflation_radius=0.8
+)  # or to_costmap(nav2_msgs.msg.Costmap())
 costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
 colors = plt.get_cmap("YlOrBr")(np.linspace(0.0, 0.8, 256))
 colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#6f5320")]
 figure, ax = plt.subplots(figsize=(7.5, 5), layout="constrained")
 (x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
-image = ax.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255)
+image = ax.imshow(
+    costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255
+)
 figure.colorbar(image, label="cost")
 special = {253: "253, in collision", 254: "254, obstacle", 255: "255, unknown"}
 handles = [Patch(color=colors[cost], label=label) for cost, label in special.items()]

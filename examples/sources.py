@@ -2,8 +2,8 @@
 Obstacles from files and arrays
 ===============================
 
-Images, game maps, point clouds and arrays: ``Workspace.open`` reads files by their suffix, and each format has its own
-method.
+Images, game maps, point clouds and arrays: ``Workspace.open`` reads files by their suffix, and each
+format has its own method.
 """
 
 import tempfile
@@ -18,8 +18,8 @@ import cspace
 folder = tempfile.TemporaryDirectory()
 here = Path(folder.name)
 
-# %%
-# An image with dark pixels as obstacles; a map in the MovingAI format; laser points with a radius; and a saved array.
+# %% An image with dark pixels as obstacles; a map in the MovingAI format; laser points with a
+# radius; and a saved array.
 
 image = Image.new("L", (160, 120), 255)
 ImageDraw.Draw(image).ellipse((40, 30, 120, 90), fill=0)
@@ -33,7 +33,9 @@ np.save(here / "cells.npy", np.indices((80, 60)).sum(axis=0) % 40 == 0)
 workspaces = [
     cspace.Workspace.from_image(here / "floor.png", spacing=0.05),
     cspace.Workspace.from_movingai(here / "arena.map", spacing=0.5),
-    cspace.Workspace.from_points(np.load(here / "scan.npy"), radius=0.1, spacing=0.05, bounds=(0, 0, 8, 6)),
+    cspace.Workspace.from_points(
+        np.load(here / "scan.npy"), radius=0.1, spacing=0.05, bounds=(0, 0, 8, 6)
+    ),
     cspace.Workspace.from_array(here / "cells.npy", spacing=0.1),
 ]
 folder.cleanup()

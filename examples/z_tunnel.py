@@ -2,8 +2,8 @@
 A cube through a winding tunnel
 ===============================
 
-Robot and obstacles are meshes. The map's own search, ``planner="Grid"``, finds the path without sampling, so a narrow
-passage takes no longer than a wide one.
+Robot and obstacles are meshes. The map's own search, ``planner="Grid"``, finds the path without
+sampling, so a narrow passage takes no longer than a wide one.
 """
 
 import trimesh

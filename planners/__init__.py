@@ -1,6 +1,7 @@
 """Planning with OMPL on certified configuration-space maps.
 
-OMPL's objects must be gone before the interpreter ends, or its bindings report leaks: create them inside functions.
+OMPL's objects must be gone before the interpreter ends, or its bindings report leaks: create them
+inside functions.
 """
 
 from importlib import import_module

@@ -19,14 +19,15 @@ from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
 _DRAWS_PER_BATCH: Final = 256
-"""Random draws per call of numpy. Single draws would spend their time in the overhead of the calls."""
+"""Random draws per call of numpy. Single draws would spend their time in the overhead of the calls.
+"""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
     """Checker of OMPL's states, valid if proven free.
 
-    A certified map, or the geometry of an arm, gives the proof. States in MIXED cells of a map are invalid, unless
-    ``exact`` is set and the geometry proves them free.
+    A certified map, or the geometry of an arm, gives the proof. States in MIXED cells of a map are
+    invalid, unless ``exact`` is set and the geometry proves them free.
 
     Parameters
     ----------
@@ -37,7 +38,9 @@ class StateValidityChecker(ob.StateValidityChecker):
         Whether the geometry itself decides states that the map does not.
     """
 
-    def __init__(self, si: ob.SpaceInformation, space: ConfigurationSpace, *, exact: bool = False) -> None:
+    def __init__(
+        self, si: ob.SpaceInformation, space: ConfigurationSpace, *, exact: bool = False
+    ) -> None:
         check_information(si, space)
         super().__init__(si)
         self._kind, self._edges = kind_of(space), local_planner(space, exact)
@@ -52,7 +55,8 @@ class StateValidityChecker(ob.StateValidityChecker):
     def clearance(self, state: ob.State) -> float:
         """Bound the clearance of a state from below, in metres.
 
-        On a map, as :meth:`cspace.CSpace.clearance`; for an arm, as :meth:`cspace.ArmSpace.obstacle_distance`.
+        On a map, as :meth:`cspace.CSpace.clearance`; for an arm, as
+        :meth:`cspace.ArmSpace.obstacle_distance`.
         """
         if self._clearance is None:
             # Distances cost a pass over the map, and few planners need them.
@@ -69,26 +73,29 @@ class StateValidityChecker(ob.StateValidityChecker):
 class MotionValidator(ob.MotionValidator):
     """Validator of OMPL's motions on a certified map.
 
-    A motion is valid if every cell that its edge touches is FREE. The test is exact at any length and does not use
-    OMPL's checking resolution. With a drive, the edge is the driven motion itself (turn, line and turn, or the curve),
-    not a chain of samples on it. OMPL now and then uses a curve that is not the shortest; such a motion is invalid.
+    A motion is valid if every cell that its edge touches is FREE. The test is exact at any length
+    and does not use OMPL's checking resolution. With a drive, the edge is the driven motion itself
+    (turn, line and turn, or the curve), not a chain of samples on it. OMPL now and then uses a
+    curve that is not the shortest; such a motion is invalid.
 
-    OMPL can also ask for the last valid state of a motion, which its Python bindings cannot return. So
-    ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states with any motion validator
-    in Python; :func:`planners.simple_setup` refuses the pair.
+    OMPL can also ask for the last valid state of a motion, which its Python bindings cannot return.
+    So ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states with
+    any motion validator in Python; :func:`planners.simple_setup` refuses the pair.
 
     Parameters
     ----------
     si : ompl.base.SpaceInformation
-        Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be freed.
+        Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be
+        freed.
     space : CSpace or ArmSpace
     exact : bool
         Whether the geometry itself decides motions that the map does not.
     drive, turning_radius
         As for :func:`planners.plan`.
     bidirectional : bool
-        Whether an edge must also be free from its end to its start. Planners that follow edges both ways (BFMT,
-        BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive backwards.
+        Whether an edge must also be free from its end to its start. Planners that follow edges both
+        ways (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive
+        backwards.
 
     Raises
     ------
@@ -99,7 +106,8 @@ class MotionValidator(ob.MotionValidator):
     --------
     >>> import numpy as np, cspace, planners
     >>> from ompl import base as ob
-    >>> space = cspace.build(cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
     >>> def is_free(space, q0, q1):  # OMPL's objects are gone when it ends
     ...     si = ob.SpaceInformation(planners.state_space(space))
     ...     si.setStateValidityChecker(planners.StateValidityChecker(si, space))
@@ -149,8 +157,8 @@ class FreeStateSampler(ob.ValidStateSampler):
     space : CSpace
         A map in memory.
     rng : numpy.random.Generator, optional
-        Source of randomness. The default is a generator seeded by OMPL's, so that ``ompl.util.RNG.setSeed`` makes the
-        draws repeatable.
+        Source of randomness. The default is a generator seeded by OMPL's, so that
+        ``ompl.util.RNG.setSeed`` makes the draws repeatable.
 
     Raises
     ------
@@ -158,7 +166,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         If ``space`` is not a map in memory, or ``rng`` is not a Generator.
     """
 
-    def __init__(self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None) -> None:
+    def __init__(
+        self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
+    ) -> None:
         check_information(si, space)
         given: object = space
         if not isinstance(given, CSpace):
@@ -187,13 +197,14 @@ class FreeStateSampler(ob.ValidStateSampler):
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
         """Set ``state`` to a FREE configuration near another.
 
-        ``distance`` holds along each axis, in metres and radians. Returns False if no draw of ``getNrAttempts`` is
-        FREE; ``state`` is then unchanged.
+        ``distance`` holds along each axis, in metres and radians. Returns False if no draw of
+        ``getNrAttempts`` is FREE; ``state`` is then unchanged.
         """
         center, dim = self._kind.read(near), len(self._box)
         rotations, numbers = self._rotations, self._numbers
         box = [
-            (max(low, x - distance), min(high, x + distance)) for (low, high), x in zip(self._box, center, strict=False)
+            (max(low, x - distance), min(high, x + distance))
+            for (low, high), x in zip(self._box, center, strict=False)
         ]
         if any(low > high for low, high in box):
             return False

@@ -1,13 +1,14 @@
 """Kernels that compute the shortest curves of cars and prove them free.
 
-A *word* is a curve of at most five segments. Each has a steering, 1 (left), -1 (right) or 0 (straight on), and a length
-in turning radii, negative in reverse. The *gap* of a word is the distance between its end and its goal, in turning
-radii and in radians. It is about 1e-15, or 1e-8 after a root near zero. Words are rows of two arrays, shapes (n, 5).
+A *word* is a curve of at most five segments. Each has a steering, 1 (left), -1 (right) or 0
+(straight on), and a length in turning radii, negative in reverse. The *gap* of a word is the
+distance between its end and its goal, in turning radii and in radians. It is about 1e-15, or 1e-8
+after a root near zero. Words are rows of two arrays, shapes (n, 5).
 
 References
 ----------
-L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957; J. A. Reeds and L. A. Shepp,
-"Optimal paths for a car that goes both forwards and backwards", 1990.
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957;
+J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", 1990.
 """
 
 from __future__ import annotations
@@ -34,19 +35,23 @@ REEDS_SHEPP = 1
 """Kind of curves that also reverse."""
 
 MAX_GAP = 1e-6
-"""Largest gap of a word that reaches its goal, in turning radii and in radians. The proof covers it."""
+"""Largest gap of a word that reaches its goal, in turning radii and in radians. The proof covers
+it."""
 
 SNAP_RADIANS = 1e-6
-"""Arcs within that many radians below 2 pi are tried as 0, because rounding turns empty arcs into loops."""
+"""Arcs within that many radians below 2 pi are tried as 0, because rounding turns empty arcs into
+loops."""
 
 TOUCH_TOLERANCE = 1e-7
-"""Largest distance, in turning radii, between the circles of two adjoining arcs, which touch but for rounding."""
+"""Largest distance, in turning radii, between the circles of two adjoining arcs, which touch but
+for rounding."""
 
 WORD_FORMS = 9
 """Number of forms of words, see :func:`_solve_form`."""
 
 MAX_WORDS = 48
-"""Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) * 4."""
+"""Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
+4."""
 
 TIE_TOLERANCE = 1e-6
 """Largest difference in length, in turning radii, between curves that count as equally short."""
@@ -63,12 +68,21 @@ MIN_PIECE_CELLS = 1.0 / 16.0
 
 @allocating
 def prove_length(
-    map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    map_: Map,
+    kind: int,
+    radius: float,
+    x0: float,
+    y0: float,
+    yaw0: float,
+    x1: float,
+    y1: float,
+    yaw1: float,
 ) -> float:
     """Return the length of the shortest curve; -1 if unproven.
 
-    The length is in metres; -1 means that the curve does not lie in FREE cells of the grid. If the lengths of several
-    curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
+    The length is in metres; -1 means that the curve does not lie in FREE cells of the grid. If the
+    lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells,
+    because the robot may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
@@ -77,14 +91,18 @@ def prove_length(
         return -1.0
     shortest = total_length(lengths[0])
     if kind == REEDS_SHEPP:
-        # OMPL may compute its curve from the other end, where rounding can prefer another of the tied curves.
-        others, _ = find_shortest_words(kind, radius, (q1, q0), TIE_TOLERANCE, steering[count:], lengths[count:])
+        # OMPL may compute its curve from the other end, where rounding can prefer another of the
+        # tied curves.
+        others, _ = find_shortest_words(
+            kind, radius, (q1, q0), TIE_TOLERANCE, steering[count:], lengths[count:]
+        )
         for row in range(count, count + others):
             for k in range(5):
                 steering[count, k], lengths[count, k] = steering[row, k], lengths[row, k]
             reverse(steering[count], lengths[count])
             count += is_new(steering, lengths, count)
-    # The driven curve stays this close to ours, however the gap spreads along it and from whichever end it starts.
+    # The driven curve stays this close to ours, however the gap spreads along it and from whichever
+    # end it starts.
     spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
     for end in (q0, q1):
         if not pose_is_free(map_, end, spare * radius, spare):
@@ -97,7 +115,11 @@ def prove_length(
 
 @allocating
 def curve_cost(
-    map_: Map, field: Values, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
+    map_: Map,
+    field: Values,
+    density: CostDensity,
+    curve: tuple[int, float],
+    both: tuple[float, ...],
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 
@@ -108,7 +130,9 @@ def curve_cost(
     pose, total = (0.0, 0.0, yaw0), 0.0
     for k in range(5):
         length = lengths[k]
-        longest = map_.spacing if steering[k] == 0 else min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
+        longest = (
+            map_.spacing if steering[k] == 0 else min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
+        )
         steps = math.ceil(radius * abs(length) / longest)
         for step in range(steps):
             u, v, yaw = advance(pose, steering[k], length * (step + 0.5) / steps)
@@ -122,19 +146,26 @@ def curve_cost(
 @kernel
 def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
     """Return True if all poses within ``distance`` and ``angle`` of another are proven free."""
-    return around_is_free(map_, position_in_plane(map_, pose[0], pose[1]), (pose[2],), distance, angle)
+    return around_is_free(
+        map_, position_in_plane(map_, pose[0], pose[1]), (pose[2],), distance, angle
+    )
 
 
 @kernel
-def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float) -> bool:
+def word_is_free(
+    map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float
+) -> bool:
     """Return True if a word lies in FREE cells.
 
-    All configurations within ``spare`` of the word, except its ends, must be FREE. A piece of length l lies within
-    l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size around the center contains
-    it. If the box is not free, the piece is halved, until its center is not free or the piece is shorter than
-    ``MIN_PIECE_CELLS``.
+    All configurations within ``spare`` of the word, except its ends, must be FREE. A piece of
+    length l lies within l / 2 of its center and turns by at most l / (2 radius) from there. So a
+    box of that size around the center contains it. If the box is not free, the piece is halved,
+    until its center is not free or the piece is shorter than ``MIN_PIECE_CELLS``.
     """
-    longest, shortest = MAX_PIECE_CELLS * map_.spacing / radius, MIN_PIECE_CELLS * map_.spacing / radius
+    longest, shortest = (
+        MAX_PIECE_CELLS * map_.spacing / radius,
+        MIN_PIECE_CELLS * map_.spacing / radius,
+    )
     pose = (0.0, 0.0, q0[2])
     for k in range(5):
         total, sign, steer = abs(lengths[k]), math.copysign(1.0, lengths[k]), steering[k]
@@ -145,7 +176,9 @@ def word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Fl
             half = 0.5 * piece
             u, v, yaw = advance(pose, steer, sign * (done + half))
             center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
-            if pose_is_free(map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare):
+            if pose_is_free(
+                map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare
+            ):
                 if last:
                     break
                 done, step = done + piece, min(2.0 * step, longest)
@@ -175,13 +208,19 @@ def reverse(steering: Ints, lengths: Floats) -> None:
 
 @allocating
 def find_shortest_words(
-    kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, steering: Ints, lengths: Floats
+    kind: int,
+    radius: float,
+    endpoints: tuple[Pose, Pose],
+    tie: float,
+    steering: Ints,
+    lengths: Floats,
 ) -> tuple[int, float]:
     """Write the shortest words between two configurations.
 
-    The shortest one comes first, then all words longer by at most ``tie``. Each form gives words by symmetry: mirrored
-    (left for right), reversed (ahead for back) and backwards (from the end to the start). Each word is driven and
-    counts only if it reaches the goal, so that no form needs a separate proof.
+    The shortest one comes first, then all words longer by at most ``tie``. Each form gives words by
+    symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end to
+    the start). Each word is driven and counts only if it reaches the goal, so that no form needs a
+    separate proof.
 
     Returns the number of words, without duplicates, and the gap of the shortest.
     """
@@ -192,7 +231,8 @@ def find_shortest_words(
     candidates = _write_candidates(kind, (x, y, phi), all_steering, all_lengths)
     best, shortest, gap = 0, math.inf, math.inf
     for row in range(candidates):
-        # Driving a word takes longer than making it, so only words shorter than the best are driven.
+        # Driving a word takes longer than making it, so only words shorter than the best are
+        # driven.
         total = total_length(all_lengths[row])
         if total < shortest:
             missed = _gap(all_steering[row], all_lengths[row], (x, y, phi))
@@ -214,7 +254,9 @@ def find_shortest_words(
 @kernel
 def total_length(lengths: Floats) -> float:
     """Return the length of a word, in turning radii."""
-    total: float = abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
+    total: float = (
+        abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
+    )
     return total
 
 
@@ -225,7 +267,11 @@ def advance(pose: Pose, turn: int, length: float) -> Pose:
     if turn == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
     after = yaw + turn * length
-    return x + turn * (math.sin(after) - math.sin(yaw)), y + turn * (math.cos(yaw) - math.cos(after)), after
+    return (
+        x + turn * (math.sin(after) - math.sin(yaw)),
+        y + turn * (math.cos(yaw) - math.cos(after)),
+        after,
+    )
 
 
 @allocating
@@ -251,7 +297,9 @@ def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
     for k in range(5):
         if lengths[k] != 0.0:
             pose = advance(pose, steering[k], lengths[k])
-    missed: float = max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2])))
+    missed: float = max(
+        math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2]))
+    )
     return missed
 
 
@@ -261,8 +309,13 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
     for row in range(count):
         difference = 0.0
         for k in range(5):
-            same = steering[row, k] == steering[count, k] or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
-            difference = max(difference, abs(lengths[row, k] - lengths[count, k]) if same else math.inf)
+            same = (
+                steering[row, k] == steering[count, k]
+                or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
+            )
+            difference = max(
+                difference, abs(lengths[row, k] - lengths[count, k]) if same else math.inf
+            )
         if difference <= 1e-12:
             return 0
     return 1
@@ -281,11 +334,16 @@ def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) ->
         c, s = math.cos(angle), math.sin(angle)
         for variant in range(2 * WORD_FORMS):
             form, second = variant // 2, variant % 2 == 1
-            if (kind == DUBINS and form > 3) or (kind != DUBINS and second and form not in (3, 6, 7)):
+            if (kind == DUBINS and form > 3) or (
+                kind != DUBINS and second and form not in (3, 6, 7)
+            ):
                 continue
-            # The second variant is driven from its end to its start; for Dubins, its arcs are not snapped to 0.
+            # The second variant is driven from its end to its start; for Dubins, its arcs are not
+            # snapped to 0.
             back = second and kind != DUBINS
-            word = _solve_form(form, u * c + v * s if back else u, u * s - v * c if back else v, angle)
+            word = _solve_form(
+                form, u * c + v * s if back else u, u * s - v * c if back else v, angle
+            )
             last = 2 if form == 3 else 3
             for k in range(5):
                 other = last - k if back and k <= last else k
@@ -315,7 +373,8 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
     if form == 0:
         return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)
-    # Center of the last circle, which turns left or right, relative to the center of the first circle.
+    # Center of the last circle, which turns left or right, relative to the center of the first
+    # circle.
     left = form in (1, 3, 6)
     xi = x - math.sin(phi) if left else x + math.sin(phi)
     eta = y - 1.0 + math.cos(phi) if left else y - 1.0 - math.cos(phi)
@@ -357,6 +416,9 @@ def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Flo
     """Return the metres of the shortest curves between rows of configurations."""
     metres = np.empty(len(starts))
     for k in range(len(starts)):
-        first, last = (starts[k, 0], starts[k, 1], starts[k, 2]), (ends[k, 0], ends[k, 1], ends[k, 2])
+        first, last = (
+            (starts[k, 0], starts[k, 1], starts[k, 2]),
+            (ends[k, 0], ends[k, 1], ends[k, 2]),
+        )
         metres[k] = radius * total_length(shortest_word(kind, radius, first, last)[1])
     return metres

@@ -41,7 +41,8 @@ MAX_CLEARANCE: Final = "MaxClearance"
 """Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_widest_path`."""
 
 LATTICE: Final = "Lattice"
-"""Name by which :func:`planners.plan` searches a lattice of headings, for drives that are not holonomic."""
+"""Name by which :func:`planners.plan` searches a lattice of headings, for drives that are not
+holonomic."""
 
 BIRRT: Final = "BiRRT"
 """Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.find_path`."""
@@ -49,51 +50,59 @@ BIRRT: Final = "BiRRT"
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Names of the searches that run without OMPL."""
 
-PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
+PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset(
+    {"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"}
+)
 """Planners that stop at the first path and minimise nothing."""
 
 THREADED_PLANNERS: Final = frozenset({"PRM", "PRMstar"})
 """Planners that look for a solution from a second thread.
 
-The second thread needs Python's lock to call a Python objective or stopping rule, while the first thread holds the lock
-and waits for it: a deadlock. So these planners are refused with such callbacks. A callback must not raise in them
-either, because an exception ends the process.
+The second thread needs Python's lock to call a Python objective or stopping rule, while the first
+thread holds the lock and waits for it: a deadlock. So these planners are refused with such
+callbacks. A callback must not raise in them either, because an exception ends the process.
 """
 
 _BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
 """Planners that also follow edges from end to start."""
 
-UNSAFE_PLANNERS: Final = {"AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"}
+UNSAFE_PLANNERS: Final = {
+    "AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"
+}
 """Planners that are not offered, with the reason.
 
-AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is farther away, AORRTC reads
-beyond the end of its list.
+AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is
+farther away, AORRTC reads beyond the end of its list.
 """
 
 PLANNERS_REFUSED_BY_DRIVE: Final = {
-    "dubins": dict.fromkeys(_BIDIRECTIONAL_PLANNERS, "also follows edges from end to start, which no such car drives")
+    "dubins": dict.fromkeys(
+        _BIDIRECTIONAL_PLANNERS, "also follows edges from end to start, which no such car drives"
+    )
 }
 """For each drive, the planners that cannot plan with it, with the reason."""
 
 BIDIRECTIONAL_BY_DRIVE: Final = {"differential": frozenset(_BIDIRECTIONAL_PLANNERS)}
 """For each drive, the planners that need edges to be free from end to start too.
 
-A robot that turns on the spot only has to turn around for the way back. The way back of a car is a loop, which is
-hardly ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
+A robot that turns on the spot only has to turn around for the way back. The way back of a car is a
+loop, which is hardly ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
 """
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
 """Initial number of samples of FMT and BFMT if edges are curves.
 
-OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000 samples took four times
-as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins curves.
+OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000
+samples took four times as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins
+curves.
 """
 
 
 def planner_names() -> tuple[PlannerName, ...]:
     """List the geometric planners of the installed OMPL.
 
-    The order is alphabetical. AORRTC is left out, because OMPL 2.0.1 ends the process on paths longer than about 90 m.
+    The order is alphabetical. AORRTC is left out, because OMPL 2.0.1 ends the process on paths
+    longer than about 90 m.
 
     Returns
     -------
@@ -112,11 +121,12 @@ def planner_names() -> tuple[PlannerName, ...]:
 def planner_named(name: PlannerName | None, drive: Drive = "holonomic") -> PlannerName:
     """Return a planner's name as OMPL spells it.
 
-    The given name may be in any case; None gives the default. Raises InputError if the name is unknown, or if the
-    planner cannot plan with the drive.
+    The given name may be in any case; None gives the default. Raises InputError if the name is
+    unknown, or if the planner cannot plan with the drive.
     """
     if name is None:
-        # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves that arrive.
+        # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs
+        # curves that arrive.
         return "RRT" if drive == "dubins" else "RRTConnect"
     known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES)}
     if not isinstance(name, str) or name.lower() not in known:
@@ -146,8 +156,8 @@ def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
 def _disable_pruning(planner: Any) -> None:
     """Switch off the pruning of BIT*.
 
-    Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes minutes, so the planner
-    would exceed its time limit.
+    Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
+    minutes, so the planner would exceed its time limit.
     """
     planner.setPruning(False)
 
@@ -155,10 +165,13 @@ def _disable_pruning(planner: Any) -> None:
 def _reduce_samples_along_curves(planner: Any) -> None:
     """Let FMT begin with fewer samples along curves.
 
-    It draws more if needed. A step of FMT measures from each neighbor to all samples, which takes tenths of a second
-    along curves.
+    It draws more if needed. A step of FMT measures from each neighbor to all samples, which takes
+    tenths of a second along curves.
     """
-    if isinstance(planner.getSpaceInformation().getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace)):
+    if isinstance(
+        planner.getSpaceInformation().getStateSpace(),
+        (ob.DubinsStateSpace, ob.ReedsSheppStateSpace),
+    ):
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
 
 

@@ -19,7 +19,8 @@ from cspace.space import CSpace
 from cspace.spectral.field import field_at
 
 Field = DistanceMap | Floats | None
-"""Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none (zero)."""
+"""Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
+(zero)."""
 
 NO_VALUES, CLEARANCES, OVERLAPS = 0, 1, 2
 """Kinds of :class:`Values`."""
@@ -39,8 +40,9 @@ class Values(NamedTuple):
 class CostDensity(NamedTuple):
     """Cost of a metre, by the value of a field.
 
-    It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as ``rotation_weight`` metres.
-    ``by_metre`` selects the mean cost of a metre, instead of the cost of the whole edge.
+    It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
+    ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of the cost
+    of the whole edge.
     """
 
     offset: float
@@ -51,7 +53,9 @@ class CostDensity(NamedTuple):
 
 
 @kernel
-def cost_at(map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers) -> float:
+def cost_at(
+    map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
+) -> float:
     """Return the cost of a metre at a configuration."""
     value = 0.0
     if values.kind == CLEARANCES:
@@ -63,14 +67,19 @@ def cost_at(map_: Map, values: Values, density: CostDensity, position: Row, rota
 
 
 @kernel
-def straight_edge_cost(map_: Map, values: Values, density: CostDensity, size: int, both: Numbers) -> float:
+def straight_edge_cost(
+    map_: Map, values: Values, density: CostDensity, size: int, both: Numbers
+) -> float:
     """Integrate the cost along a straight edge.
 
-    ``both`` are the numbers of its ends, each of length ``size``, after zeros. The midpoint rule has steps of at most
-    one cell and 5 degrees.
+    ``both`` are the numbers of its ends, each of length ``size``, after zeros. The midpoint rule
+    has steps of at most one cell and 5 degrees.
     """
     middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = position_before(map_, both, middle), rotation_before(map_.rotations.borders, both, middle)
+    p0, r0 = (
+        position_before(map_, both, middle),
+        rotation_before(map_.rotations.borders, both, middle),
+    )
     p1, r1 = position_before(map_, both, end), rotation_before(map_.rotations.borders, both, end)
     metres = math.sqrt((p1[0] - p0[0]) ** 2 + (p1[1] - p0[1]) ** 2 + (p1[2] - p0[2]) ** 2)
     angle = arc_angle_and_error(r0, r1, 0)[0]
@@ -89,7 +98,9 @@ def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callabl
     return lambda *both: cost(*padding, *both)
 
 
-def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any, count: int) -> Callable[..., float]:
+def bind_cost(
+    kernel: Any, space: CSpace, field: Field, *fixed: Any, count: int
+) -> Callable[..., float]:
     """Make a function of ``count`` numbers from ``kernel(map, values, *fixed, numbers)``.
 
     It follows changes of the map.

@@ -1,16 +1,17 @@
 """Search on a lattice of headings, for non-holonomic drives.
 
-Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells alone. There, a
-robot drives from cell to cell along its heading, and turns on the spot to the next heading. It gives the cost to the
-goal from every cell and heading. The second runs from the start and is guided by these costs. It keeps one
-configuration for each cell and heading (hybrid A*), so positions are not rounded, and the map proves each motion. From
-nodes near the goal, and from some others, one edge may lead to the goal itself. Then :func:`shorten_path` shortens the
-path.
+Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells
+alone. There, a robot drives from cell to cell along its heading, and turns on the spot to the next
+heading. It gives the cost to the goal from every cell and heading. The second runs from the start
+and is guided by these costs. It keeps one configuration for each cell and heading (hybrid A*), so
+positions are not rounded, and the map proves each motion. From nodes near the goal, and from some
+others, one edge may lead to the goal itself. Then :func:`shorten_path` shortens the path.
 
 References
 ----------
-M. Pivtoraiko and A. Kelly, "Efficient constrained path planning via search in state lattices", 2005; D. Dolgov,
-S. Thrun, M. Montemerlo and J. Diebel, "Practical search techniques in path planning for autonomous driving", 2008.
+M. Pivtoraiko and A. Kelly, "Efficient constrained path planning via search in state
+lattices", 2005; D. Dolgov, S. Thrun, M. Montemerlo and J. Diebel, "Practical search techniques in
+path planning for autonomous driving", 2008.
 """
 
 from __future__ import annotations
@@ -38,19 +39,23 @@ MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
 
 CAR_HEADINGS: Final = (24, 48, 96)
-"""Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to the next."""
+"""Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
+the next."""
 
 MAX_NODES: Final = (100_000, 200_000, 800_000)
-"""Number of nodes after which the search on each lattice ends; a car then tries the next finer lattice."""
+"""Number of nodes after which the search on each lattice ends; a car then tries the next finer
+lattice."""
 
 CAR_GREED: Final = 1.5
 """Weight of the remaining cost for cars; above 1, paths are found sooner but may be longer."""
 
 UNREACHED_CELLS: Final = 400.0
-"""Cells added to the cost of the start, as the estimated cost of states that the first search did not reach."""
+"""Cells added to the cost of the start, as the estimated cost of states that the first search did
+not reach."""
 
 MARGIN_CELLS: Final = (0.0, 40.0)
-"""Cells of cost by which the first search goes on past the start: for robots that turn on the spot, and for cars."""
+"""Cells of cost by which the first search goes on past the start: for robots that turn on the spot,
+and for cars."""
 
 INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of the first search can hold at first; the length doubles as needed."""
@@ -77,7 +82,8 @@ NODES_PER_CLOCK_CHECK: Final = 2**12
 """Nodes expanded between two checks of the time limit."""
 
 KNOWN_TOLERANCE: Final = 0.01
-"""Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path."""
+"""Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
+"""
 
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
@@ -125,7 +131,9 @@ class Ground(NamedTuple):
     steps: Ints  # (h, 2), the cells along x and y of a drive
     drive_costs: Floats  # (h,)
     turn_costs: Floats  # (h,), of the turn to the next heading
-    reverse_cost: float  # factor of the cost of a drive in reverse; infinite if the robot does not reverse
+    reverse_cost: (
+        float  # factor of the cost of a drive in reverse; infinite if the robot does not reverse
+    )
 
 
 class Guide(NamedTuple):
@@ -142,8 +150,8 @@ class Guide(NamedTuple):
 class Nodes(NamedTuple):
     """Configurations reached, and their queue.
 
-    ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is closed when it was
-    expanded, or when a cheaper path into its cell and heading replaced it.
+    ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is
+    closed when it was expanded, or when a cheaper path into its cell and heading replaced it.
     """
 
     progress: Progress
@@ -154,11 +162,14 @@ class Nodes(NamedTuple):
     counts: Ints  # (2,), numbers of nodes and of expanded nodes
 
 
-def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float) -> tuple[Floats, str]:
+def find_lattice_path(
+    edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float
+) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
 
-    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search finds no path, n
-    is 0. The note names a lattice that has no path, or what ended the search before its time.
+    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
+    search finds no path, n is 0. The note names a lattice that has no path, or what ended the
+    search before its time.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     if edges.edge_checker()(*start, *goal):
@@ -170,7 +181,11 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = _car_motions(edges, start, level, guide) if is_car else _spot_motions(edges, endpoints)
+            motions = (
+                _car_motions(edges, start, level, guide)
+                if is_car
+                else _spot_motions(edges, endpoints)
+            )
             path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
             if len(path):
                 break
@@ -186,9 +201,9 @@ def find_lattice_path(edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, s
 def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     """List the headings of a lattice, and the drive along each.
 
-    These are the directions from a cell to others near it, and the yaws of start and goal, at which a drive is only
-    about that long. Returns yaws, ascending, shape (h,); numbers of cells along x and y, shape (h, 2); and whether
-    only start or goal has the yaw.
+    These are the directions from a cell to others near it, and the yaws of start and goal, at which
+    a drive is only about that long. Returns yaws, ascending, shape (h,); numbers of cells along x
+    and y, shape (h, 2); and whether only start or goal has the yaw.
     """
     reach = range(-MAX_STEP_CELLS, MAX_STEP_CELLS + 1)
     steps = np.array([step for step in itertools.product(reach, repeat=2) if math.gcd(*step) == 1])
@@ -202,7 +217,9 @@ def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
 
 
 def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
-    """Compute the cost to the goal from cells and headings; also return whether the start is reached.
+    """Compute the cost to the goal from cells and headings.
+
+    Also return whether the start is reached.
 
     The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
     """
@@ -210,7 +227,10 @@ def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tup
     yaws, steps, _ = _list_drives(endpoints)
     free = np.stack([np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS) for yaw in yaws])
     shape = free.shape[1:]
-    cells = [(int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS)) for q in endpoints]
+    cells = [
+        (int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS))
+        for q in endpoints
+    ]
     start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in cells)
     metres_per_radian = edges.turning_radius or METRES_PER_RADIAN
     reverse_cost = math.inf
@@ -229,15 +249,25 @@ def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tup
     turns_to_start = metres_per_radian / grid.spacing * np.abs(wrapped(yaws - endpoints[0][2]))
     estimate = Estimate(1.0, to_start[None], turns_to_start)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
-    progress.previous[goal], progress.queue[0], progress.keys[0], progress.length[0] = goal + 1, goal, 0.0, 1
+    progress.previous[goal], progress.queue[0], progress.keys[0], progress.length[0] = (
+        goal + 1,
+        goal,
+        0.0,
+        1,
+    )
     while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
         check_deadline(until)
         if progress.length[0] + MAX_SPREAD >= len(progress.queue):
             keys, queue = (np.concatenate([part, np.empty_like(part)]) for part in progress[3:5])
             progress = progress._replace(keys=keys, queue=queue)
     reaches_start = bool(progress.previous[start])
-    # On the spot, the guide reaches all states that may lie on the path; cars may pass between them.
-    unreached = math.inf if reaches_start and not is_car else (progress.cost[start] + UNREACHED_CELLS) * grid.spacing
+    # On the spot, the guide reaches all states that may lie on the path; cars may pass between
+    # them.
+    unreached = (
+        math.inf
+        if reaches_start and not is_car
+        else (progress.cost[start] + UNREACHED_CELLS) * grid.spacing
+    )
     costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
     goal_pose = cast(Pose, endpoints[1])
     return Guide(goal_pose, yaws, costs, reached, grid.spacing, float(unreached)), reaches_start
@@ -251,10 +281,13 @@ def _free_cells(edges: EdgesOnMap, yaw: float) -> Bools:
 def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
     """Return from which cells a drive to the cell ``(dx, dy)`` further is free.
 
-    The drive leads from center to center. Cells are closed: a segment through a corner touches all four cells.
+    The drive leads from center to center. Cells are closed: a segment through a corner touches all
+    four cells.
     """
     passable: Bools = free
-    for i, j in itertools.product(range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)):
+    for i, j in itertools.product(
+        range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
+    ):
         if 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy):
             passable = passable & np.roll(free, (-i, -j), axis=(0, 1))
     return passable
@@ -263,8 +296,8 @@ def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
 def _can_turn(edges: EdgesOnMap, free: Bools, yaws: Floats, k: int) -> Bools:
     """Return at which cells the robot may turn from heading k to the next.
 
-    A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn on the spot, so all
-    rotation cells between must be FREE.
+    A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn
+    on the spot, so all rotation cells between must be FREE.
     """
     can_turn: Bools = free[k] & free[(k + 1) % len(yaws)]
     if edges.turning_radius is None:
@@ -296,8 +329,8 @@ def _reverses(edges: EdgesOnMap) -> bool:
 def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
-    These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are those of drives from
-    one cell to another, and the yaws of start and goal.
+    These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
+    those of drives from one cell to another, and the yaws of start and goal.
     """
     spacing, count = edges.space.grid.spacing, 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
@@ -307,7 +340,9 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     turns = np.zeros_like(ahead)
     next_heading = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0]) % len(yaws)
     offsets = np.stack([turns, turns, ahead, -ahead], axis=1)
-    costs = METRES_PER_RADIAN * np.abs(wrapped(yaws[next_heading] - yaws[:, None])) + np.linalg.norm(offsets, axis=2)
+    costs = METRES_PER_RADIAN * np.abs(
+        wrapped(yaws[next_heading] - yaws[:, None])
+    ) + np.linalg.norm(offsets, axis=2)
     return Motions(
         headings=yaws,
         nearest=np.arange(len(yaws)),
@@ -326,14 +361,14 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
 def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
-    These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is an index into
-    :data:`CAR_HEADINGS`; the first heading is the start's.
+    These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is
+    an index into :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.space.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
-    # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one configuration often replaces
-    # another that alone leads into a tight slot.
+    # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
+    # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
     moves = 3 + 3 * _reverses(edges)
@@ -341,10 +376,15 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
     signs = np.array([1, 1, 1, -1, -1, -1])[:moves]
     metres = signs * np.where(steering, arc * radius, straight)
     next_heading = (np.arange(count)[:, None] + steering * signs) % count
-    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b). A right arc has -r.
+    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b).
+    # A right arc has -r.
     before, after, signed_radius = yaws[:, None], yaws[next_heading], steering * radius
-    x = np.where(steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before))
-    y = np.where(steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before))
+    x = np.where(
+        steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before)
+    )
+    y = np.where(
+        steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before)
+    )
     costs = np.tile(np.abs(metres) * np.where(signs < 0, REVERSE_WEIGHT, 1.0), (count, 1))
     words = np.zeros((2, moves, 5))
     words[0, :, 0], words[1, :, 0] = steering, metres / radius
@@ -364,7 +404,12 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
 
 
 def _search(
-    edges: EdgesOnMap, motions: Motions, guide: Guide, endpoints: Endpoints, max_nodes: int, until: float
+    edges: EdgesOnMap,
+    motions: Motions,
+    guide: Guide,
+    endpoints: Endpoints,
+    max_nodes: int,
+    until: float,
 ) -> tuple[Floats, str]:
     """Search from the start for a path to the goal, shape (n, 3).
 
@@ -448,10 +493,13 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
     return next((each for each in paths if edges.are_free(each)), path)
 
 
-def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float) -> Floats:
+def _skip_waypoints(
+    edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float
+) -> Floats:
     """Return the shortest path by free edges between waypoints, found by dynamic programming.
 
-    Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to the path.
+    Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to
+    the path.
     """
     previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
     apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
@@ -472,7 +520,9 @@ def _skip_waypoints(edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool
 
 
 @kernel
-def spread_costs(ground: Ground, estimate: Estimate, progress: Progress, start: int, margin: float) -> bool:
+def spread_costs(
+    ground: Ground, estimate: Estimate, progress: Progress, start: int, margin: float
+) -> bool:
     """Expand states from the goal; return True when done.
 
     Return False after many states, or if the queue is nearly full; the next call goes on.
@@ -499,21 +549,30 @@ def spread_costs(ground: Ground, estimate: Estimate, progress: Progress, start: 
             reach_cell(estimate, progress, state, after, 0, i, j, ground.turn_costs[heading])
         if ground.can_turn[before, i, j]:
             reach_cell(estimate, progress, state, before, 0, i, j, ground.turn_costs[before])
-        # The search runs backwards: the robot drives ahead from the cell behind to this one, or back to it.
-        dx, dy, length = ground.steps[heading, 0], ground.steps[heading, 1], ground.drive_costs[heading]
+        # The search runs backwards: the robot drives ahead from the cell behind to this one, or
+        # back to it.
+        dx, dy, length = (
+            ground.steps[heading, 0],
+            ground.steps[heading, 1],
+            ground.drive_costs[heading],
+        )
         if ground.can_drive[heading, i - dx, j - dy]:
             reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, length)
         if moves == 4 and ground.can_drive[heading, i, j]:
-            reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, length * ground.reverse_cost)
+            reach_cell(
+                estimate, progress, state, heading, 0, i + dx, j + dy, length * ground.reverse_cost
+            )
     return False
 
 
 @kernel
-def expand_nodes(map_: Map, motions: Motions, radius: float | None, guide: Guide, nodes: Nodes, max_nodes: int) -> int:
+def expand_nodes(
+    map_: Map, motions: Motions, radius: float | None, guide: Guide, nodes: Nodes, max_nodes: int
+) -> int:
     """Expand nodes until one may see the goal, and return it.
 
-    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at `max_nodes`; the next call
-    goes on.
+    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at
+    `max_nodes`; the next call goes on.
     """
     progress, poses, goal = nodes.progress, nodes.poses, guide.goal
     for _ in range(NODES_PER_CLOCK_CHECK):
@@ -533,10 +592,19 @@ def expand_nodes(map_: Map, motions: Motions, radius: float | None, guide: Guide
             total = cost + motions.costs[heading, move]
             if motions.lengths[last, 0] * motions.lengths[move, 0] < 0.0:
                 total += motions.switch_cost
-            next_x, next_y = x + motions.offsets[heading, move, 0], y + motions.offsets[heading, move, 1]
+            next_x, next_y = (
+                x + motions.offsets[heading, move, 0],
+                y + motions.offsets[heading, move, 1],
+            )
             if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
-                next_x, next_y = goal[0], goal[1]  # else rounding would give the last edge a heading
-            if map_.lower[1] <= next_x <= map_.upper[1] and map_.lower[2] <= next_y <= map_.upper[2]:
+                next_x, next_y = (
+                    goal[0],
+                    goal[1],
+                )  # else rounding would give the last edge a heading
+            if (
+                map_.lower[1] <= next_x <= map_.upper[1]
+                and map_.lower[2] <= next_y <= map_.upper[2]
+            ):
                 q = (next_x, next_y, motions.headings[after])
                 add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
@@ -560,8 +628,8 @@ def add_node(
 ) -> None:
     """Add a configuration if its motion is proven free.
 
-    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if its cell and
-    heading have a node that is hardly dearer than ``cost``.
+    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
+    its cell and heading have a node that is hardly dearer than ``cost``.
     """
     progress, side = nodes.progress, motions.side
     i, j = math.floor((q[0] - map_.lower[1]) / side), math.floor((q[1] - map_.lower[2]) / side)

@@ -1,12 +1,12 @@
 """Local planners: edges between two configurations, by the robot's drive.
 
-A holonomic robot follows the straight edge. A differential drive turns on the spot, drives straight on and turns again.
-A car follows a curve.
+A holonomic robot follows the straight edge. A differential drive turns on the spot, drives straight
+on and turns again. A car follows a curve.
 
 References
 ----------
-L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957; J. A. Reeds and L. A. Shepp,
-"Optimal paths for a car that goes both forwards and backwards", 1990.
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957;
+J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", 1990.
 """
 
 from __future__ import annotations
@@ -31,12 +31,26 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.engines.slices import narrower_rotations
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.callbacks import bind_kernel
-from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
+from cspace.rotations.base import (
+    ANGLE_SLACK,
+    METRES_PER_RADIAN,
+    TWO_PI,
+    angle_axes,
+    shorter,
+    warn_of_degrees,
+    wrapped,
+)
 from cspace.space import CSpace
 from cspace.words import Drive
 from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
 from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
-from planners.states import Configuration, check_space, format_configuration, kind_of, with_wrapped_angles
+from planners.states import (
+    Configuration,
+    check_space,
+    format_configuration,
+    kind_of,
+    with_wrapped_angles,
+)
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
@@ -85,16 +99,17 @@ JOINT_CHECKING_STEP: Final = 0.01
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
-Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii. With a radius a
-hundred times smaller, rounding would decide the direction of a turn.
+Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
+With a radius a hundred times smaller, rounding would decide the direction of a turn.
 """
 
 
 class Pieces(NamedTuple):
     """Short pieces of a path.
 
-    ``centers``, shape (n, size), are the configurations halfway along each piece. ``lengths`` and ``rotations``, shape
-    (n,), are the translation, metres, and the rotation, radians, along each piece.
+    ``centers``, shape (n, size), are the configurations halfway along each piece. ``lengths`` and
+    ``rotations``, shape (n,), are the translation, metres, and the rotation, radians, along each
+    piece.
     """
 
     centers: Floats
@@ -111,16 +126,17 @@ class LocalPlanner(ABC):
     Attributes
     ----------
     space : CSpace, TiledCSpace or ArmSpace
-        Space whose cells or geometry prove edges. Subclasses narrow its type. On a :class:`cspace.TiledCSpace` only the
-        methods that :func:`planners.plan` calls before and after its search work; the search runs on parts in memory.
+        Space whose cells or geometry prove edges. Subclasses narrow its type. On a
+        :class:`cspace.TiledCSpace` only the methods that :func:`planners.plan` calls before and
+        after its search work; the search runs on parts in memory.
     exact : bool
         Whether the geometry itself decides edges that a map does not.
     drive : Drive
     turning_radius : float or None
         Turning radius of curves, metres.
     bidirectional : bool
-        Whether an edge that OMPL checks must also be free from its end to its start. The two differ if the robot does
-        not reverse.
+        Whether an edge that OMPL checks must also be free from its end to its start. The two differ
+        if the robot does not reverse.
     """
 
     space: ConfigurationSpace
@@ -179,7 +195,11 @@ class LocalPlanner(ABC):
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""
         check = kind_of(self.space).of_states(self.edge_checker())
-        return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
+        return (
+            (lambda first, second: check(first, second) and check(second, first))
+            if self.bidirectional
+            else check
+        )
 
     def edges_are_free(self, path: Floats) -> Bools:
         """Return whether each edge is proven free, shape (n - 1,).
@@ -219,7 +239,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return :attr:`planners.Plan.length` and :attr:`planners.Plan.total_rotation` of a path."""
+        """Return ``length`` and ``total_rotation`` of a path, as :class:`planners.Plan` has."""
 
     @abstractmethod
     def min_length(self, first: Floats, last: Floats) -> float:
@@ -234,16 +254,20 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def obstacle_distance(self, path: Floats) -> float:
-        """Bound the obstacle distance along a path from below, as :attr:`planners.Plan.obstacle_distance`."""
+        """Bound the obstacle distance along a path from below.
 
-    # ---- before and after a search -----------------------------------------------------------------------------------
+        See :attr:`planners.Plan.obstacle_distance`.
+        """
+
+    # ---- before and after a search ---------------------------------------------------------------
 
     @abstractmethod
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal in canonical form, as OMPL holds it.
 
-        Yaws are wrapped, quaternions have norm 1, and joints lie within limits. Raises ConfigurationError if no motion
-        from it can be proven free, and InputError if it is no configuration.
+        Yaws are wrapped, quaternions have norm 1, and joints lie within limits. Raises
+        ConfigurationError if no motion from it can be proven free, and InputError if it is no
+        configuration.
         """
 
     def find_goals(
@@ -251,8 +275,8 @@ class LocalPlanner(ABC):
     ) -> list[tuple[Configuration, ArrayLike]]:
         """Return the checked goals that a path may end at, nearest first.
 
-        Each comes with the goal as given. Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the
-        poses given, or collides there.
+        Each comes with the goal as given. Raises errors as :meth:`check_endpoint`; also if an arm
+        reaches none of the poses given, or collides there.
         """
         if isinstance(goal, PoseGoal):
             rule, hint = "a map has no frames", "pass a configuration"
@@ -365,19 +389,28 @@ class EdgesOnMap(LocalPlanner):
         """Bound the lengths of all free paths from below."""
         space, dim = self.space, self.space.grid.dim
         steps = space.rotations.steps_between(first, last)
-        metres = space.min_path_length(first, last) if self.in_memory else float(np.linalg.norm(steps[:dim]))
-        return (1.0 - LENGTH_ROUNDING_SHARE) * (metres + self.rotation_weight * float(np.linalg.norm(steps[dim:])))
+        metres = (
+            space.min_path_length(first, last)
+            if self.in_memory
+            else float(np.linalg.norm(steps[:dim]))
+        )
+        return (1.0 - LENGTH_ROUNDING_SHARE) * (
+            metres + self.rotation_weight * float(np.linalg.norm(steps[dim:]))
+        )
 
     def clearance(self, path: Floats) -> float:
         """Bound the clearance along a path from below, metres.
 
-        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece lie within half its
-        length of its center, and clearance changes by at most the length moved. So the clearance at the center minus
-        half the length bounds the piece, in each rotation cell within half the piece's rotation.
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
         """
         space, dim = self.space, self.space.grid.dim
         pieces = self.split_path(path, 0.5 * space.grid.spacing, MAX_RADIANS_PER_ROW)
-        rows, cells = space.rotations.find_cells_within(pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK)
+        rows, cells = space.rotations.find_cells_within(
+            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        )
         q = pieces.centers[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is constant in a rotation cell
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))
@@ -385,9 +418,10 @@ class EdgesOnMap(LocalPlanner):
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below, metres.
 
-        Returns NaN if the map has no geometry, or is tiled. Each edge is split into pieces on which no point of the
-        robot moves by more than half a cell. Each point stays within a quarter of a cell of its position at the piece's
-        center. The distance there minus that much bounds the piece.
+        Returns NaN if the map has no geometry, or is tiled. Each edge is split into pieces on which
+        no point of the robot moves by more than half a cell. Each point stays within a quarter of a
+        cell of its position at the piece's center. The distance there minus that much bounds the
+        piece.
         """
         if not self.in_memory:
             return math.nan
@@ -402,25 +436,33 @@ class EdgesOnMap(LocalPlanner):
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal in canonical form.
 
-        Raises ConfigurationError unless the configuration lies in the grid and a motion that stays there is proven
-        free; the error names the nearest FREE configuration.
+        Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
+        there is proven free; the error names the nearest FREE configuration.
         """
         space = self.space
         given = self._check_size(q, name)
         point: Configuration = tuple(space.rotations.make_canonical(given, name).tolist())
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
-        inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
+        inside = all(
+            low <= x <= high
+            for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False)
+        )
         if inside and self.straight_checker()(*point, *point):
             return point
         raise self._make_endpoint_error(point, name, inside)
 
-    def _make_endpoint_error(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
+    def _make_endpoint_error(
+        self, point: Configuration, name: str, inside: bool
+    ) -> ConfigurationError:
         """Make the error for a refused start or goal."""
         space = self.space
         state = space.classify(point)
         if not inside:
             box = f"from {_format_corner(space.grid.lower)} to {_format_corner(space.grid.upper)}"
-            problem, rule = f"lies outside the map, which reaches {box}", "a path stays within the map"
+            problem, rule = (
+                f"lies outside the map, which reaches {box}",
+                "a path stays within the map",
+            )
         elif self.exact and state != BLOCKED:
             problem = "is in collision or too close to decide"
             rule = f"the {name} must be proven collision-free, by the map or by the geometry"
@@ -429,10 +471,14 @@ class EdgesOnMap(LocalPlanner):
             rule = f"the {name} must be FREE, that is proven collision-free"
         else:
             problem = "is FREE but lies on the border of a cell that is not"
-            rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside a FREE cell"
+            rule = (
+                f"a motion from or to it would touch that cell too, so the {name} must lie inside "
+                "a FREE cell"
+            )
         hints = []
         if self.in_memory and state == MIXED and not self.exact:
-            # Within one of these rotation cells, no point of the robot moves farther than half a cell.
+            # Within one of these rotation cells, no point of the robot moves farther than half a
+            # cell.
             narrower = narrower_rotations(space.robot, space.rotations, 0.5 * space.grid.spacing)
             hints += [f"build the map with {text}" for text, _ in list(narrower)[-1:]]
         nearest: Configuration | None = None
@@ -445,7 +491,9 @@ class EdgesOnMap(LocalPlanner):
             hints.append(f"the map has no FREE configuration {where}")
             hints += ["use a smaller robot, margin or spacing"] * no_hint
         problem = f"{format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, "; ".join(hints), value=point, nearest=nearest)
+        return ConfigurationError(
+            name, problem, rule, "; ".join(hints), value=point, nearest=nearest
+        )
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -455,12 +503,13 @@ class EdgesOnMap(LocalPlanner):
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no proven edges can join start and goal.
 
-        Unless the geometry decides, an edge of any drive is proven only if every closed cell that it touches is FREE.
-        The cells of the grid that contain a point of the edge form a block in position and rotation, so they are joined
-        through sides. Along the edge, the cells change only at points that lie in both the old and the new cells. So
-        all cells of a path, start and goal included, belong to one component of FREE cells, and ``exists`` is True. No
-        path leaves the grid, even if the outside is free. Start and goal lie in the grid, straight edges between such
-        points stay there, and curves that leave it are not proven.
+        Unless the geometry decides, an edge of any drive is proven only if every closed cell that
+        it touches is FREE. The cells of the grid that contain a point of the edge form a block in
+        position and rotation, so they are joined through sides. Along the edge, the cells change
+        only at points that lie in both the old and the new cells. So all cells of a path, start and
+        goal included, belong to one component of FREE cells, and ``exists`` is True. No path leaves
+        the grid, even if the outside is free. Start and goal lie in the grid, straight edges
+        between such points stay there, and curves that leave it are not proven.
         """
         return exists is not False if self.exact else exists is True
 
@@ -492,14 +541,18 @@ class StraightEdges(EdgesOnMap):
             return Pieces(path, np.zeros(1), np.zeros(1))
         steps, lengths, rotations, counts = self._count_pieces(path, step, rotation)
         edge, index = _index_pieces(counts)
-        centers = self.space.rotations.add_steps(path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge])
+        centers = self.space.rotations.add_steps(
+            path[:-1][edge], ((index + 0.5) / counts[edge])[:, None] * steps[edge]
+        )
         return Pieces(centers, (lengths / counts)[edge], (rotations / counts)[edge])
 
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         """Add rows to a path, at most 5 degrees of rotation apart."""
         if len(path) < 2:
             return path, None
-        steps, _, radians, counts = self._count_pieces(path, self.space.grid.spacing, MAX_RADIANS_PER_ROW)
+        steps, _, radians, counts = self._count_pieces(
+            path, self.space.grid.spacing, MAX_RADIANS_PER_ROW
+        )
         if not radians.any():
             return path, None
         counts = np.where(radians > 0.0, counts, 1)
@@ -509,10 +562,14 @@ class StraightEdges(EdgesOnMap):
         rows[index == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
-    def _count_pieces(self, path: Floats, step: float, rotation: float) -> tuple[Floats, Floats, Floats, Ints]:
+    def _count_pieces(
+        self, path: Floats, step: float, rotation: float
+    ) -> tuple[Floats, Floats, Floats, Ints]:
         """Return each edge's displacement, metres, radians and number of pieces."""
         steps, metres, radians = self._displacements(path[:-1], path[1:])
-        counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(np.int64)
+        counts = np.maximum(np.ceil(np.maximum(metres / step, radians / rotation)), 1.0).astype(
+            np.int64
+        )
         return steps, metres, radians, counts
 
     def _displacements(self, starts: Floats, ends: Floats) -> tuple[Floats, Floats, Floats]:
@@ -524,17 +581,20 @@ class StraightEdges(EdgesOnMap):
 class TurnDriveTurn(StraightEdges):
     """Edges of a differential drive: turn, drive straight, turn.
 
-    It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it drives backwards when
-    that takes less rotation. Each of the three parts is proven as a straight edge; :meth:`breakpoints` gives their
-    endpoints.
+    It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
+    drives backwards when that takes less rotation. Each of the three parts is proven as a straight
+    edge; :meth:`breakpoints` gives their endpoints.
 
-    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its interpolation stays
-    within 1e-8 of the map's side of the line, and its distance counts metres alone.
+    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its
+    interpolation stays within 1e-8 of the map's side of the line, and its distance counts metres
+    alone.
     """
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of curves with a tiny turning radius."""
-        return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape))
+        return _CURVE_SPACES[self.drive](
+            PIVOT_RADIUS_PER_SIDE * self.space.grid.spacing * max(self.space.grid.shape)
+        )
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
@@ -542,9 +602,14 @@ class TurnDriveTurn(StraightEdges):
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
             yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            # The drive between the turns comes first: it is the longest part and the likeliest to meet an obstacle.
+            # The drive between the turns comes first: it is the longest part and the likeliest to
+            # meet an obstacle.
             between = is_free(x0, y0, yaw, x1, y1, yaw)
-            return between and is_free(x0, y0, yaw0, x0, y0, yaw) and is_free(x1, y1, yaw, x1, y1, yaw1)
+            return (
+                between
+                and is_free(x0, y0, yaw0, x0, y0, yaw)
+                and is_free(x1, y1, yaw, x1, y1, yaw1)
+            )
 
         return check
 
@@ -561,12 +626,17 @@ class TurnDriveTurn(StraightEdges):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
-        yaws = [self.heading(*first, *last) for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
+        yaws = [
+            self.heading(*first, *last)
+            for first, last in zip(starts.tolist(), ends.tolist(), strict=True)
+        ]
         radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
         metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
         return metres + self.rotation_weight * radians
 
-    def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
+    def heading(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> float:
         """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
@@ -574,7 +644,11 @@ class TurnDriveTurn(StraightEdges):
         if self.drive == "differential":
             return ahead
         back = _wrap_yaw(ahead + math.pi)
-        return min(ahead, back, key=lambda yaw: abs(_shorter_angle(yaw0, yaw)) + abs(_shorter_angle(yaw, yaw1)))
+        return min(
+            ahead,
+            back,
+            key=lambda yaw: abs(_shorter_angle(yaw0, yaw)) + abs(_shorter_angle(yaw, yaw1)),
+        )
 
     def are_free(self, path: Floats) -> bool:
         """Return True if every edge is proven free."""
@@ -586,7 +660,9 @@ class TurnDriveTurn(StraightEdges):
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
             yaw = self.heading(*first, *last)
-            waypoints += [[*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]]
+            waypoints += [
+                [*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]
+            ]
             waypoints.append(last)
         return np.array(waypoints).reshape(-1, 3)
 
@@ -608,7 +684,9 @@ class TurnDriveTurn(StraightEdges):
         rows, _ = super().resample(self.breakpoints(path))
         ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
-        return rows, np.concatenate([signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs])
+        return rows, np.concatenate(
+            [signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs]
+        )
 
 
 class JointMotions(LocalPlanner):
@@ -678,15 +756,17 @@ class JointMotions(LocalPlanner):
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """Limits of the joints, at most two revolutions to each side."""
-        # A joint may have no limits and still not be periodic: if another follows it by half, it repeats after two
-        # revolutions.
-        return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
+        # A joint may have no limits and still not be periodic: if another follows it by half, it
+        # repeats after two revolutions.
+        return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(
+            self.space.arm.upper, 2.0 * TWO_PI
+        )
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """Return a start or goal with joints clamped and angles wrapped.
 
-        Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if it is no
-        configuration.
+        Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
+        it is no configuration.
         """
         space = self.space
         given = self._check_size(q, name)
@@ -719,12 +799,21 @@ class JointMotions(LocalPlanner):
         if not goals and len(alternatives) == 1:
             raise errors[0]
         if not goals:
-            problem, rule = f"has {len(alternatives)} alternatives, none of them proven free", "a path must end in FREE"
-            raise ConfigurationError("goal", problem, rule, str(errors[0]), value=goal, nearest=errors[0].nearest)
-        lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array([checked for checked, _ in goals]))
+            problem, rule = (
+                f"has {len(alternatives)} alternatives, none of them proven free",
+                "a path must end in FREE",
+            )
+            raise ConfigurationError(
+                "goal", problem, rule, str(errors[0]), value=goal, nearest=errors[0].nearest
+            )
+        lengths = self.edge_lengths(
+            np.array(start)[np.newaxis], np.array([checked for checked, _ in goals])
+        )
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
-    def _solve_pose(self, goal: PoseGoal, name: str, start: Configuration, seed: int | None) -> list[Configuration]:
+    def _solve_pose(
+        self, goal: PoseGoal, name: str, start: Configuration, seed: int | None
+    ) -> list[Configuration]:
         """Return the proven free configurations found at a pose."""
         space, contacts = self.space, Counter[tuple[str, str]]()
         points = space.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
@@ -738,9 +827,14 @@ class JointMotions(LocalPlanner):
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
         )
-        hint = f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
+        hint = (
+            f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})] if they may "
+            "touch"
+        )
         nearest = tuple(points[0].tolist())
-        raise ConfigurationError(name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest)
+        raise ConfigurationError(
+            name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest
+        )
 
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         """Name the joints that :meth:`check_endpoint` moves onto their limits."""
@@ -754,9 +848,10 @@ class JointMotions(LocalPlanner):
 class CarCurves(EdgesOnMap):
     """Edges along the shortest curve of a car.
 
-    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into pieces. All cells
-    that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A curve that leaves the grid is not
-    proven. If several curves are equally short, OMPL may drive any of these, so all are proven.
+    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
+    pieces. All cells that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A
+    curve that leaves the grid is not proven. If several curves are equally short, OMPL may drive
+    any of these, so all are proven.
     """
 
     rotation_weight = 0.0
@@ -815,11 +910,15 @@ class CarCurves(EdgesOnMap):
         space, margin = cast("TiledCSpace", self.space), 2.0 * self.space.grid.spacing
         centers = self.split_path(edge, space.grid.spacing, MAX_RADIANS_PER_ROW).centers
         positions = np.concatenate([edge, centers])[:, :2]
-        return replace(self, space=space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin))
+        return replace(
+            self, space=space.window(positions.min(axis=0) - margin, positions.max(axis=0) + margin)
+        )
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        return curve_lengths(self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends))
+        return curve_lengths(
+            self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends)
+        )
 
     def metres(self, first: Floats, last: Floats) -> float:
         """Return the metres of the shortest curve between two configurations."""
@@ -829,7 +928,9 @@ class CarCurves(EdgesOnMap):
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
-        curves = [self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)]
+        curves = [
+            self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)
+        ]
         centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
         return Pieces(centers, lengths, np.abs(rotations))
 
@@ -840,13 +941,17 @@ class CarCurves(EdgesOnMap):
         """
         rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
         for a, b in itertools.pairwise(path):
-            points, _, _, ahead = self.split_curve(a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0)
+            points, _, _, ahead = self.split_curve(
+                a, b, self.space.grid.spacing, MAX_RADIANS_PER_ROW, 1.0
+            )
             points[:, 2] = wrapped(points[:, 2])
             points[-1] = b
             rows.append(points)
             signs.append(ahead)
         direction = np.concatenate(signs)
-        return np.concatenate(rows), np.concatenate([direction[:1], direction]) if len(path) > 1 else direction
+        return np.concatenate(rows), np.concatenate([direction[:1], direction]) if len(
+            path
+        ) > 1 else direction
 
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
         """Return configurations along a curve, shape (n, 3).
@@ -871,7 +976,9 @@ class CarCurves(EdgesOnMap):
 
         Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
         """
-        steering, lengths, _ = shortest_word(self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist()))
+        steering, lengths, _ = shortest_word(
+            self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist())
+        )
         return steering, lengths
 
     def split_curve(
@@ -879,20 +986,27 @@ class CarCurves(EdgesOnMap):
     ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns these configurations,
-        metres, signed radians, and 1 ahead or -1 in reverse. Segments that are only rounding errors are left out, but a
-        curve has at least one piece.
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns these
+        configurations, metres, signed radians, and 1 ahead or -1 in reverse. Segments that are only
+        rounding errors are left out, but a curve has at least one piece.
         """
         steering, lengths = self._word(first, last)
         metres = self.radius * np.abs(lengths)
         longest = np.where(steering != 0.0, min(step, rotation * self.radius), step)
-        counts = np.where(metres > 1e-9 * self.radius, np.maximum(np.ceil(metres / longest), 1.0), 0.0).astype(np.int64)
+        counts = np.where(
+            metres > 1e-9 * self.radius, np.maximum(np.ceil(metres / longest), 1.0), 0.0
+        ).astype(np.int64)
         counts[np.argmax(metres)] += not counts.any()
         segment, index = _index_pieces(counts)
         each = (metres / np.maximum(counts, 1))[segment]
         position = (np.cumsum(metres) - metres)[segment] + (index + share) * each
         signs = np.where(lengths < 0.0, -1, 1).astype(np.int8)[segment]
-        return self.points(first, last, position), each, steering[segment] * signs * each / self.radius, signs
+        return (
+            self.points(first, last, position),
+            each,
+            steering[segment] * signs * each / self.radius,
+            signs,
+        )
 
 
 def local_planner(
@@ -904,8 +1018,9 @@ def local_planner(
 ) -> LocalPlanner:
     """Make the local planner of a space from :class:`LocalPlanner` options.
 
-    Raises InputError if ``space`` is no map or arm's space; the drive is unknown, or given for a space without the axes
-    x, y, yaw; the turning radius is missing, given without a curve, or out of range; or ``exact`` is set for curves.
+    Raises InputError if ``space`` is no map or arm's space; the drive is unknown, or given for a
+    space without the axes x, y, yaw; the turning radius is missing, given without a curve, or out
+    of range; or ``exact`` is set for curves.
     """
     check_space(space)
     check_flag(exact, "exact")
@@ -929,7 +1044,9 @@ def map_in_memory(space: object, needed_by: str) -> CSpace:
     if isinstance(space, CSpace):
         return space
     hint = "use a part of it: space.window(lower, upper)"
-    raise ConfigurationError(needed_by, "needs a map in memory", "this one stays in its folder", hint)
+    raise ConfigurationError(
+        needed_by, "needs a map in memory", "this one stays in its folder", hint
+    )
 
 
 def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
@@ -942,22 +1059,29 @@ def _list_alternatives(goal: GoalLike) -> list[PoseGoal | ArrayLike]:
     return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
-def check_drive(axes: tuple[str, ...], drive: Drive, turning_radius: float | None, exact: bool = False) -> float | None:
+def check_drive(
+    axes: tuple[str, ...], drive: Drive, turning_radius: float | None, exact: bool = False
+) -> float | None:
     """Check a drive and return its turning radius, metres, or None.
 
-    Drives without curves have no radius. Raises InputError as :func:`local_planner`, which also compares the radius
-    with the map's spacing.
+    Drives without curves have no radius. Raises InputError as :func:`local_planner`, which also
+    compares the radius with the map's spacing.
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and axes != CAR_AXES:
-        problem, rule = f"is {drive!r} and the axes are ({', '.join(axes)})", "it is for the axes (x, y, yaw)"
+        problem, rule = (
+            f"is {drive!r} and the axes are ({', '.join(axes)})",
+            "it is for the axes (x, y, yaw)",
+        )
         hint = "build a map of a plane with rotations=72, or leave drive out"
         raise InputError("drive", problem, rule, hint, value=drive)
     if drive not in CURVES:
         if turning_radius is not None:
             problem = f"is {turning_radius!r} and drive is {drive!r}"
             hint = "add drive='dubins' or drive='reeds-shepp', or leave the radius out"
-            raise InputError("turning_radius", problem, "a radius is for curves", hint, value=turning_radius)
+            raise InputError(
+                "turning_radius", problem, "a radius is for curves", hint, value=turning_radius
+            )
         return None
     if turning_radius is None:
         rule = f"drive={drive!r} needs the radius of its tightest curve"

@@ -29,13 +29,14 @@ DEFAULT_WEIGHT: Final = 10.0
 class WeightedLength(ob.OptimizationObjective):
     """Length with a cost of each metre.
 
-    A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a configuration is
-    ``offset + slope * value``, for the value of a field. The integral uses the midpoint rule in steps of at most one
-    cell and 5 degrees. The cost is never below the length, which OMPL may use as a bound. A radian of rotation counts
-    as half a metre, as in OMPL's SE(2) and SE(3); along curves it counts nothing.
+    A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a
+    configuration is ``offset + slope * value``, for the value of a field. The integral uses the
+    midpoint rule in steps of at most one cell and 5 degrees. The cost is never below the length,
+    which OMPL may use as a bound. A radian of rotation counts as half a metre, as in OMPL's SE(2)
+    and SE(3); along curves it counts nothing.
 
-    OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a second thread and
-    deadlock, so :func:`planners.plan` refuses them.
+    OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a
+    second thread and deadlock, so :func:`planners.plan` refuses them.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ class WeightedLength(ob.OptimizationObjective):
         From a :func:`planners.state_space`.
     space : CSpace
     field : DistanceMap or ndarray of float64, optional
-        Source of the value. The distances of the map give the clearance; an array has the shape of the map's states.
-        The default is the plain length.
+        Source of the value. The distances of the map give the clearance; an array has the shape of
+        the map's states. The default is the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -58,7 +59,8 @@ class WeightedLength(ob.OptimizationObjective):
         If ``weight`` is negative or not finite; and as :func:`planners.state_space`.
     """
 
-    # A StateCostIntegralObjective would do the integral, but the bindings never call its Python subclasses.
+    # A StateCostIntegralObjective would do the integral, but the bindings never call its Python
+    # subclasses.
 
     def __init__(
         self,
@@ -76,9 +78,14 @@ class WeightedLength(ob.OptimizationObjective):
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
         edges = edges_on_map(space, drive, turning_radius)
-        self._field, self._density = field, CostDensity(offset, slope, weight, edges.rotation_weight)
+        self._field, self._density = (
+            field,
+            CostDensity(offset, slope, weight, edges.rotation_weight),
+        )
         self._kind, self._space, dim, size = kind_of(space), space, space.grid.dim, space.size
-        self._line = self._kind.of_states(lambda *ends: math.dist(ends[:dim], ends[size : size + dim]))
+        self._line = self._kind.of_states(
+            lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
+        )
         self._cost = self._integrate = self._kind.of_states(edges.edge_cost(field, self._density))
 
     @property
@@ -112,16 +119,17 @@ class WeightedLength(ob.OptimizationObjective):
 class ClearanceObjective(WeightedLength):
     """Length whose metres cost more near obstacles.
 
-    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``. The clearance is the
-    distance, in the translation alone, to the nearest configuration that is not FREE.
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``.
+    The clearance is the distance, in the translation alone, to the nearest configuration that is
+    not FREE.
 
     Parameters
     ----------
     si, space, weight, drive, turning_radius
         As for :class:`WeightedLength`; the penalty is one at clearance zero.
     clearance_threshold : float, optional
-        Clearance, in metres, above which a path costs its length. The default is the longest side of the robot's
-        bounding box.
+        Clearance, in metres, above which a path costs its length. The default is the longest side
+        of the robot's bounding box.
 
     Raises
     ------
@@ -159,9 +167,9 @@ class ClearanceObjective(WeightedLength):
 class OverlapObjective(WeightedLength):
     """Length whose metres cost more at larger overlap.
 
-    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs
-    ``1 + weight * (c / saturation)**2``. The overlap is the field's, between balls of robot and obstacles. Grown balls
-    overlap before the shapes touch.
+    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1
+    + weight * (c / saturation)**2``. The overlap is the field's, between balls of robot and
+    obstacles. Grown balls overlap before the shapes touch.
 
     Parameters
     ----------
@@ -175,7 +183,8 @@ class OverlapObjective(WeightedLength):
     Raises
     ------
     InputError
-        If ``field`` is no field of this map, or ``saturation`` is not above zero; and as :class:`WeightedLength`.
+        If ``field`` is no field of this map, or ``saturation`` is not above zero; and as
+        :class:`WeightedLength`.
     """
 
     def __init__(
@@ -196,7 +205,13 @@ class OverlapObjective(WeightedLength):
         else:
             saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
-            si, space, field.cells, slope=1.0 / saturation, weight=weight, drive=drive, turning_radius=turning_radius
+            si,
+            space,
+            field.cells,
+            slope=1.0 / saturation,
+            weight=weight,
+            drive=drive,
+            turning_radius=turning_radius,
         )
 
 
@@ -206,11 +221,13 @@ def default_clearance_threshold(space: CSpace) -> float:
     return max(float((upper - lower).max()), space.grid.spacing)
 
 
-def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float) -> Floats:
+def find_clear_path(
+    edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float
+) -> Floats:
     """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
-    Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not ``straight``, these are the
-    centers of a chain of cells.
+    Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
+    ``straight``, these are the centers of a chain of cells.
     """
     space, threshold = edges.space, default_clearance_threshold(edges.space)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
@@ -219,11 +236,15 @@ def find_clear_path(edges: EdgesOnMap, endpoints: Endpoints, straight: bool, sec
         shortfall = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * shortfall * shortfall)
 
-    search = partial(space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._distances, density))
+    search = partial(
+        space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._distances, density)
+    )
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
-def edges_on_map(space: ConfigurationSpace, drive: Drive, turning_radius: float | None) -> EdgesOnMap:
+def edges_on_map(
+    space: ConfigurationSpace, drive: Drive, turning_radius: float | None
+) -> EdgesOnMap:
     """Return the local planner of a map.
 
     Raises InputError for an arm, and as :func:`planners.state_space`.
@@ -231,7 +252,13 @@ def edges_on_map(space: ConfigurationSpace, drive: Drive, turning_radius: float 
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
         hint = "use the length, or a function that returns an objective"
-        raise InputError("objective", f"is for maps, and space is {space!r}", "it weighs cells", hint, value=space)
+        raise InputError(
+            "objective",
+            f"is for maps, and space is {space!r}",
+            "it weighs cells",
+            hint,
+            value=space,
+        )
     return edges
 
 
@@ -248,5 +275,8 @@ def _check_field(space: CSpace, field: object) -> None:
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
     """Return the largest overlap in a FREE cell; 1 if none."""
     parts = zip(field.cells, space.slice_rotations, strict=True)
-    largest = max(float(values[space.states_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
+    largest = max(
+        float(values[space.states_at(rotation) == FREE].max(initial=0.0))
+        for values, rotation in parts
+    )
     return largest if largest > 0.0 else 1.0

@@ -125,7 +125,9 @@ def choices(space: ConfigurationSpace) -> Choices:
         searches.append(MAX_CLEARANCE)
     if is_car:
         searches.append(LATTICE)
-    return Choices((*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
+    return Choices(
+        (*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ()
+    )
 
 
 def plan(
@@ -145,97 +147,112 @@ def plan(
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
-    Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways, unless ``drive``
-    restricts it. "differential" is for robots that turn on the spot and drive straight on, as most mobile robots do.
+    Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways,
+    unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
+    straight on, as most mobile robots do.
 
-    No search of OMPL is run if the map proves that no path exists. Nor is one run if the objective is the length and
-    the single edge from start to goal is free. OMPL's messages are held back while it runs.
+    No search of OMPL is run if the map proves that no path exists. Nor is one run if the objective
+    is the length and the single edge from start to goal is free. OMPL's messages are held back
+    while it runs.
 
-    *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map also computes
-    components and compiles functions; these times are not limited, see :attr:`Plan.times`.
+    *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map
+    also computes components and compiles functions; these times are not limited, see
+    :attr:`Plan.times`.
 
-    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends soon if no chain of
-    FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
-    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
+    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
+    soon if no chain of FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If
+    a drive that is not holonomic finds no path, :attr:`Plan.status` names the yaws that are proven
+    free at start and goal, unless all are.
 
-    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
-    part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
-    holonomic, "Grid" takes over in tiles where the planner finds no path. Straight paths are then shortened as a whole.
-    Objectives and drives apply tile by tile; ``exact`` needs a map in memory.
+    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
+    middle of the FREE part of each common face. Only tiles on the way are opened, and the time
+    limit holds for each tile. If the drive is holonomic, "Grid" takes over in tiles where the
+    planner finds no path. Straight paths are then shortened as a whole. Objectives and drives apply
+    tile by tile; ``exact`` needs a map in memory.
 
-    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous joints
-    the shorter way. The geometry itself proves every edge, so ``exact`` changes nothing. Angles of continuous joints in
-    the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance" and
-    "clearance" are for maps.
+    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in
+    step, continuous joints the shorter way. The geometry itself proves every edge, so ``exact``
+    changes nothing. Angles of continuous joints in the path are not wrapped, so that straight
+    motions join its rows. Drives, "Grid", "MaxClearance" and "clearance" are for maps.
 
-    *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if FREE cells join
-    start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane no path through FREE cells is
-    shorter, in other spaces few are. Unless ``exact``, "Lattice" plans for other drives. OMPL's default planner takes
-    over if "Grid" has no path after half the time limit, or "Lattice" has none.
+    *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
+    FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane
+    no path through FREE cells is shorter, in other spaces few are. Unless ``exact``, "Lattice"
+    plans for other drives. OMPL's default planner takes over if "Grid" has no path after half the
+    time limit, or "Lattice" has none.
 
-    *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator, from which every
-    planner and sampler made afterwards draws its own seed, and the random starts of poses. So the same call with the
-    same seed gives the same path, in any process and after any other plans. Searches that the
-    clock ends are an exception: give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar,
-    which search in a second thread, and OMPL used by other threads at the same time.
+    *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator,
+    from which every planner and sampler made afterwards draws its own seed, and the random starts
+    of poses. So the same call with the same seed gives the same path, in any process and after any
+    other plans. Searches that the clock ends are an exception: give ``iterations`` to planners that
+    use up the time limit. So are PRM and PRMstar, which search in a second thread, and OMPL used by
+    other threads at the same time.
 
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (size,)
-        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
-        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped. The goal of an arm may
-        also be a :class:`cspace.PoseGoal`, or several goals: configurations, shape (n, size), or a list with pose
-        goals. Goals that are not proven free are dropped, and the path ends at one of the others, :attr:`Plan.goal`.
-        BFMT, PRM and PRMstar take one configuration. A pose becomes the free ones of at most 128
-        configurations of :meth:`cspace.Arm.inverse`. These are not all configurations at the pose, so "no path found"
-        proves nothing.
+        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
+        ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
+        radians, wrapped. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
+        goals: configurations, shape (n, size), or a list with pose goals. Goals that are not proven
+        free are dropped, and the path ends at one of the others, :attr:`Plan.goal`. BFMT, PRM and
+        PRMstar take one configuration. A pose becomes the free ones of at most 128 configurations
+        of :meth:`cspace.Arm.inverse`. These are not all configurations at the pose, so "no path
+        found" proves nothing.
     planner : str, optional
-        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search;
-        type checkers know the names as OMPL spells them. The default is "Grid" or "Lattice" as said above, otherwise
-        RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
+        built-in search; type checkers know the names as OMPL spells them. The default is "Grid" or
+        "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
 
-        - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE cells join start and
-          goal; deterministic.
-        - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
-          shortest; deterministic unless the time limit ends it; not for tiled maps.
-        - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others (2008); deterministic.
-        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code. It goes on to
-          shorten its path while that gains 1 %, at most until the time limit; not with ``simplify=False``.
+        - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE
+          cells join start and goal; deterministic.
+        - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and
+          of these the shortest; deterministic unless the time limit ends it; not for tiled maps.
+        - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others
+          (2008); deterministic.
+        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled
+          code. It goes on to shorten its path while that gains 1 %, at most until the time limit;
+          not with ``simplify=False``.
 
-        BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar improve their path until the time limit. RRTConnect
-        often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal. Planners that
-        also follow edges backwards are refused for Dubins curves; for "differential" their edges must be free both
-        ways.
+        BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar improve their path until the time
+        limit. RRTConnect often fails for Dubins curves, because its tree at the goal grows by
+        curves that leave the goal. Planners that also follow edges backwards are refused for Dubins
+        curves; for "differential" their edges must be free both ways.
     time_limit : float
         Seconds after which the search ends. Simplification then has another 0.1 s.
     iterations : int, optional
-        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner. For
-        BiRRT, the largest number of further searches for a shorter path. Not for PRM, PRMstar and the built-in searches
-        of maps.
+        Largest number of checks of OMPL's termination condition, about one for each iteration of
+        the planner. For BiRRT, the largest number of further searches for a shorter path. Not for
+        PRM, PRMstar and the built-in searches of maps.
     simplify : bool
-        Whether to shorten the path. The result replaces the path only if it is certified and no worse by the objective.
+        Whether to shorten the path. The result replaces the path only if it is certified and no
+        worse by the objective.
     seed : int, optional
         From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
     objective : {"length", "clearance"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
         by "Grid" if no planner is named; the robot must then be holonomic. A callable takes the
-        space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda si:
-        planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as half a metre, except
-        along curves; see :attr:`Plan.total_rotation`.
+        space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda
+        si: planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as
+        half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
-        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar. FMT and BFMT take them
-        with a time limit of many seconds, because they compute the cost between all pairs of near samples. Each of
-        these must beat the path that RRTConnect finds first. Other planners are refused.
+        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar.
+        FMT and BFMT take them with a time limit of many seconds, because they compute the cost
+        between all pairs of near samples. Each of these must beat the path that RRTConnect finds
+        first. Other planners are refused.
     exact : bool
-        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages little wider than the
-        robot; slower. "Grid" tests the centers of MIXED cells on its way. Not for curves.
+        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
+        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way. Not
+        for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
-        (x, y, yaw), with the reference point in the middle of the axle that does not steer.
+        Motion of the robot along an edge, which is proven along that motion. All but the first are
+        for maps of (x, y, yaw), with the reference point in the middle of the axle that does not
+        steer.
 
         - "holonomic": straight, turning evenly the shorter way.
-        - "differential": it turns on the spot, drives straight ahead along its x axis, and turns again.
+        - "differential": it turns on the spot, drives straight ahead along its x axis, and turns
+          again.
         - "differential-reverse": also backwards, when that takes less rotation.
         - "dubins", "reeds-shepp": the shortest curve of a car, forwards only, or also in reverse.
     turning_radius : float, optional
@@ -248,19 +265,22 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the geometry either).
-        Also if it lies on the border of a cell that is not FREE. The message names the nearest FREE configuration,
-        which is also the error's ``nearest``. Also if no configuration found for a pose is within its tolerance, or if
-        all of these collide. If none is within it, the message says how far the nearest pose reached is.
+        If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the
+        geometry either). Also if it lies on the border of a cell that is not FREE. The message
+        names the nearest FREE configuration, which is also the error's ``nearest``. Also if no
+        configuration found for a pose is within its tolerance, or if all of these collide. If none
+        is within it, the message says how far the nearest pose reached is.
     InputError
-        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown. Also if the
-        space, planner, objective, drive and other options do not go together. Also if the space is so small that OMPL
-        takes steps in it for zero, and a planner of OMPL is named.
+        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is
+        unknown. Also if the space, planner, objective, drive and other options do not go together.
+        Also if the space is so small that OMPL takes steps in it for zero, and a planner of OMPL is
+        named.
 
     Warns
     -----
     AngleWarning
-        If the yaw of start or goal, or the angle of a continuous joint, is beyond 2 pi, as degrees are.
+        If the yaw of start or goal, or the angle of a continuous joint, is beyond 2 pi, as degrees
+        are.
 
     Examples
     --------
@@ -292,7 +312,8 @@ def plan(
     )
     edges = task.edges
     prove = cache(lambda: edges.prove_existence(task.endpoints))
-    # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or are known.
+    # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or
+    # are known.
     searches_first = task.search.planner == GRID and edges.has_cheap_search
     may_exist = searches_first or edges.may_join(prove())
     subproblems = edges.space._tile_subproblems(*task.endpoints[:2]) if may_exist else []
@@ -351,14 +372,21 @@ def _check_arguments(
     return task
 
 
-def _choose_planner(edges: LocalPlanner, objective: str | MakeObjective, search: Search) -> PlannerName:
+def _choose_planner(
+    edges: LocalPlanner, objective: str | MakeObjective, search: Search
+) -> PlannerName:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
     """
     if callable(objective):
-        rule, hint = "the default planners minimise the length", "name a planner that optimises: planner='RRTstar'"
-        raise InputError("objective", "is a function and no planner is named", rule, hint, value=objective)
+        rule, hint = (
+            "the default planners minimise the length",
+            "name a planner that optimises: planner='RRTstar'",
+        )
+        raise InputError(
+            "objective", "is a function and no planner is named", rule, hint, value=objective
+        )
     if not edges.has_cells:
         return BIRRT
     if objective == CLEARANCE:
@@ -372,13 +400,26 @@ def _check_built_in_search(task: _Task) -> None:
     """Raise InputError if a built-in search does not support the task."""
     edges, name = task.edges, task.search.planner
     if (name == BIRRT) == edges.has_cells:
-        rule, hint = f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps", "leave planner out"
-        raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
+        rule, hint = (
+            f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps",
+            "leave planner out",
+        )
+        raise InputError(
+            "planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name
+        )
     if name == LATTICE and edges.drive == HOLONOMIC:
-        problem, rule = f"is {name!r} and drive is {edges.drive!r}", f"{name} is for all other drives"
-        raise InputError("planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name)
+        problem, rule = (
+            f"is {name!r} and drive is {edges.drive!r}",
+            f"{name} is for all other drives",
+        )
+        raise InputError(
+            "planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name
+        )
     if name == MAX_CLEARANCE and not edges.in_memory:
-        rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
+        rule, hint = (
+            "it needs a map in memory",
+            "choose another, or plan on space.window(lower, upper)",
+        )
         raise InputError("planner", f"is {name!r} and the map is tiled", rule, hint, value=name)
     keeps_away = name == GRID and task.objective == CLEARANCE
     needs_free_cells = keeps_away or name in (MAX_CLEARANCE, LATTICE)
@@ -386,16 +427,34 @@ def _check_built_in_search(task: _Task) -> None:
     has_drive = edges.drive != HOLONOMIC
     minimised = "length or clearance" if name == GRID else "the length"
     refused = (
-        ("objective", task.objective, task.objective != LENGTH and not keeps_away, f"minimises {minimised}"),
-        ("exact", True, edges.exact and not has_drive and needs_free_cells, f"uses FREE cells{why}"),
+        (
+            "objective",
+            task.objective,
+            task.objective != LENGTH and not keeps_away,
+            f"minimises {minimised}",
+        ),
+        (
+            "exact",
+            True,
+            edges.exact and not has_drive and needs_free_cells,
+            f"uses FREE cells{why}",
+        ),
         ("drive", edges.drive, has_drive and name != LATTICE, "is for holonomic robots"),
-        ("iterations", task.search.iterations, task.search.iterations is not None and name != BIRRT, "counts none"),
+        (
+            "iterations",
+            task.search.iterations,
+            task.search.iterations is not None and name != BIRRT,
+            "counts none",
+        ),
     )
     for option, value, is_refused, rule in refused:
         if is_refused:
             chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
             other = planner_named(None, edges.drive) if task.objective == LENGTH else "RRTstar"
-            problem, hint = f"is {value!r} and planner is {name!r}{chosen}", f"use planner={other!r}"
+            problem, hint = (
+                f"is {value!r} and planner is {name!r}{chosen}",
+                f"use planner={other!r}",
+            )
             hint = f"leave {option} out, or {hint}"
             raise InputError(option, problem, f"{name} {rule}", hint, value=value)
 
@@ -407,12 +466,21 @@ def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
     count = check_count(value, "iterations", 1, 2**62)
     if planner in THREADED_PLANNERS:
         problem, rule = f"is {count} and planner is {planner!r}", f"{planner} {NO_SECOND_THREAD}"
-        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
+        raise InputError(
+            "iterations",
+            problem,
+            rule,
+            "leave iterations out or choose another planner",
+            value=count,
+        )
     return count
 
 
 def _make_objective(
-    space: ConfigurationSpace, objective: str | MakeObjective, planner: PlannerName, edges: LocalPlanner
+    space: ConfigurationSpace,
+    objective: str | MakeObjective,
+    planner: PlannerName,
+    edges: LocalPlanner,
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
     drive, radius = edges.drive, edges.turning_radius
@@ -422,7 +490,9 @@ def _make_objective(
         return partial(WeightedLength, space=edges_on_map(space, drive, radius).space, drive=drive)
     if objective == CLEARANCE:
         cells = edges_on_map(space, drive, radius).space
-        make: MakeObjective = partial(ClearanceObjective, space=cells, drive=drive, turning_radius=radius)
+        make: MakeObjective = partial(
+            ClearanceObjective, space=cells, drive=drive, turning_radius=radius
+        )
     elif callable(objective):
         make = objective
     else:
@@ -432,7 +502,10 @@ def _make_objective(
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         without = planner in PLANNERS_WITHOUT_OBJECTIVE
         rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
-        problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        problem, hint = (
+            f"is {objective!r} and planner is {planner!r}",
+            "choose one that optimises: planner='RRTstar'",
+        )
         raise InputError("objective", problem, rule, hint, value=objective)
     return make
 
@@ -454,8 +527,16 @@ def _search_tile_by_tile(
         if is_tiled and edges.drive == HOLONOMIC and search.planner not in BUILT_IN_SEARCHES:
             search = replace(search, fallback=GRID)
         result = _search(search, part, endpoints, task.time_limit, may_exist)
-        planning, simplification = planning + result.planning, simplification + result.simplification
-        result = replace(result, path=edges.wrap_yaws(result.path), planning=planning, simplification=simplification)
+        planning, simplification = (
+            planning + result.planning,
+            simplification + result.simplification,
+        )
+        result = replace(
+            result,
+            path=edges.wrap_yaws(result.path),
+            planning=planning,
+            simplification=simplification,
+        )
         waypoints = edges.breakpoints(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
@@ -467,14 +548,16 @@ def _search_tile_by_tile(
     began = clock()
     if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
         path = _skip_waypoints(edges.space, path)
-    return SearchResult(path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True)
+    return SearchResult(
+        path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True
+    )
 
 
 def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
     """Skip waypoints, shape (n, size), by free edges.
 
-    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are proven in one batch,
-    because a single look-up in tiles takes as long.
+    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
+    proven in one batch, because a single look-up in tiles takes as long.
     """
     kept = [0]
     while kept[-1] < len(path) - 1:
@@ -486,7 +569,11 @@ def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
 
 
 def _search(
-    search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float, may_exist: Callable[[], bool]
+    search: Search,
+    edges: LocalPlanner,
+    endpoints: Endpoints,
+    limit: float,
+    may_exist: Callable[[], bool],
 ) -> SearchResult:
     """Search for a path in a space in memory."""
     if endpoints[0] in endpoints[1:]:
@@ -498,28 +585,44 @@ def _search(
     left = limit if search.fallback == GRID else limit - result.planning
     if len(result.path) or search.fallback is None or left <= 0.0 or not may_exist():
         return result
-    other = _search(replace(search, planner=search.fallback, fallback=None), edges, endpoints, left, may_exist)
-    note = f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
-    return replace(other, note=note, planning=result.planning + other.planning, lattice=result.lattice)
+    other = _search(
+        replace(search, planner=search.fallback, fallback=None), edges, endpoints, left, may_exist
+    )
+    note = (
+        f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
+    )
+    return replace(
+        other, note=note, planning=result.planning + other.planning, lattice=result.lattice
+    )
 
 
-def _search_built_in(search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float) -> SearchResult:
+def _search_built_in(
+    search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float
+) -> SearchResult:
     """Run a built-in search; "Grid" leaves time for a fallback."""
-    # A search from the start to itself fills the caches of the map, which the time limit leaves out.
+    # A search from the start to itself fills the caches of the map, which the time limit leaves
+    # out.
     _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
     seconds = limit
     if search.fallback is not None and search.planner == GRID:
         seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
     path, proof = _find_path(search, edges, endpoints, seconds)
-    is_by_length = search.planner == LATTICE or (search.planner == GRID and search.objective is None)
-    return SearchResult(path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof)
+    is_by_length = search.planner == LATTICE or (
+        search.planner == GRID and search.objective is None
+    )
+    return SearchResult(
+        path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof
+    )
 
 
-def _find_path(search: Search, edges: LocalPlanner, endpoints: Endpoints, seconds: float) -> tuple[Floats, str]:
+def _find_path(
+    search: Search, edges: LocalPlanner, endpoints: Endpoints, seconds: float
+) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
-    Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice proves, in words.
+    Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice
+    proves, in words.
     """
     straight = search.simplify
     if search.planner == BIRRT:
@@ -546,7 +649,11 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
         return "no path exists: proven", ""
     existence, limits = "unknown whether one exists", []
     if edges.has_cells:
-        sideways = "a path exists" if edges.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
+        sideways = (
+            "a path exists"
+            if edges.drive == HOLONOMIC
+            else "one exists for a robot that also moves sideways"
+        )
         existence = sideways if exists else "undecided whether one exists"
     if edges.drive != HOLONOMIC:
         limits = _describe_free_yaws(cast(EdgesOnMap, edges), task.endpoints)
@@ -555,7 +662,10 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
     if not edges.may_join(exists):
         return f"{NO_CHAIN}; {existence}", hint
-    failure = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
+    failure = (
+        f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} "
+        f"s{result.where}"
+    )
     if is_late:
         failure = f"no path found within {task.time_limit:g} s{result.where}"
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
@@ -589,7 +699,11 @@ def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
         return [*resolve, *[more] * needs_more, *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
-    given = {"exact=True": edges.exact, "objective": task.objective != LENGTH, "iterations": task.search.iterations}
+    given = {
+        "exact=True": edges.exact,
+        "objective": task.objective != LENGTH,
+        "iterations": task.search.iterations,
+    }
     unsupported = " and ".join(option for option, is_given in given.items() if is_given)
     by_grid = f"planner='Grid'{f' without {unsupported}' if unsupported else ''}, which finds one"
     return [*[by_grid] * task.is_named, more]
@@ -608,7 +722,10 @@ def _has_mixed_between(edges: EdgesOnMap, endpoints: Endpoints) -> bool:
     )
     columns, rows = np.ogrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
     centers = grid.center_of(np.stack(np.broadcast_arrays(columns, rows), axis=-1))
-    return any(np.any(edges.space.classify(np.insert(centers, 2, q[2], axis=-1)) == MIXED) for q in endpoints)
+    return any(
+        np.any(edges.space.classify(np.insert(centers, 2, q[2], axis=-1)) == MIXED)
+        for q in endpoints
+    )
 
 
 def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
@@ -628,22 +745,34 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
         last, first = int(np.argmin(free)) - 1, -int(np.argmin(free[::-1]))
         low = q[2] - (q[2] - bounds[first, 0]) % TWO_PI
         high = q[2] + (bounds[last, 1] - q[2]) % TWO_PI
-        text = f"at the {name} only yaws {math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+        text = (
+            f"at the {name} only yaws {math.ceil(1e3 * low) / 1e3:g} to "
+            f"{math.floor(1e3 * high) / 1e3:g} rad"
+        )
         too_few = ", too few to turn around" * (edges.drive in ON_THE_SPOT)
         limits.append(f"{text} are proven free{too_few}")
     return limits
 
 
-def _make_plan(task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float) -> Plan:
+def _make_plan(
+    task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float
+) -> Plan:
     """Make the plan of a search, and measure its path.
 
-    ``given`` is the start as the user gave it; ``began`` is a reading of ``time.perf_counter`` before all checks.
+    ``given`` is the start as the user gave it; ``began`` is a reading of ``time.perf_counter``
+    before all checks.
     """
     searched = time.perf_counter()
     status, hint = _describe_outcome(task, result, exists)
-    reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints) if len(result.path) else 0
+    reached = (
+        kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
+        if len(result.path)
+        else 0
+    )
     ends = zip((given, task.given_goals[max(reached, 1) - 1]), ("start", "goal"), strict=True)
-    status = "; ".join(filter(None, (status, *(task.edges.explain_clamping(*each) for each in ends))))
+    status = "; ".join(
+        filter(None, (status, *(task.edges.explain_clamping(*each) for each in ends)))
+    )
     edges, search = task.edges, task.search
     waypoints = edges.breakpoints(result.path)
     solved = len(waypoints) > 0

@@ -36,14 +36,15 @@ if TYPE_CHECKING:
 class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
-    The time limit applies to planning and simplification. The first plan on a map also computes the caches that all
-    later plans use, such as components and, for "MaxClearance", the clearance of every cell. That takes seconds on a
-    map of 10^8 cells.
+    The time limit applies to planning and simplification. The first plan on a map also computes the
+    caches that all later plans use, such as components and, for "MaxClearance", the clearance of
+    every cell. That takes seconds on a map of 10^8 cells.
 
     Attributes
     ----------
     setup : float
-        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and compilation.
+        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and
+        compilation.
     planning : float
         The search.
     simplification : float
@@ -67,15 +68,18 @@ class Plan:
     Attributes
     ----------
     path : ndarray of float64, shape (n, size), read-only
-        Configurations from start to goal, in metres; shape (0, size) if not solved. If the robot turns on the way, rows
-        are added on the edges between waypoints, at most a cell and 5 degrees apart, so that the path can be driven and
-        drawn. Yaw is in radians, in [-pi, pi): it jumps by 2 pi when it passes pi.
+        Configurations from start to goal, in metres; shape (0, size) if not solved. If the robot
+        turns on the way, rows are added on the edges between waypoints, at most a cell and 5
+        degrees apart, so that the path can be driven and drawn. Yaw is in radians, in [-pi, pi): it
+        jumps by 2 pi when it passes pi.
     waypoints : ndarray of float64, shape (m, size), read-only
-        Rows of the path that edges join. For a differential drive, they include the rows at which it begins to turn or
-        to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves both waypoints and path.
+        Rows of the path that edges join. For a differential drive, they include the rows at which
+        it begins to turn or to drive: straight edges join them, so that
+        :meth:`cspace.CSpace.certify_path` proves both waypoints and path.
     start, goal : ndarray of float64, shape (size,), read-only
-        Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1, the joints of an arm
-        within their limits. Among several goals, the goal that the path reaches, or if not solved the nearest.
+        Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1,
+        the joints of an arm within their limits. Among several goals, the goal that the path
+        reaches, or if not solved the nearest.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -83,27 +87,30 @@ class Plan:
     length_unit : str
         Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some joints slide.
     distance_unit : str
-        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit of the joints.
+        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit
+        of the joints.
     direction : ndarray of int8, shape (n,), read-only, or None
-        Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on the spot. The first
-        row repeats the second. None for a holonomic robot.
+        Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
+        the spot. The first row repeats the second. None for a holonomic robot.
     solved : bool
         Whether the path reaches the goal. Approximate solutions of OMPL are discarded.
     certified : bool
-        Whether every edge between the waypoints was proven free **when it was planned**, by the map, or with ``exact``
-        by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It does
-        not change when obstacles change: :meth:`recheck` proves the edges now.
+        Whether every edge between the waypoints was proven free **when it was planned**, by the
+        map, or with ``exact`` by the map and the geometry, checked again after OMPL was done;
+        curves are proven along the real curve. It does not change when obstacles change:
+        :meth:`recheck` proves the edges now.
     status : str
-        The result in a line: a path, or whether one is proven to exist. For an arm, also how far the start or goal was
-        moved onto limits that it exceeded.
+        The result in a line: a path, or whether one is proven to exist. For an arm, also how far
+        the start or goal was moved onto limits that it exceeded.
     hint : str
         Advice if the search found no path though one may exist; otherwise empty.
     length : float
-        Metres that the reference point moves, along curves too; turning on the spot counts nothing. For an arm, the
-        length in its joints, in which a radian counts as a metre. NaN if not solved.
+        Metres that the reference point moves, along curves too; turning on the spot counts nothing.
+        For an arm, the length in its joints, in which a radian counts as a metre. NaN if not
+        solved.
     total_rotation : float
-        Radians that the robot turns along the path. Planners minimise the length plus half a metre for each radian, but
-        along curves the length alone. Zero for an arm, NaN if not solved.
+        Radians that the robot turns along the path. Planners minimise the length plus half a metre
+        for each radian, but along curves the length alone. Zero for an arm, NaN if not solved.
     is_connected : bool
         Whether the map proves that a path from start to goal exists for a holonomic robot.
     is_disconnected : bool
@@ -124,8 +131,9 @@ class Plan:
         Time limit of the search, seconds.
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
-        The map that it was planned on; None after pickling or copying, which drop the map and keep the present values
-        of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and :attr:`lower_bound`.
+        The map that it was planned on; None after pickling or copying, which drop the map and keep
+        the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
+        :attr:`lower_bound`.
     """
 
     path: Floats
@@ -169,9 +177,10 @@ class Plan:
     def clearance(self) -> float:
         """Proven lower bound of the clearance along the path, metres.
 
-        It holds in the map as it is now. Clearance is the distance from a configuration on the path to the nearest
-        configuration that is not FREE, at the same rotation. Zero along a path through MIXED cells. NaN for an arm, and
-        if not solved. Computed at each access; the first one on a map takes longer.
+        It holds in the map as it is now. Clearance is the distance from a configuration on the path
+        to the nearest configuration that is not FREE, at the same rotation. Zero along a path
+        through MIXED cells. NaN for an arm, and if not solved. Computed at each access; the first
+        one on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance
@@ -180,13 +189,15 @@ class Plan:
     def obstacle_distance(self) -> float:
         """Proven lower bound of the path's distance from obstacles, metres.
 
-        The distance is measured from the robot itself, without margin, to the obstacles as they are now. These are
-        their shapes if the map has them, otherwise the outer cells; and, unless the map is open, its border. For an
-        arm, distances between links count too. The bound is at most a quarter of a cell below the true minimum, and at
-        least the margin. It is infinite if there is no obstacle, and zero if the path is no longer proven free.
+        The distance is measured from the robot itself, without margin, to the obstacles as they are
+        now. These are their shapes if the map has them, otherwise the outer cells; and, unless the
+        map is open, its border. For an arm, distances between links count too. The bound is at most
+        a quarter of a cell below the true minimum, and at least the margin. It is infinite if there
+        is no obstacle, and zero if the path is no longer proven free.
 
-        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN if the
-        interior of a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
+        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN
+        if the interior of a mesh depends on the spacing. Computed at each access; the first one on
+        a map takes longer.
         """
         edges = self._edges
         return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
@@ -195,11 +206,12 @@ class Plan:
     def lower_bound(self) -> float:
         """Proven lower bound of the lengths of collision-free paths.
 
-        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound comes from
-        :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On a tiled map it is the straight
-        distance, and for an arm the distance in the joints, continuous ones the shorter way. Among several goals, the
-        goal of the path counts. It holds for the obstacles as they are now, and for a robot that may move in any
-        direction. NaN if not solved. Computed at each access.
+        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound
+        comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On
+        a tiled map it is the straight distance, and for an arm the distance in the joints,
+        continuous ones the shorter way. Among several goals, the goal of the path counts. It holds
+        for the obstacles as they are now, and for a robot that may move in any direction. NaN if
+        not solved. Computed at each access.
         """
         edges = self._edges
         return edges.min_length(self.start, self.goal) if edges else self._lower_bound
@@ -208,8 +220,8 @@ class Plan:
     def gap(self) -> float:
         """Fraction by which the path may be too long.
 
-        It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller, because no path need be
-        as short as the bound. NaN if not solved.
+        It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller,
+        because no path need be as short as the bound. NaN if not solved.
         """
         weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
         length, bound = self.length + weight * self.total_rotation, self.lower_bound
@@ -221,7 +233,11 @@ class Plan:
     def shown_distance(self) -> tuple[str, float]:
         """Name and value of the obstacle distance, otherwise the clearance."""
         distance = self.obstacle_distance
-        return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
+        return (
+            ("clearance", self.clearance)
+            if math.isnan(distance)
+            else ("obstacle_distance", distance)
+        )
 
     @property
     def distance_text(self) -> str:
@@ -263,12 +279,14 @@ class Plan:
         Returns
         -------
         ndarray of bool, shape (m - 1,)
-            True if the edge from a waypoint to the next is proven free now. Shape (1,) for a path of one configuration.
+            True if the edge from a waypoint to the next is proven free now. Shape (1,) for a path
+            of one configuration.
 
         Raises
         ------
         InputError
-            If the plan has no path, or was pickled and ``space`` is left out, or ``space`` has other axes.
+            If the plan has no path, or was pickled and ``space`` is left out, or ``space`` has
+            other axes.
 
         Examples
         --------
@@ -281,7 +299,9 @@ class Plan:
         (True, [False])
         """
         if not self.solved:
-            raise InputError("plan", "has no path", f"the search ended with: {self.status}", "plan again")
+            raise InputError(
+                "plan", "has no path", f"the search ended with: {self.status}", "plan again"
+            )
         space = self._map("pass the map: plan.recheck(space)") if space is None else space
         if space.axes != self.axes:
             expected = f"the plan has {', '.join(self.axes)}"
@@ -304,14 +324,19 @@ class Plan:
         if not self.solved:
             start, goal = (format_configuration(q.tolist()) for q in (self.start, self.goal))
             between = f"from {start} to {goal} ({', '.join(self.axes)})"
-            return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
+            return [
+                f"{self.planner}: {self.status}",
+                between,
+                *([f"try {self.hint}"] if self.hint else []),
+            ]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(map(format_configuration, self.waypoints[[0, -1]].tolist()))
         distance = f", {self.distance_text}" if self.distance_text else ""
         rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
-            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{rotation}{distance}",
+            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} "
+            f"{self.length_unit}{rotation}{distance}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
@@ -354,7 +379,10 @@ class Plan:
         return axes
 
     def animate(
-        self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
+        self,
+        file: str | os.PathLike[str],
+        overwrite: bool = False,
+        **options: Unpack[AnimationOptions],
     ) -> None:
         """Draw the motion along the path as an animated GIF.
 
@@ -365,12 +393,14 @@ class Plan:
         overwrite : bool
             Whether an existing file may be replaced.
         **options
-            Of :func:`cspace.plot.animate`: ``seconds``, ``rate``, ``title``, ``camera`` and ``progress``.
+            Of :func:`cspace.plot.animate`: ``seconds``, ``rate``, ``title``, ``camera`` and
+            ``progress``.
 
         Raises
         ------
         InputError
-            If the plan has no path, or was pickled, which leaves the map behind; or as :func:`cspace.plot.animate`.
+            If the plan has no path, or was pickled, which leaves the map behind; or as
+            :func:`cspace.plot.animate`.
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
@@ -396,8 +426,9 @@ class Plan:
         Returns
         -------
         object
-            The message, with one pose for each row of :attr:`path`. A map of the plane gives z = 0; a robot that does
-            not turn has the identity as its orientation. The message cannot hold :attr:`direction`.
+            The message, with one pose for each row of :attr:`path`. A map of the plane gives z = 0;
+            a robot that does not turn has the identity as its orientation. The message cannot hold
+            :attr:`direction`.
 
         Raises
         ------
@@ -409,7 +440,9 @@ class Plan:
 
         if self._moves_joints:
             hint = "use trajectory(...).to_joint_trajectory()"
-            raise InputError("plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint)
+            raise InputError(
+                "plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint
+            )
         self._check_solved("a message holds a path")
         return fill_path(self.axes, self.path, Path() if msg is None else msg, frame_id)
 
@@ -426,20 +459,22 @@ class Plan:
     ) -> Trajectory:
         """Compute the fastest motion along the path within limits.
 
-        It begins and ends at rest. The robot stays on the proven edges, so it stops at corners, at cusps, and before
-        and after turns on the spot. It does not stop between edges of the same direction, nor between the arcs and
-        straights of a car.
+        It begins and ends at rest. The robot stays on the proven edges, so it stops at corners, at
+        cusps, and before and after turns on the spot. It does not stop between edges of the same
+        direction, nor between the arcs and straights of a car.
 
         Parameters
         ----------
         max_velocity : float, array-like of shape (k,), or mapping of axes to floats, optional
-            Largest speed, in m/s or rad/s. One number is for the reference point, or for each joint; several are for
-            the axes, without rotations. The joints that are not given have the velocity limits of the URDF.
+            Largest speed, in m/s or rad/s. One number is for the reference point, or for each
+            joint; several are for the axes, without rotations. The joints that are not given have
+            the velocity limits of the URDF.
         max_acceleration : float, array-like of shape (k,), or mapping of axes to floats
             Largest acceleration along the path, likewise. A URDF has none.
         max_angular_velocity, max_angular_acceleration : float, optional
-            Of a robot that turns, rad/s and rad/s^2; required except for cars. A car given a largest angular
-            acceleration stops to steer, since its yaw rate cannot jump; by default its steering is instant.
+            Of a robot that turns, rad/s and rad/s^2; required except for cars. A car given a
+            largest angular acceleration stops to steer, since its yaw rate cannot jump; by default
+            its steering is instant.
         max_lateral_acceleration : float, optional
             Of a car on its arcs, m/s^2; by default ``max_acceleration``.
         duration : float, optional
@@ -450,8 +485,8 @@ class Plan:
         Raises
         ------
         InputError
-            If the plan has no path; a limit is missing, not above zero, or for another kind of robot; or the limits do
-            not allow the duration.
+            If the plan has no path; a limit is missing, not above zero, or for another kind of
+            robot; or the limits do not allow the duration.
 
         Examples
         --------
@@ -464,12 +499,27 @@ class Plan:
         (5.0, [1.5, 1.5])
         """
         self._check_solved("a trajectory follows a path")
-        rotation = {"max_angular_velocity": max_angular_velocity, "max_angular_acceleration": max_angular_acceleration}
+        rotation = {
+            "max_angular_velocity": max_angular_velocity,
+            "max_angular_acceleration": max_angular_acceleration,
+        }
         path = DrivenPath(
-            self.space, self.waypoints, self.axes, self.units, self._moves_joints, self.drive, self.turning_radius
+            self.space,
+            self.waypoints,
+            self.axes,
+            self.units,
+            self._moves_joints,
+            self.drive,
+            self.turning_radius,
         )
         return make_trajectory(
-            path, max_velocity, max_acceleration, rotation, max_lateral_acceleration, duration, time_step
+            path,
+            max_velocity,
+            max_acceleration,
+            rotation,
+            max_lateral_acceleration,
+            duration,
+            time_step,
         )
 
     @property
@@ -486,8 +536,8 @@ class Plan:
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV, in full precision.
 
-        The first row holds the names of the columns. The columns are the :attr:`axes`, in metres and radians, and
-        :attr:`direction` unless the robot is holonomic.
+        The first row holds the names of the columns. The columns are the :attr:`axes`, in metres
+        and radians, and :attr:`direction` unless the robot is holonomic.
 
         Parameters
         ----------
@@ -512,11 +562,17 @@ class Plan:
 
         NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
-        names = [each.name for each in fields(self) if each.name != "space" and not each.name.startswith("_")]
+        names = [
+            each.name
+            for each in fields(self)
+            if each.name != "space" and not each.name.startswith("_")
+        ]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
         record = {name: _plain(getattr(self, name)) for name in names}
         with replacing(path, overwrite) as temporary:
-            temporary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", "utf-8", newline="")
+            temporary.write_text(
+                json.dumps(record, indent=2, allow_nan=False) + "\n", "utf-8", newline=""
+            )
 
 
 def _plain(value: object) -> object:

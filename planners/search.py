@@ -1,8 +1,8 @@
 """A search by OMPL, and its deadline.
 
-OMPL checks its termination condition only between two steps of a planner, but a single step may check thousands of
-edges. After the deadline all edges are refused without a test, so that the planner ends soon and keeps its best path.
-If that does not end it, an exception does.
+OMPL checks its termination condition only between two steps of a planner, but a single step may
+check thousands of edges. After the deadline all edges are refused without a test, so that the
+planner ends soon and keeps its best path. If that does not end it, an exception does.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ INITIAL_TIME_SHARE: Final = 0.1
 """Share of the time limit for the first path, which a planner with an objective must beat."""
 
 PERTURBATION_SHARE: Final = 0.05
-"""Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's extent."""
+"""Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
+extent."""
 
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
@@ -72,7 +73,8 @@ class Callbacks(Protocol):
 class Deadline:
     """Context manager that ends OMPL's work after some seconds.
 
-    It overrides callbacks of OMPL, and restores them on exit. A thread waits, so that no callback reads the clock.
+    It overrides callbacks of OMPL, and restores them on exit. A thread waits, so that no callback
+    reads the clock.
 
     Parameters
     ----------
@@ -84,7 +86,9 @@ class Deadline:
         Callbacks that raise :class:`OutOfTime` :data:`GRACE_SECONDS` after the deadline.
     """
 
-    def __init__(self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()) -> None:
+    def __init__(
+        self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()
+    ) -> None:
         self._end = clock() + seconds
         self._refusing, self._raising = refusing, raising
         self._is_over = threading.Event()
@@ -100,7 +104,12 @@ class Deadline:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         """Stop waiting and restore the callbacks."""
         self._is_over.set()
         self._thread.join()
@@ -109,9 +118,14 @@ class Deadline:
 
     def _watch(self) -> None:
         """Override the callbacks at the deadline, in a thread."""
-        stages = (self._end, self._refusing, _refuse), (self._end + GRACE_SECONDS, self._raising, _raise)
+        stages = (
+            (self._end, self._refusing, _refuse),
+            (self._end + GRACE_SECONDS, self._raising, _raise),
+        )
         for end, callbacks, replacement in stages:
-            while (left := end - clock()) > 0.0:  # the clock excludes compilation, which delays the deadline
+            while (
+                left := end - clock()
+            ) > 0.0:  # the clock excludes compilation, which delays the deadline
                 if self._is_over.wait(left):
                     return
             for each in callbacks:
@@ -138,7 +152,9 @@ class SearchResult:
     simplification: float = 0.0  # seconds
     proven: bool = False  # whether all edges were proven free in a final check
     lattice: str = ""  # proof by a lattice of headings, in words
-    where: str = ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
+    where: str = (
+        ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +171,14 @@ class Search:
     def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
         """Search by OMPL for a path from start to goal.
 
-        The path leads from the first configuration to any other. The goals are sorted by their distance from the start.
-        The limit, in seconds, covers the search and the simplification, but neither caches of the map nor compilation.
+        The path leads from the first configuration to any other. The goals are sorted by their
+        distance from the start. The limit, in seconds, covers the search and the simplification,
+        but neither caches of the map nor compilation.
         """
         with _silence():
             if self.seed is not None:
-                # OMPL reports an error if numbers have been drawn, but generators made from here on follow the seed.
+                # OMPL reports an error if numbers have been drawn, but generators made from here on
+                # follow the seed.
                 ou.RNG.setSeed(self.seed + 1)
             if self.planner in BIDIRECTIONAL_BY_DRIVE.get(edges.drive, ()):
                 edges = replace(edges, bidirectional=True)
@@ -184,16 +202,26 @@ class _Run:
     """OMPL's objects for one search; a deadline overrides their callbacks."""
 
     def __init__(self, search: Search, edges: LocalPlanner, endpoints: Endpoints) -> None:
-        self._search, self._edges, self._endpoints, self._kind = search, edges, endpoints, kind_of(edges.space)
+        self._search, self._edges, self._endpoints, self._kind = (
+            search,
+            edges,
+            endpoints,
+            kind_of(edges.space),
+        )
         self._is_threaded = search.planner in THREADED_PLANNERS
         has_objective = search.objective is not None and not self._is_threaded
         self._setup = setup = make_setup(edges, search.objective if has_objective else None)
         self._objective = objective = setup.getOptimizationObjective()
         is_length = isinstance(objective, WeightedLength) and objective.is_length
         self._has_weights = has_objective and not is_length
-        self.by_length = not self._has_weights or isinstance(objective, ob.PathLengthOptimizationObjective)
+        self.by_length = not self._has_weights or isinstance(
+            objective, ob.PathLengthOptimizationObjective
+        )
         self._must_beat = has_objective and search.planner not in PLANNERS_WITHOUT_OBJECTIVE
-        callbacks = [setup.getStateValidityChecker(), setup.getSpaceInformation().getMotionValidator()]
+        callbacks = [
+            setup.getStateValidityChecker(),
+            setup.getSpaceInformation().getMotionValidator(),
+        ]
         self._refusing: list[Callbacks] = callbacks
         self._raising: list[Callbacks] = []
         if not self._is_threaded:
@@ -264,9 +292,15 @@ class _Run:
         if self._has_weights:
             with Deadline(seconds, self._refusing, self._raising) as deadline:
                 better = self._rows(self._improve(found, deadline))
-            return edges.remove_turns(better) if self._kind.reached_goal(better, self._endpoints) else fallback
+            return (
+                edges.remove_turns(better)
+                if self._kind.reached_goal(better, self._endpoints)
+                else fallback
+            )
         shorter = shorten(edges, path, clock() + seconds)
-        lengths = [float(edges.edge_lengths(rows[:-1], rows[1:]).sum()) for rows in (shorter, fallback)]
+        lengths = [
+            float(edges.edge_lengths(rows[:-1], rows[1:]).sum()) for rows in (shorter, fallback)
+        ]
         return shorter if lengths[0] <= lengths[1] else fallback
 
     def _improve(self, path: og.PathGeometric, deadline: Deadline) -> og.PathGeometric:
@@ -276,7 +310,10 @@ class _Run:
         """
         setup, objective, better = self._setup, self._objective, og.PathGeometric(path)
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
-        step, last = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
+        step, last = (
+            PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent(),
+            objective.infiniteCost(),
+        )
         with suppress(OutOfTime):
             while deadline.left > 0.0 and objective.isCostBetterThan(better.cost(objective), last):
                 last = better.cost(objective)
@@ -293,7 +330,10 @@ class _Run:
 
     def _make_path(self, rows: Floats) -> og.PathGeometric:
         """Make OMPL's path of configurations, shape (n, size)."""
-        path, state = og.PathGeometric(self._setup.getSpaceInformation()), self._setup.getStateSpace().allocState()
+        path, state = (
+            og.PathGeometric(self._setup.getSpaceInformation()),
+            self._setup.getStateSpace().allocState(),
+        )
         for q in rows.tolist():
             self._kind.write(state, *q)
             path.append(state)

@@ -24,10 +24,12 @@ MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 MIN_CHECKING_SHARE: Final = 1e-6
-"""Smallest distance between states that OMPL itself checks along a motion, as a share of the space's extent."""
+"""Smallest distance between states that OMPL itself checks along a motion, as a share of the
+space's extent."""
 
 MAX_CHECKING_SHARE: Final = 0.5
-"""Largest distance between states that OMPL itself checks along a motion, as a share of the space's extent."""
+"""Largest distance between states that OMPL itself checks along a motion, as a share of the space's
+extent."""
 
 
 def state_space(
@@ -47,36 +49,43 @@ def state_space(
         By the axes of a map, in metres, bounded by the box of its grid:
 
         - x, y and x, y, z: ``RealVectorStateSpace``;
-        - x, y, yaw: ``SE2StateSpace``; with a drive ``DubinsStateSpace``, or ``ReedsSheppStateSpace`` if it reverses;
-        - x, y, z, yaw: ``CompoundStateSpace`` of a ``RealVectorStateSpace``, weight 1, and an ``SO2StateSpace``, weight
-          0.5;
+        - x, y, yaw: ``SE2StateSpace``; with a drive ``DubinsStateSpace``, or
+          ``ReedsSheppStateSpace`` if it reverses;
+        - x, y, z, yaw: ``CompoundStateSpace`` of a ``RealVectorStateSpace``, weight 1, and an
+          ``SO2StateSpace``, weight 0.5;
         - x, y, z and a quaternion: ``SE3StateSpace``.
 
-        A radian counts as half a metre, except with a drive. State spaces of a differential drive have a turning radius
-        of almost zero, so their distance is in metres alone. Their interpolation stays within 1e-8 of the map's side of
-        the edge that is proven.
+        A radian counts as half a metre, except with a drive. State spaces of a differential drive
+        have a turning radius of almost zero, so their distance is in metres alone. Their
+        interpolation stays within 1e-8 of the map's side of the edge that is proven.
 
-        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of this space and an
-        ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds are the limits of the joints.
+        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of
+        this space and an ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds
+        are the limits of the joints.
 
     Raises
     ------
     InputError
-        If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the turning radius is missing,
-        given without a curve, or not above zero. Also if the space is so small that OMPL takes its steps for zero.
+        If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the
+        turning radius is missing, given without a curve, or not above zero. Also if the space is so
+        small that OMPL takes its steps for zero.
     """
     return make_bounded_states(local_planner(space, False, drive, turning_radius))
 
 
 def _choose_checking_share(edges: LocalPlanner, states: ob.StateSpace) -> float:
-    """Return the checking step as a share of the space's extent, within the bounds that OMPL takes."""
+    """Return the checking step as a share of the space's extent, within OMPL's bounds."""
     share: float = edges.checking_step / max(states.getMaximumExtent(), sys.float_info.epsilon)
     return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
 
 
 def _check_extent(edges: LocalPlanner, states: ob.StateSpace) -> None:
     """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
-    parts = [states.getSubspace(k) for k in range(states.getSubspaceCount())] if states.isCompound() else [states]
+    parts = (
+        [states.getSubspace(k) for k in range(states.getSubspaceCount())]
+        if states.isCompound()
+        else [states]
+    )
     extent, unit = min(part.getMaximumExtent() for part in parts), edges.units[0]
     # Until the share is set, OMPL uses its own, for example when it prints a space.
     share = min(_choose_checking_share(edges, states), states.getLongestValidSegmentFraction())
@@ -84,12 +93,17 @@ def _check_extent(edges: LocalPlanner, states: ob.StateSpace) -> None:
         rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
         hint = "use a larger unit, or leave planner out of planners.plan"
         if isinstance(edges.space, ArmSpace):
-            hint = "use planner='BiRRT', or joints of type 'fixed' in place of joints that cannot move"
+            hint = (
+                "use planner='BiRRT', or joints of type 'fixed' in place of joints that cannot move"
+            )
         raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=edges.space)
 
 
 def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
-    """Create OMPL's state space, with bounds; raise InputError if OMPL takes steps in it for zero."""
+    """Create OMPL's state space, with bounds.
+
+    Raises InputError if OMPL takes steps in it for zero.
+    """
     states = edges.make_states()
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
@@ -112,7 +126,8 @@ def simple_setup(
 ) -> og.SimpleSetup:
     """Create OMPL's SimpleSetup for a map or an arm.
 
-    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal, and solve::
+    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal,
+    and solve::
 
         setup = planners.simple_setup(space)
         setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
@@ -121,14 +136,16 @@ def simple_setup(
     ----------
     space : CSpace or ArmSpace
     objective : callable, optional
-        Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default is the length.
+        Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default
+        is the length.
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
     valid_state_sampler : callable, optional
-        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces :class:`FreeStateSampler`.
+        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces
+        :class:`FreeStateSampler`.
     exact : bool
-        Whether the geometry itself decides states and motions that the map does not. Valid states are then drawn from
-        the whole map and tested, because they need not lie in FREE cells.
+        Whether the geometry itself decides states and motions that the map does not. Valid states
+        are then drawn from the whole map and tested, because they need not lie in FREE cells.
     drive, turning_radius
         As for :func:`planners.plan`.
     bidirectional : bool
@@ -137,15 +154,16 @@ def simple_setup(
     Returns
     -------
     ompl.geometric.SimpleSetup
-        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01 rad of an arm, but
-        at least every half and at most every millionth of the space's extent.
+        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01
+        rad of an arm, but at least every half and at most every millionth of the space's extent.
 
     Raises
     ------
     InputError
-        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` comes with a sampler or ``exact``; and as
-        :func:`state_space`. Also if the sampler is OMPL's ObstacleBasedValidStateSampler. It needs the last valid state
-        of a motion, which a motion validator in Python cannot return, so the samples would be invalid.
+        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` comes with a sampler or
+        ``exact``; and as :func:`state_space`. Also if the sampler is OMPL's
+        ObstacleBasedValidStateSampler. It needs the last valid state of a motion, which a motion
+        validator in Python cannot return, so the samples would be invalid.
     """
     edges = local_planner(space, exact, drive, turning_radius, bidirectional)
     return make_setup(edges, objective, rng, valid_state_sampler)
@@ -162,15 +180,21 @@ def make_setup(
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
     options = {"exact": edges.exact, "bidirectional": edges.bidirectional}
-    si.setMotionValidator(MotionValidator(si, space, drive=edges.drive, turning_radius=edges.turning_radius, **options))
+    si.setMotionValidator(
+        MotionValidator(
+            si, space, drive=edges.drive, turning_radius=edges.turning_radius, **options
+        )
+    )
     # OMPL checks states that far apart when it steps along a motion by itself.
     si.setStateValidityCheckingResolution(_choose_checking_share(edges, si.getStateSpace()))
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
-        setup.setOptimizationObjective(_make_checked(objective, si, ob.OptimizationObjective, "objective"))
+        setup.setOptimizationObjective(
+            _make_checked(objective, si, ob.OptimizationObjective, "objective")
+        )
     elif not setup.getStateSpace().getType():
-        # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of one objective does
-        # not draw them.
+        # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of
+        # one objective does not draw them.
         length = ob.MultiOptimizationObjective(si)
         length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
         setup.setOptimizationObjective(length)
@@ -178,7 +202,10 @@ def make_setup(
 
 
 def _choose_sampler(
-    si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
+    si: ob.SpaceInformation,
+    edges: LocalPlanner,
+    rng: np.random.Generator | None,
+    sampler: MakeSampler | None,
 ) -> MakeSampler:
     """Return the function that makes valid state samplers.
 
@@ -188,17 +215,27 @@ def _choose_sampler(
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:
-            problem = "is given and exact is True" if exact else "is given and valid_state_sampler is given"
-            raise InputError("rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng)
+            problem = (
+                "is given and exact is True"
+                if exact
+                else "is given and valid_state_sampler is given"
+            )
+            raise InputError(
+                "rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng
+            )
     if sampler is None:
         if isinstance(space, CSpace) and not exact:
             return lambda info: FreeStateSampler(info, space, rng)
         return lambda info: ob.UniformValidStateSampler(info)
     made = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
     if isinstance(made, ob.ObstacleBasedValidStateSampler):
-        rule = "it needs the last valid state of a motion, which OMPL's Python bindings cannot return"
+        rule = (
+            "it needs the last valid state of a motion, which OMPL's Python bindings cannot return"
+        )
         hint = "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler"
-        raise InputError("valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, hint, value=made)
+        raise InputError(
+            "valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, hint, value=made
+        )
     return sampler
 
 
@@ -208,6 +245,9 @@ def _make_checked(
     """Call a user's function, and check the result's type."""
     made = make(si)
     if not isinstance(made, kind):
-        rule, hint = f"it must return an ompl.base.{kind.__name__}", "pass a function that takes the space information"
+        rule, hint = (
+            f"it must return an ompl.base.{kind.__name__}",
+            "pass a function that takes the space information",
+        )
         raise InputError(name, f"returned {made!r}", rule, hint, value=made)
     return made

@@ -28,10 +28,14 @@ class StateKind(NamedTuple):
     """Functions that convert between configurations and OMPL's states."""
 
     make: Callable[[], ob.StateSpace]  # creates the state space for straight edges, without bounds
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]  # sets the bounds of positions
+    set_bounds: Callable[
+        [ob.StateSpace, Sequence[float], Sequence[float]], None
+    ]  # sets the bounds of positions
     read: Callable[[ob.State], Configuration]
     write: Callable[..., None]  # writes the numbers of a configuration to a state
-    periodic_axes: tuple[bool, ...] = ()  # True for angles of continuous joints; empty if there are none
+    periodic_axes: tuple[
+        bool, ...
+    ] = ()  # True for angles of continuous joints; empty if there are none
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -59,7 +63,10 @@ class StateKind(NamedTuple):
         if not self.periodic_axes:
             return np.array_equal(first, second)
         return bool(
-            (np.abs(shorter(first - second, self.periodic_axes)) <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all()
+            (
+                np.abs(shorter(first - second, self.periodic_axes))
+                <= WRAP_TOLERANCE * np.array(self.periodic_axes)
+            ).all()
         )
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
@@ -69,7 +76,9 @@ class StateKind(NamedTuple):
         """
         if not self.are_equal(path[0], np.array(endpoints[0])):
             return 0
-        ends = (k for k, goal in enumerate(endpoints) if k and self.are_equal(path[-1], np.array(goal)))
+        ends = (
+            k for k, goal in enumerate(endpoints) if k and self.are_equal(path[-1], np.array(goal))
+        )
         return next(ends, 0)
 
 
@@ -78,7 +87,11 @@ def kind_of(space: ConfigurationSpace) -> StateKind:
 
     Raises InputError for a map with rotations of a kind that OMPL has no states for.
     """
-    if isinstance(space, ConfigurationMap) and space.rotations.names and space.axes not in _STATE_KINDS:
+    if (
+        isinstance(space, ConfigurationMap)
+        and space.rotations.names
+        and space.axes not in _STATE_KINDS
+    ):
         rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
         hint = "add its states to planners/states.py, or search with space.find_path"
         raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
@@ -94,7 +107,10 @@ def format_configuration(q: Sequence[float]) -> str:
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a ConfigurationSpace."""
     if not isinstance(space, ConfigurationSpace):
-        hint = "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the order of arguments"
+        hint = (
+            "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the "
+            "order of arguments"
+        )
         rule = "it must be a CSpace or an ArmSpace"
         raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
 
@@ -102,7 +118,10 @@ def check_space(space: object) -> None:
 def check_information(si: object, space: object) -> None:
     """Check that ``si`` is SpaceInformation and ``space`` a ConfigurationSpace."""
     if not isinstance(si, ob.SpaceInformation):
-        rule, hint = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
+        rule, hint = (
+            "it must be an ompl.base.SpaceInformation",
+            "pass e.g. setup.getSpaceInformation()",
+        )
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
 
@@ -164,18 +183,24 @@ def _read_se3(state: ob.State) -> Configuration:
 
 
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): StateKind(lambda: ob.RealVectorStateSpace(2), _bound, lambda s: (s[0], s[1]), _write_vector),
+    ("x", "y"): StateKind(
+        lambda: ob.RealVectorStateSpace(2), _bound, lambda s: (s[0], s[1]), _write_vector
+    ),
     ("x", "y", "yaw"): StateKind(
         lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
     ),
-    ("x", "y", "z"): StateKind(lambda: ob.RealVectorStateSpace(3), _bound, lambda s: (s[0], s[1], s[2]), _write_vector),
+    ("x", "y", "z"): StateKind(
+        lambda: ob.RealVectorStateSpace(3), _bound, lambda s: (s[0], s[1], s[2]), _write_vector
+    ),
     ("x", "y", "z", "yaw"): StateKind(
         _make_r3_so2,
         lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
         _read_r3_so2,
         _write_r3_so2,
     ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
+        lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3
+    ),
 }
 """Conversions for rigid bodies, by the axes of the space."""
 
@@ -194,7 +219,9 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
             _write_vector,
         )
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
-    first = bool(limited)  # index of the first circle: the joints with limits, if any, share subspace 0
+    first = bool(
+        limited
+    )  # index of the first circle: the joints with limits, if any, share subspace 0
 
     def make() -> ob.StateSpace:
         states = ob.CompoundStateSpace()
@@ -228,11 +255,13 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
     return StateKind(make, set_bounds, read, write, periodic_axes)
 
 
-def with_wrapped_angles(check: Callable[..., Value], periodic_axes: Sequence[bool]) -> Callable[..., Value]:
+def with_wrapped_angles(
+    check: Callable[..., Value], periodic_axes: Sequence[bool]
+) -> Callable[..., Value]:
     """Wrap a function to get angles in [-pi, pi).
 
-    The function takes floats. Angles of the second configuration are within half a turn of the first. Angles that
-    look-ups refuse become NaN, where no configuration is free.
+    The function takes floats. Angles of the second configuration are within half a turn of the
+    first. Angles that look-ups refuse become NaN, where no configuration is free.
     """
     periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not periodic:
@@ -249,13 +278,19 @@ def with_wrapped_angles(check: Callable[..., Value], periodic_axes: Sequence[boo
             near[k] = here = here if here != half else -half
             if len(near) > size:
                 angle = numbers[size + k]
-                near[size + k] = here + remainder(angle - first, period) if -limit <= angle <= limit else math.nan
+                near[size + k] = (
+                    here + remainder(angle - first, period)
+                    if -limit <= angle <= limit
+                    else math.nan
+                )
         return check(*near)
 
     return wrapped
 
 
-def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool]) -> Callable[..., bool]:
+def below_half_a_turn(
+    check: Callable[..., bool], periodic_axes: Sequence[bool]
+) -> Callable[..., bool]:
     """Wrap a check to fail for half turns or more.
 
     The check takes the shorter arc, which is then another motion.
@@ -263,4 +298,6 @@ def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool])
     periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not periodic:
         return check
-    return lambda *both: all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)
+    return lambda *both: (
+        all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)
+    )

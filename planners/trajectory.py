@@ -39,13 +39,15 @@ It allows for rounding, and for :data:`planners.car_curves.MAX_GAP` between curv
 """
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
-"""Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones, which are skipped."""
+"""Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
+which are skipped."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
 MIN_PHASE_SHARE: Final = 1e-12
-"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped."""
+"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
+"""
 
 CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
 """Colours of the curves of a plot; most are from Okabe and Ito (2008)."""
@@ -55,7 +57,7 @@ class Segments(NamedTuple):
     """The m straight parts and arcs of a path."""
 
     starts: Floats  # (m, size), configurations
-    rates: Floats  # (m, k), translation and rotation vector at the start, or joints, per unit of length
+    rates: Floats  # (m, k), translation and rotation vector, or joints, per unit of length
     lengths: Floats  # (m,), metres of a car, otherwise norms of the whole rates
     curvatures: Floats  # (m,), radians per metre by which a car turns left
 
@@ -84,10 +86,11 @@ class Trajectory:
     times : ndarray of float64, shape (n,), read-only
         Seconds from the start, increasing.
     positions : ndarray of float64, shape (n, size), read-only
-        Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign may differ from
-        that in the plan.
+        Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign
+        may differ from that in the plan.
     velocities, accelerations : ndarray of float64, shape (n, size), read-only
-        First and second derivative of the positions by time. Accelerations jump; each is that just after its time.
+        First and second derivative of the positions by time. Accelerations jump; each is that just
+        after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
     """
@@ -116,31 +119,34 @@ class Trajectory:
     ) -> Trajectory:
         """Compute an arm's fastest motion along a path.
 
-        It begins and ends at rest, and stays on the motions between the rows. So it also stops at each row at which the
-        joints change their direction. These motions are proven free again.
+        It begins and ends at rest, and stays on the motions between the rows. So it also stops at
+        each row at which the joints change their direction. These motions are proven free again.
 
         Parameters
         ----------
         space : ArmSpace
         path : LineMotion, or array-like of shape (n, dof)
-            A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and metres.
+            A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and
+            metres.
         max_velocity, max_acceleration, duration, time_step
             As for :meth:`planners.Plan.trajectory`.
 
         Raises
         ------
         InputError
-            If the space is not an arm's, the line is not certified, or a motion is not proven free; and as
-            :meth:`planners.Plan.trajectory` and :meth:`cspace.ArmSpace.certify_path`.
+            If the space is not an arm's, the line is not certified, or a motion is not proven free;
+            and as :meth:`planners.Plan.trajectory` and :meth:`cspace.ArmSpace.certify_path`.
 
         Examples
         --------
         >>> import pathlib, tempfile, numpy as np, cspace, planners
         >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
-        >>> joint = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        >>> joint = '<joint name="slide" type="prismatic"><parent link="base"/>'
+        >>> joint += '<child link="cart"/><axis xyz="1 0 0"/>'
         >>> joint += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
         >>> path = pathlib.Path(tempfile.mkdtemp(), "slide.urdf")
-        >>> _ = path.write_text(f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{joint}</robot>')
+        >>> links = f'<link name="base"/><link name="cart">{box}</link>'
+        >>> _ = path.write_text(f'<robot name="s">{links}{joint}</robot>')
         >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
         >>> pose = np.eye(4)
         >>> pose[0, 3] = 1.0
@@ -156,15 +162,24 @@ class Trajectory:
             raise InputError("path", f"is not certified: {path.status}", rule, hint, value=path)
         waypoints = check_finite(path.waypoints if isinstance(path, LineMotion) else path, "path")
         if waypoints.ndim != 2 or not len(waypoints):
-            rule, hint = "it must be rows of configurations, shape (n, dof)", "pass e.g. motion.waypoints"
+            rule, hint = (
+                "it must be rows of configurations, shape (n, dof)",
+                "pass e.g. motion.waypoints",
+            )
             raise InputError("path", f"has shape {waypoints.shape}", rule, hint, value=path)
         free = np.asarray(space.certify_path(waypoints))
         if not free.all():
-            problem = f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free"
-            raise InputError("path", problem, "a trajectory follows proven motions", "plan again", value=path)
+            problem = (
+                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free"
+            )
+            raise InputError(
+                "path", problem, "a trajectory follows proven motions", "plan again", value=path
+            )
         driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
         rotation = {"max_angular_velocity": None, "max_angular_acceleration": None}
-        return make_trajectory(driven, max_velocity, max_acceleration, rotation, None, duration, time_step)
+        return make_trajectory(
+            driven, max_velocity, max_acceleration, rotation, None, duration, time_step
+        )
 
     @property
     def duration(self) -> float:
@@ -178,7 +193,9 @@ class Trajectory:
 
     def __repr__(self) -> str:
         """Return the duration and the number of rows."""
-        return f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
+        return (
+            f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
+        )
 
     def sample(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return exact positions, velocities and accelerations at any times.
@@ -199,7 +216,9 @@ class Trajectory:
         """
         times = check_finite(t, "t")
         rows = _evaluate(self._segments, self._phases, self._rotations, times.reshape(-1))
-        positions, velocities, accelerations = (each.reshape(*times.shape, len(self.axes)) for each in rows)
+        positions, velocities, accelerations = (
+            each.reshape(*times.shape, len(self.axes)) for each in rows
+        )
         return positions, velocities, accelerations
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -239,24 +258,29 @@ class Trajectory:
     def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
 
-        The stamp of each pose is the message's stamp plus the time of the row. Parameters, result and errors are as for
-        :meth:`planners.Plan.to_path`.
+        The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
+        and errors are as for :meth:`planners.Plan.to_path`.
         """
         from cspace.export.messages import fill_path
         from cspace.files.ros import Path
 
         if self._moves_joints:
             problem = f"moves the joints {', '.join(self.axes)}"
-            raise InputError("trajectory", problem, "a path holds poses", "use to_joint_trajectory()")
-        return fill_path(self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times)
+            raise InputError(
+                "trajectory", problem, "a path holds poses", "use to_joint_trajectory()"
+            )
+        return fill_path(
+            self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times
+        )
 
     def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
         """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
 
-        Each row becomes a point with positions, velocities and ``time_from_start``. Controllers join such points by
-        cubic polynomials, which are this very motion. With accelerations they would use quintic ones, which are not.
-        ``msg`` is any object with the fields of the message, of ROS 1 or 2; a new
-        :class:`cspace.files.ros.JointTrajectory` if left out. Its header keeps its stamp.
+        Each row becomes a point with positions, velocities and ``time_from_start``. Controllers
+        join such points by cubic polynomials, which are this very motion. With accelerations they
+        would use quintic ones, which are not. ``msg`` is any object with the fields of the message,
+        of ROS 1 or 2; a new :class:`cspace.files.ros.JointTrajectory` if left out. Its header keeps
+        its stamp.
 
         Raises
         ------
@@ -270,23 +294,36 @@ class Trajectory:
             problem, rule = f"moves {', '.join(self.axes)}", "a joint trajectory holds joints"
             raise InputError("trajectory", problem, rule, "use to_path()")
         filled = JointTrajectory() if msg is None else msg
-        return fill_joint_trajectory(self.axes, self.positions, self.velocities, self.times, filled, frame_id)
+        return fill_joint_trajectory(
+            self.axes, self.positions, self.velocities, self.times, filled, frame_id
+        )
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the rows as CSV, in full precision.
 
-        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters and errors are as
-        for :meth:`planners.Plan.to_csv`.
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters
+        and errors are as for :meth:`planners.Plan.to_csv`.
         """
         names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
-        write_csv(path, overwrite, names, np.column_stack([self.times, self.positions, self.velocities]).tolist())
+        write_csv(
+            path,
+            overwrite,
+            names,
+            np.column_stack([self.times, self.positions, self.velocities]).tolist(),
+        )
 
 
 def write_csv(
-    path: str | os.PathLike[str], overwrite: bool, names: Sequence[str], rows: Iterable[Sequence[float]]
+    path: str | os.PathLike[str],
+    overwrite: bool,
+    names: Sequence[str],
+    rows: Iterable[Sequence[float]],
 ) -> None:
     """Write names and rows of numbers as CSV; see :meth:`planners.Plan.to_csv`."""
-    with replacing(path, overwrite) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with (
+        replacing(path, overwrite) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
         writer.writerows(rows)
@@ -328,7 +365,10 @@ def make_trajectory(
         _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
         _check_limits(acceleration, "max_acceleration", axes[:dim], {}, joints),
     )
-    angular = [_check_option(value, name, rotates, rotates and not is_curved) for name, value in rotation.items()]
+    angular = [
+        _check_option(value, name, rotates, rotates and not is_curved)
+        for name, value in rotation.items()
+    ]
     lateral = _check_option(max_lateral_acceleration, "max_lateral_acceleration", is_curved, False)
     for name, limit in zip(("max_velocity", "max_acceleration"), linear, strict=True):
         if is_curved and limit.ndim:
@@ -340,7 +380,8 @@ def make_trajectory(
         with np.errstate(divide="ignore"):
             sideways = (linear[1] if lateral is None else lateral) / np.abs(segments.curvatures)
         speeds = np.minimum(speeds, np.sqrt(sideways))
-    # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a limit.
+    # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
+    # limit.
     compared = dim if is_curved and angular[1] is None else None
     ends = _turn(segments.rates, segments.curvatures * segments.lengths)[:-1, :compared]
     jumps = np.abs(ends - segments.rates[1:, :compared]).max(axis=1, initial=0.0)
@@ -353,7 +394,9 @@ def make_trajectory(
     return Trajectory(times, positions, velocities, accelerations, axes, path.units, *private)
 
 
-def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool) -> Floats:
+def _check_limits(
+    value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool
+) -> Floats:
     """Return checked limits of the axes, shape (k,) or ().
 
     Shape () is for the whole translation. ``known`` are the defaults of axes.
@@ -362,7 +405,13 @@ def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[
     if value is None or isinstance(value, Mapping):
         given = {axis: limit for axis, limit in known.items() if limit < np.inf} | dict(value or {})
         if missing := [axis for axis in axes if axis not in given]:
-            raise InputError(name, f"lacks {', '.join(missing)}", rule, f"pass {name}=1.0, or a mapping", value=value)
+            raise InputError(
+                name,
+                f"lacks {', '.join(missing)}",
+                rule,
+                f"pass {name}=1.0, or a mapping",
+                value=value,
+            )
         value = [given[axis] for axis in axes]
     limits = check_finite(value, name)
     if limits.shape not in ((), (len(axes),)):
@@ -372,12 +421,18 @@ def _check_limits(value: Limits, name: str, axes: Sequence[str], known: Mapping[
     return np.broadcast_to(limits, len(axes)) if joints else limits
 
 
-def _check_option(value: float | None, name: str, is_allowed: bool, is_needed: bool) -> float | None:
+def _check_option(
+    value: float | None, name: str, is_allowed: bool, is_needed: bool
+) -> float | None:
     """Return a limit that only some robots have, or None."""
     if value is None and is_needed:
-        raise InputError(name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0")
+        raise InputError(
+            name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
+        )
     if value is not None and not is_allowed:
-        raise InputError(name, f"is {value!r}", "the robot does not turn so", "leave it out", value=value)
+        raise InputError(
+            name, f"is {value!r}", "the robot does not turn so", "leave it out", value=value
+        )
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
@@ -396,8 +451,12 @@ def _split_curves(path: DrivenPath) -> Segments:
     """Return the arcs and straights of a car's path."""
     curves = CarCurves(cast("Any", path.space), False, path.drive, path.turning_radius)
     empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int8)
-    pieces = [empty] + [curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)]
-    starts, lengths, radians, signs = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    pieces = [empty] + [
+        curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
+    ]
+    starts, lengths, radians, signs = (
+        np.concatenate(column) for column in zip(*pieces, strict=True)
+    )
     metres = signs * lengths
     steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
     return _make_segments(np.concatenate([starts, path.waypoints[-1:]]), steps, lengths, radians)
@@ -406,8 +465,8 @@ def _split_curves(path: DrivenPath) -> Segments:
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
     """Return the segments between points, without very short ones.
 
-    ``points`` have shape (m + 1, size). ``steps``, shape (m, k), are the lengths times the rates; ``radians`` turn the
-    direction of motion.
+    ``points`` have shape (m + 1, size). ``steps``, shape (m, k), are the lengths times the rates;
+    ``radians`` turn the direction of motion.
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
@@ -418,7 +477,11 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
     """Return each segment's largest rate within the limits, shape (m,)."""
-    parts = [np.abs(rates[:, :dim]) if linear.ndim else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)]
+    parts = [
+        np.abs(rates[:, :dim])
+        if linear.ndim
+        else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
+    ]
     limits = [np.atleast_1d(linear)]
     if angular is not None:
         parts.append(np.linalg.norm(rates[:, dim:], axis=1, keepdims=True))
@@ -430,11 +493,12 @@ def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | Non
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
     """Return the fastest motion along segments, from rest to rest.
 
-    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), is True if no stop is
-    needed between two segments. Along a length, the square of the speed changes by at most twice the acceleration times
-    the length. So a pass ahead and a pass back bound the speeds at the ends of segments. On each segment the robot
-    accelerates, keeps the largest speed if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985);
-    constant limits make it exact.
+    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), is
+    True if no stop is needed between two segments. Along a length, the square of the speed changes
+    by at most twice the acceleration times the length. So a pass ahead and a pass back bound the
+    speeds at the ends of segments. On each segment the robot accelerates, keeps the largest speed
+    if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985); constant limits
+    make it exact.
     """
     caps, gains = speeds**2, 2.0 * accelerations * lengths
     squares = np.zeros(len(lengths) + 1)
@@ -469,8 +533,14 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
     factor = check_positive(duration, "duration", "seconds") / total
     if factor < 1.0 - 1e-9:
         hint = "raise it, or the limits"
-        raise InputError("duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration)
-    times, speeds, accelerations = phases.times * factor, phases.speeds / factor, phases.accelerations / factor**2
+        raise InputError(
+            "duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration
+        )
+    times, speeds, accelerations = (
+        phases.times * factor,
+        phases.speeds / factor,
+        phases.accelerations / factor**2,
+    )
     return phases._replace(times=times, speeds=speeds, accelerations=accelerations)
 
 
@@ -479,13 +549,17 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
         rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
-        raise InputError("time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step)
+        raise InputError(
+            "time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step
+        )
     spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
     rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]
     return np.concatenate([*rows, phases.times[-1:]])
 
 
-def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Floats) -> tuple[Floats, Floats, Floats]:
+def _evaluate(
+    segments: Segments, phases: Phases, rotations: Rotations, t: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations at times of shape (n,)."""
     k = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
     elapsed = np.maximum(t - phases.times[k], 0.0)
@@ -498,14 +572,18 @@ def _evaluate(segments: Segments, phases: Phases, rotations: Rotations, t: Float
     steps[:, :2] *= np.sinc(half / np.pi)[:, np.newaxis]  # the chord of an arc, over the arc
     positions = rotations.add_steps(segments.starts[phases.segments[k]], steps)
     directions = _turn(rates, 2.0 * half)
-    velocities, accelerations = directions * speed[:, np.newaxis], directions * acceleration[:, np.newaxis]
+    velocities, accelerations = (
+        directions * speed[:, np.newaxis],
+        directions * acceleration[:, np.newaxis],
+    )
     if curvatures.any():
         sideways = np.column_stack([-directions[:, 1], directions[:, 0]])
         accelerations[:, :2] += (speed**2 * curvatures)[:, np.newaxis] * sideways
     if rotations.names == ("yaw",):
         positions[:, -1] = wrapped(positions[:, -1])
     if "qw" in rotations.names:
-        # The derivative of a quaternion is its product with half the angular velocity, in the robot's frame.
+        # The derivative of a quaternion is its product with half the angular velocity, in the
+        # robot's frame.
         q, halves, more = positions[:, -4:], 0.5 * velocities[:, -3:], 0.5 * accelerations[:, -3:]
         first = multiply(q, np.column_stack([halves, np.zeros(len(q))]))
         second = multiply(q, np.column_stack([more, -(halves**2).sum(axis=1)]))

@@ -45,10 +45,13 @@ def point_robot(dim, turning, spacing):
     return robot, robot.rasters(spacing, 0.0)
 
 
-def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
+def map_of(
+    state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None
+):
     """Build a map of given states for a nearly pointlike robot.
 
-    No slices are shared. ``outside`` is a policy, or an :class:`Outside` that need not belong to a robot.
+    No slices are shared. ``outside`` is a policy, or an :class:`Outside` that need not belong to a
+    robot.
     """
     state = np.asarray(state, dtype=np.uint8)
     dim = state.ndim - (rotations is not None)
@@ -58,7 +61,11 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     policy = outside if isinstance(outside, str) else "free"
     cells = Rotations.of(rotations)
     states = state.reshape(len(cells), *state.shape[-dim:]).copy()
-    given = None if policy is outside else np.array([[*outside.box, outside.state]] * len(cells), dtype=np.int64)
+    given = (
+        None
+        if policy is outside
+        else np.array([[*outside.box, outside.state]] * len(cells), dtype=np.int64)
+    )
     exterior = None if given is None else Exterior(given)
     slices = np.arange(len(cells))
     made = Contents(workspace, robot, cells, slices, states, outside=policy, exterior=exterior)
@@ -69,7 +76,9 @@ def map_in(workspace, robot, states, rotations=None, **options):
     """Build a map of states, shape (slices, ...) or (...)."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells.assign_slices(robot.shape), states, **options))
+    return CSpace(
+        Contents(workspace, robot, cells, cells.assign_slices(robot.shape), states, **options)
+    )
 
 
 def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):
@@ -77,13 +86,19 @@ def make_map(states, kind, outside="free", spacing=0.25, rotations=None, lower=N
     if "turning" not in kind:
         return map_of(states[0], None, outside, spacing, lower)
     if "any way" in kind:
-        return map_of(states, Rotations.quaternions(cells_per_axis(len(states))), outside, spacing, lower)
+        return map_of(
+            states, Rotations.quaternions(cells_per_axis(len(states))), outside, spacing, lower
+        )
     return map_of(states, len(states) if rotations is None else rotations, outside, spacing, lower)
 
 
 def full_states(kind, side, state=FREE):
     """Return equal states of a small map of a kind, shape (rotations, ...)."""
-    return np.full((4 if "turning" in kind else 1, *(side,) * (3 if "space" in kind else 2)), state, dtype=np.uint8)
+    return np.full(
+        (4 if "turning" in kind else 1, *(side,) * (3 if "space" in kind else 2)),
+        state,
+        dtype=np.uint8,
+    )
 
 
 def make_joint_map(states):
@@ -101,7 +116,11 @@ def cells_per_axis(turns):
 def random_states(rng, kind, max_side=5, mixture=MIXTURE):
     """Draw states of a small map of a kind, shape (rotations, ...)."""
     max_side = max_side if kind == "plane" else max(2, max_side - 1)
-    turns = int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
+    turns = (
+        int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6))
+        if "turning" in kind
+        else 1
+    )
     shape = rng.integers(1, min(max_side, 96 // turns) + 1, 3 if "space" in kind else 2)
     return rng.choice(np.array(mixture, dtype=np.uint8), (turns, *shape))
 
@@ -145,7 +164,11 @@ def state_of(state, outside, cell):
     if all(0 <= c < n for c, n in zip(cell, state.shape, strict=True)):
         return int(state[cell])
     ends, dim = outside.box.tolist(), len(cell)
-    return MIXED if all(a <= c <= b for a, c, b in zip(ends[:dim], cell, ends[dim:], strict=True)) else outside.state
+    return (
+        MIXED
+        if all(a <= c <= b for a, c, b in zip(ends[:dim], cell, ends[dim:], strict=True))
+        else outside.state
+    )
 
 
 def cells_around(state, outside):
@@ -163,7 +186,11 @@ def all_cells(states):
 def cell_centers(space, cells):
     """Return the center configurations of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
-    return q if not space.rotations.names else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
+    return (
+        q
+        if not space.rotations.names
+        else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
+    )
 
 
 def configurations(space, q):
@@ -201,7 +228,9 @@ def side_neighbors(cell, shape, kind=""):
 def half_turns(shape):
     """Return the axes about which half turns are symmetries."""
     turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3))
-    return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries))
+    return tuple(
+        k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries)
+    )
 
 
 def components(cells, kind=""):
@@ -210,7 +239,13 @@ def components(cells, kind=""):
     Cells are connected through sides.
     """
     number = np.arange(cells.size).reshape(cells.shape)
-    turns = np.array([(turn, near) for turn, row in enumerate(rotation_neighbors(len(cells), kind)) for near in row])
+    turns = np.array(
+        [
+            (turn, near)
+            for turn, row in enumerate(rotation_neighbors(len(cells), kind))
+            for near in row
+        ]
+    )
     links = [number[turns.T].reshape(2, -1)]
     for axis in range(1, cells.ndim):
         long = np.moveaxis(number, axis, 0)
@@ -218,4 +253,8 @@ def components(cells, kind=""):
     a, b = np.concatenate(links, axis=1)
     both = cells.ravel()[a] & cells.ravel()[b]
     graph = sparse.coo_array((both[both], (a[both], b[both])), shape=(cells.size, cells.size))
-    return np.where(cells, sparse.csgraph.connected_components(graph, directed=False)[1].reshape(cells.shape), -1)
+    return np.where(
+        cells,
+        sparse.csgraph.connected_components(graph, directed=False)[1].reshape(cells.shape),
+        -1,
+    )

@@ -24,10 +24,16 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     one, two = a.to_xarray(), b.to_xarray()
     assert one.identical(two)
     assert all(one[name].dtype == two[name].dtype for name in one.variables)
-    assert (a.grid, a.robot.spec, a.robot.name, a.rotations) == (b.grid, b.robot.spec, b.robot.name, b.rotations)
+    assert (a.grid, a.robot.spec, a.robot.name, a.rotations) == (
+        b.grid,
+        b.robot.spec,
+        b.robot.name,
+        b.rotations,
+    )
     assert (a.workspace.inner is a.workspace.outer) == (b.workspace.inner is b.workspace.outer)
     low, high = (
-        [*np.add(corner, by), 9.0 * by][: a.size] for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0))
+        [*np.add(corner, by), 9.0 * by][: a.size]
+        for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0))
     )
     q = np.random.default_rng(0).uniform(low, high, (64, len(low)))
     if "qw" in a.axes:
@@ -44,7 +50,9 @@ def proven_paths(space: Any, q0: ArrayLike, q1: ArrayLike) -> Any:
     if isinstance(connected, bool):
         assert isinstance(disconnected, bool) and not (connected and disconnected)
         return True if connected else False if disconnected else None
-    assert connected.dtype == disconnected.dtype == np.bool_ and not (connected & disconnected).any()
+    assert (
+        connected.dtype == disconnected.dtype == np.bool_ and not (connected & disconnected).any()
+    )
     return np.array([None, False, True], dtype=object)[2 * connected + disconnected]
 
 
@@ -98,8 +106,14 @@ def solid() -> cspace.CSpace:
     """Build a map of meshes and balls in space."""
     housing = Mesh.of(trimesh.creation.box((0.6, 0.5, 0.4)))
     base = cspace.Workspace.from_mesh(housing, 0.1, (-1.0, -0.9, -0.8, 1.0, 0.9, 0.8))
-    shapes = (Balls.of([(0.5, 0.5, 0.5)], 0.2), housing, Balls.of([(-0.8, 0.0, 0.1), (0.0, 0.0, 0.7)], [0.0, 0.1]))
-    workspace = cspace.Workspace(base.grid, base.outer, base.inner, source=base.source, shapes=shapes)
+    shapes = (
+        Balls.of([(0.5, 0.5, 0.5)], 0.2),
+        housing,
+        Balls.of([(-0.8, 0.0, 0.1), (0.0, 0.0, 0.7)], [0.0, 0.1]),
+    )
+    workspace = cspace.Workspace(
+        base.grid, base.outer, base.inner, source=base.source, shapes=shapes
+    )
     return cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), counts=True, margin=0.03)
 
 
@@ -112,7 +126,9 @@ def solid_turning() -> cspace.CSpace:
 def solid_free() -> cspace.CSpace:
     """Build a map of a freely rotating, symmetric robot."""
     workspace = cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1)
-    return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
+    return cspace.build(
+        workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2)
+    )
 
 
 MAP_BUILDERS: dict[str, Callable[[], cspace.CSpace]] = {

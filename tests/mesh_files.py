@@ -7,9 +7,16 @@ import trimesh
 from cspace import FileError, GeometryError
 from cspace.files.meshes import read_mesh
 
-BOX_CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float)
-BOX_QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1
-BOX_MESH = trimesh.Trimesh(BOX_CORNERS, np.concatenate([BOX_QUADS[:, :3], BOX_QUADS[:, [0, 2, 3]]]), process=False)
+BOX_CORNERS = np.array(
+    [(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float
+)
+BOX_QUADS = (
+    np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)])
+    - 1
+)
+BOX_MESH = trimesh.Trimesh(
+    BOX_CORNERS, np.concatenate([BOX_QUADS[:, :3], BOX_QUADS[:, [0, 2, 3]]]), process=False
+)
 BOX_SHIFT = np.array([10.0, 0.0, 0.0])
 TETRAHEDRON = np.eye(4, 3, -1), np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 """Vertices and faces."""

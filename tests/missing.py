@@ -22,7 +22,8 @@ import cspace
 def output_without(package: str, code: str) -> str:
     """Return the output of code that cannot import a package."""
     run = [sys.executable, "-c", HIDE.format(package=package) + code]
-    # Code that other tests have compiled for their own classes could not be read without the package.
+    # Code that other tests have compiled for their own classes could not be read without the
+    # package.
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"NUMBA_CACHE_DIR": cache}
         done = subprocess.run(run, env=environment, capture_output=True, text=True, check=False)

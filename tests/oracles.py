@@ -87,7 +87,8 @@ def ring_segments(vertices):
 def polygon_outer_offsets(vertices, spacing, margins, reach):
     """Return the outer offsets of a polygon for each margin.
 
-    These are the m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within the margin of the polygon.
+    These are the m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within the margin of the
+    polygon.
     """
     segments, h = ring_segments(vertices), Fraction(spacing)
     offsets_by_margin = [set() for _ in margins]
@@ -95,8 +96,14 @@ def polygon_outer_offsets(vertices, spacing, margins, reach):
         box = (h * (m[0] - 1), h * (m[1] - 1), h * (m[0] + 1), h * (m[1] + 1))
         square = 0
         if not encloses((h * m[0], h * m[1]), segments):
-            near = (segment for segment in segments if not is_beyond(segment, box, max(map(Fraction, margins))))
-            square = min((square_distance_to_box(segment, box) for segment in near), default=math.inf)
+            near = (
+                segment
+                for segment in segments
+                if not is_beyond(segment, box, max(map(Fraction, margins)))
+            )
+            square = min(
+                (square_distance_to_box(segment, box) for segment in near), default=math.inf
+            )
         for offsets, margin in zip(offsets_by_margin, map(Fraction, margins), strict=True):
             if square <= margin * margin:
                 offsets.add(m)
@@ -107,26 +114,39 @@ def polygon_inner_offsets(vertices, spacing, reach):
     """Return the m, |m| <= reach, whose point ``h m`` lies in a closed polygon."""
     segments, h = ring_segments(vertices), Fraction(spacing)
     points = {m: (h * m[0], h * m[1]) for m in product(range(-reach, reach + 1), repeat=2)}
-    return {m for m, point in points.items() if is_on_boundary(point, segments) or encloses(point, segments)}
+    return {
+        m
+        for m, point in points.items()
+        if is_on_boundary(point, segments) or encloses(point, segments)
+    }
 
 
 def disc_outer_offsets(center, radius, spacing, margin, reach):
     """Return the m, |m| <= reach, whose box ``h (m + [-1, 1]^2)`` is within a margin of a disc."""
     *center, h, radius, margin = units((*center, spacing, radius, margin))
-    apart = [[max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center]
+    apart = [
+        [max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center
+    ]
     return _offsets_within(apart, radius + margin, reach)
 
 
 def disc_inner_offsets(center, radius, spacing, reach):
     """Return the m, |m| <= reach, whose point ``h m`` lies in a closed disc."""
     *center, h, radius = units((*center, spacing, radius))
-    return _offsets_within([[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach)
+    return _offsets_within(
+        [[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach
+    )
 
 
 def _offsets_within(apart, radius, reach):
     """Return the offsets within a radius, given the distances along each axis."""
     (xs, ys), square = ([part * part for part in parts] for parts in apart), radius * radius
-    return {(i - reach, j - reach) for i, x in enumerate(xs) for j, y in enumerate(ys) if x + y <= square}
+    return {
+        (i - reach, j - reach)
+        for i, x in enumerate(xs)
+        for j, y in enumerate(ys)
+        if x + y <= square
+    }
 
 
 def raster_offsets(raster):
@@ -144,7 +164,10 @@ def overlap(occupied, offsets, outside):
     def filled(i, j):
         return bool(occupied[i, j]) if 0 <= i < nx and 0 <= j < ny else outside
 
-    return {(i, j): sum(filled(i + m, j + n) for m, n in offsets) for i, j in product(range(nx), range(ny))}
+    return {
+        (i, j): sum(filled(i + m, j + n) for m, n in offsets)
+        for i, j in product(range(nx), range(ny))
+    }
 
 
 def overlaps_by_shifts(occupied, raster, outside):
@@ -160,7 +183,9 @@ def overlaps_by_shifts(occupied, raster, outside):
         for k in range(0, len(shifts), together):
             total += copies[tuple(shifts[k : k + together].T)].sum(axis=0, dtype=np.int64)
         return total
-    for k in range(0, len(shifts), 255):  # the most that a byte can count, because bytes are fastest
+    for k in range(
+        0, len(shifts), 255
+    ):  # the most that a byte can count, because bytes are fastest
         partial = np.zeros(occupied.shape, dtype=np.uint8)
         for shift in shifts[k : k + 255]:
             partial += copies[tuple(shift)]
@@ -170,7 +195,10 @@ def overlaps_by_shifts(occupied, raster, outside):
 
 def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
     """Run an engine; return its new arrays and its arithmetic."""
-    occupied, out = occupied.view(), [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
+    occupied, out = (
+        occupied.view(),
+        [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters],
+    )
     occupied.setflags(write=False)  # like the cells of a workspace
     return out, engine.collide(occupied, rasters, out, outside=outside, **options)
 
@@ -178,7 +206,8 @@ def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
 def segment_meets_block(start, end, low, high):
     """Return True if a closed segment meets a closed block.
 
-    Clipping (Liang and Barsky, 1984) in any dimension, exact for fractions and integers because nothing is divided.
+    Clipping (Liang and Barsky, 1984) in any dimension, exact for fractions and integers because
+    nothing is divided.
     """
     first, last = (0, 1), (1, 1)  # parameters along the segment, as (numerator, denominator)
     for p, q, a, b in zip(start, end, low, high, strict=True):
@@ -196,9 +225,9 @@ def segment_meets_block(start, end, low, high):
 def link_cells(wide, periodic_axes, corners=True):
     """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
 
-    Two neighbours are linked if all cells touched on the way are True. Links cross sides, and corners if ``corners``.
-    In a plane without periodic axes, they also lead two cells along one axis and one along the
-    other, if ``corners``. Only the shortest link between two cells counts.
+    Two neighbours are linked if all cells touched on the way are True. Links cross sides, and
+    corners if ``corners``. In a plane without periodic axes, they also lead two cells along one
+    axis and one along the other, if ``corners``. Only the shortest link between two cells counts.
     """
     reach = 2 if corners and wide.ndim == 2 and not np.any(periodic_axes) else 1
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
@@ -206,7 +235,9 @@ def link_cells(wide, periodic_axes, corners=True):
     for array, outside in ((wide, False), (numbers, -1)):
         for axis, wraps in enumerate(np.broadcast_to(periodic_axes, wide.ndim)):
             widths = [(reach * int(k == axis),) * 2 for k in range(wide.ndim)]
-            array = np.pad(array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside})
+            array = np.pad(
+                array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside}
+            )
         framed.append(np.lib.stride_tricks.sliding_window_view(array, wide.shape))
     beside = {
         step: tuple(array[tuple(part + reach for part in step)] for array in framed)
@@ -215,8 +246,12 @@ def link_cells(wide, periodic_axes, corners=True):
     signs = 1e-6 * np.array(list(product((-1, 1), repeat=wide.ndim)))
     for step in sorted(beside, key=np.linalg.norm)[1:]:
         if np.gcd.reduce(step) == 1 and (corners or np.abs(step).sum() == 1):
-            points = np.linspace(0.0, 1.0, 41)[:, None, None] * step + signs  # around points of the link
-            touched = {tuple(cell) for cell in np.rint(points).astype(int).reshape(-1, wide.ndim).tolist()}
+            points = (
+                np.linspace(0.0, 1.0, 41)[:, None, None] * step + signs
+            )  # around points of the link
+            touched = {
+                tuple(cell) for cell in np.rint(points).astype(int).reshape(-1, wide.ndim).tolist()
+            }
             can = np.logical_and.reduce([beside[part][0] for part in touched])
             first, last = numbers[can], beside[step][1][can]
             links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))
@@ -234,21 +269,24 @@ def to_graph(links, size):
 def turns_between(yaw0, yaw1, turn, slack=0):
     """Return the shorter signed angles between yaws; two angles if equal within ``slack``."""
     ahead = (yaw1 - yaw0) % turn
-    return [direction for direction in (ahead, ahead - turn) if 2 * abs(direction) <= turn + 2 * slack]
+    return [
+        direction for direction in (ahead, ahead - turn) if 2 * abs(direction) <= turn + 2 * slack
+    ]
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
     """Return the cells ``(rotation, x, y(, z))`` that an edge meets.
 
-    The edge ``(x, y(, z), yaw)`` is linear, with the shorter rotation. Rotation cells repeat with every turn. Exact for
-    the given floats; ``slack`` widens the cells.
+    The edge ``(x, y(, z), yaw)`` is linear, with the shorter rotation. Rotation cells repeat with
+    every turn. Exact for the given floats; ``slack`` widens the cells.
     """
     (h, slack), corner, borders = units((spacing, slack)), units(lower), units(borders)
     whole = borders[-1] - borders[0]
     (*first, yaw0), (*second, yaw1) = units(start), units(end)
     begin = borders[0] + (yaw0 - borders[0]) % whole
     sides = [
-        [(c + h * i - slack, c + h * (i + 1) + slack) for i in range(n)] for c, n in zip(corner, shape, strict=True)
+        [(c + h * i - slack, c + h * (i + 1) + slack) for i in range(n)]
+        for c, n in zip(corner, shape, strict=True)
     ]
     cells = set()
     for turn in turns_between(yaw0, yaw1, whole, slack):
@@ -269,7 +307,7 @@ def path_length(path):
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) else math.inf
 
 
-# ---- solids ----------------------------------------------------------------------------------------------------------
+# ---- solids --------------------------------------------------------------------------------------
 
 
 MAX_ORACLE_PAIRS = 400_000
@@ -312,8 +350,12 @@ def _distance_to_triangle(points, triangles):
     distances = np.min([_distance_to_segment(points, x, y) for x, y in sides], axis=0)
     normal = np.cross(b - a, c - a)
     square = (normal * normal).sum(axis=1)
-    above = np.all([(np.cross(y - x, points - x) * normal).sum(axis=1) >= 0.0 for x, y in sides], axis=0)
-    height = np.abs(((points - a) * normal).sum(axis=1)) / np.sqrt(np.where(square > 0.0, square, 1.0))
+    above = np.all(
+        [(np.cross(y - x, points - x) * normal).sum(axis=1) >= 0.0 for x, y in sides], axis=0
+    )
+    height = np.abs(((points - a) * normal).sum(axis=1)) / np.sqrt(
+        np.where(square > 0.0, square, 1.0)
+    )
     return np.where(above & (square > 0.0), np.minimum(distances, height), distances)
 
 

@@ -23,12 +23,15 @@ def setting(control: Any, value: float) -> dict[str, Any]:
 def camera() -> dict[str, Any]:
     """Return the first message of a browser."""
     sent: dict[str, Any] = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
-    sent |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {"wxyz": (1.0, 0.0, 0.0, 0.0)}
+    sent |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {
+        "wxyz": (1.0, 0.0, 0.0, 0.0)
+    }
     return {"type": "ViewerCameraMessage", **sent}
 
 
 def drag(name: str, poses: Any) -> list[dict[str, Any]]:
-    """Return the messages of a browser whose user drags a gizmo through poses, shape (n, 4, 4), and releases it."""
+    """Return the messages of a browser whose user drags a gizmo through poses, shape (n, 4, 4), and
+    releases it."""
     updates = [
         {
             "type": "TransformControlsUpdateMessage",

@@ -79,7 +79,11 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
 
 
 def check_cells(
-    space: CSpace, ax: Any, image: NDArray[np.uint8], cells: NDArray[np.int64], rotations: Sequence[Any]
+    space: CSpace,
+    ax: Any,
+    image: NDArray[np.uint8],
+    cells: NDArray[np.int64],
+    rotations: Sequence[Any],
 ) -> set[str]:
     """Check the colours of cells; return their legend entries."""
     seen = set()

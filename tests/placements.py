@@ -14,12 +14,18 @@ ORACLE_BAND = 1e-6
 def draw_near_mixed(space, rng, n, share=0.5, around=0.5):
     """Draw configurations in and around the grid, a share of them in MIXED cells."""
     dim = space.grid.dim
-    q = rng.uniform(np.subtract(space.grid.lower, around), np.add(space.grid.upper, around), (n, dim))
+    q = rng.uniform(
+        np.subtract(space.grid.lower, around), np.add(space.grid.upper, around), (n, dim)
+    )
     cells = np.argwhere(space._seen == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=int(share * n)), -dim:]
-        q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
-    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.size - dim))]))
+        q[: len(chosen)] = space.grid.lower + space.grid.spacing * (
+            chosen + rng.random(chosen.shape)
+        )
+    return configurations(
+        space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.size - dim))])
+    )
 
 
 def draw_configurations(space, rng, n, far=False):
@@ -36,7 +42,9 @@ def draw_configurations(space, rng, n, far=False):
         return q
     if len(space.rotations.names) == 4:
         return np.column_stack([q, draw_quaternions(space.rotations, rng, n)])
-    on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(-1, 2, n)
+    on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(
+        -1, 2, n
+    )
     near = on_border + rng.choice([0.0, 1e-12, -1e-12, 1e-6, -1e-6], n)
     return np.column_stack([q, np.where(rng.random(n) < 0.4, near, rng.uniform(-9.0, 9.0, n))])
 
@@ -44,10 +52,16 @@ def draw_configurations(space, rng, n, far=False):
 def draw_quaternions(rotations, rng, n):
     """Draw unit quaternions, many on or near boundaries of cells."""
     borders = np.asarray(rotations.borders)
-    quotients = rng.choice(borders, (n, 3)) + rng.choice([0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6], (n, 3))
-    quotients = np.where(rng.random((n, 3)) < 0.5, quotients, np.tan(rng.uniform(-np.pi / 4, np.pi / 4, (n, 3))))
+    quotients = rng.choice(borders, (n, 3)) + rng.choice(
+        [0.0, 1e-15, -1e-15, 1e-12, -1e-12, 1e-6, -1e-6], (n, 3)
+    )
+    quotients = np.where(
+        rng.random((n, 3)) < 0.5, quotients, np.tan(rng.uniform(-np.pi / 4, np.pi / 4, (n, 3)))
+    )
     q = rng.permuted(np.column_stack([quotients, np.ones(n)]), axis=1)
-    q = np.where(rng.random((n, 1)) < 0.3, rng.normal(size=(n, 4)), q) * rng.choice([-1.0, 1.0], (n, 1))
+    q = np.where(rng.random((n, 1)) < 0.3, rng.normal(size=(n, 4)), q) * rng.choice(
+        [-1.0, 1.0], (n, 1)
+    )
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
@@ -57,8 +71,12 @@ def obstacles_of(space):
     if space.workspace.shapes is None:
         parts = [unite_cells(space.workspace.outer, space.grid)]
     else:
-        parts = [part.intersection(box) for shape in space.workspace.shapes for part in shape.geometries]
-    shape = shapely.union_all([*parts, *([surround_grid(space.grid, 100.0)] if space.outside == "blocked" else [])])
+        parts = [
+            part.intersection(box) for shape in space.workspace.shapes for part in shape.geometries
+        ]
+    shape = shapely.union_all(
+        [*parts, *([surround_grid(space.grid, 100.0)] if space.outside == "blocked" else [])]
+    )
     shapely.prepare(shape)
     return shape
 

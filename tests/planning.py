@@ -43,7 +43,11 @@ FEW_ROTATIONS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)
 
 ROOM_INPUTS: dict[str, Any] = {
     "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
-    "turning": (fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]), Robot.rectangle(0.6, 0.3), 24),
+    "turning": (
+        fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]),
+        Robot.rectangle(0.6, 0.3),
+        24,
+    ),
     "yawing": (fill_boxes((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
     "floating": (
         fill_boxes((24, 16, 10), np.s_[11:13, :9]),
@@ -93,9 +97,13 @@ def build_open_map(name: str) -> CSpace:
     return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
 
 
-def build_from_states(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
+def build_from_states(
+    state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0
+) -> CSpace:
     """Build a map of states (x, ...), or (rotation, x, ...) with ``turns``."""
-    return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
+    return map_of(
+        state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED
+    )
 
 
 def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
@@ -104,8 +112,15 @@ def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
     state[:, 9] = between
-    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(len(Rotations.of(turns).names), ()))
-    return build_from_states(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
+    rest = (
+        *(4.5,) * (len(cells) - 1),
+        *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(len(Rotations.of(turns).names), ()),
+    )
+    return (
+        build_from_states(state[0] if turns is None else state, turns),
+        (2.5, *rest),
+        (16.5, *rest),
+    )
 
 
 def make_state(space: CSpace, si: Any, q: Any) -> Any:
@@ -119,17 +134,23 @@ def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
     """Draw configurations in and around a map, some on corners of cells."""
     rng = np.random.default_rng(seed)
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
-    corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
+    corners = lower + space.grid.spacing * rng.integers(
+        0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim)
+    )
     q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
     angles = rng.uniform(-math.pi, math.pi, (len(q), space.size - space.grid.dim))
     return wrap_rotations(space, np.column_stack([q, angles]))
 
 
-def draw_edges(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def draw_edges(
+    space: CSpace, n: int, seed: int, reach: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Draw FREE configurations, and a configuration near each."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
-    return wrap_rotations(space, starts), wrap_rotations(space, starts + rng.uniform(-reach, reach, starts.shape))
+    return wrap_rotations(space, starts), wrap_rotations(
+        space, starts + rng.uniform(-reach, reach, starts.shape)
+    )
 
 
 def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
@@ -137,10 +158,14 @@ def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
     turns = q[:, space.grid.dim :]
     if "qw" in space.axes:
         turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.column_stack([q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)])
+    return np.column_stack(
+        [q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)]
+    )
 
 
-def sample_edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
+def sample_edge(
+    space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Return configurations at ``shares`` of an edge, and its rotation in radians."""
     points, angles = sample_edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
@@ -174,26 +199,38 @@ def turn_between(first: Any, second: Any) -> Any:
 def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
     """Return lower corners and a tree of centers of boundary cells that are not FREE."""
     shut = space.cell_states != FREE
-    boundary = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
+    boundary = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(
+        -1, space.grid.dim
+    )
     corners = np.array(space.grid.lower) + space.grid.spacing * boundary
     return corners, cKDTree(corners + space.grid.spacing / 2.0)
 
 
 def min_distance(space: CSpace, points: np.ndarray) -> float:
     """Return the distance of points to cells that are not FREE."""
-    lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), boundary_corners(space)
+    lower, upper, (corners, tree) = (
+        np.array(space.grid.lower),
+        np.array(space.grid.upper),
+        boundary_corners(space),
+    )
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
         # The center of a cell is at most half a diagonal farther than the cell.
-        reach = min(least, float(tree.query(points)[0].min())) + space.grid.spacing * math.sqrt(space.grid.dim)
+        reach = min(least, float(tree.query(points)[0].min())) + space.grid.spacing * math.sqrt(
+            space.grid.dim
+        )
         near = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
         first, at = corners[near.col], points[near.row]
         apart = np.maximum(first - at, at - first - space.grid.spacing)
-        least = min(least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min(initial=math.inf)))
+        least = min(
+            least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min(initial=math.inf))
+        )
     return least
 
 
-def sample_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
+def sample_arc(
+    first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray
+) -> np.ndarray:
     """Return configurations on the arc with a chord and an angle."""
     angles = turn * along
     yaw = first[2] + angles
@@ -202,11 +239,15 @@ def sample_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np
         offsets = np.stack([ahead * math.cos(first[2]), ahead * math.sin(first[2])], axis=-1)
     else:
         radius = way * chord / (2.0 * math.sin(abs(turn) / 2.0)) * math.copysign(1.0, turn)
-        offsets = radius * np.stack([np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1)
+        offsets = radius * np.stack(
+            [np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1
+        )
     return np.column_stack([first[:2] + offsets, yaw])
 
 
-def plan_patiently(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any) -> planners.Plan:
+def plan_patiently(
+    space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any
+) -> planners.Plan:
     """Plan with growing time limits until a plan is solved."""
     for seed, limit in enumerate(limits, 1):
         plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
@@ -220,7 +261,11 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
-        assert rows.dtype == np.float64 and rows.shape[1:] == (space.size,) and not rows.flags.writeable
+        assert (
+            rows.dtype == np.float64
+            and rows.shape[1:] == (space.size,)
+            and not rows.flags.writeable
+        )
         both = np.array([start, goal], dtype=float)
         assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
         assert (sample_edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
@@ -232,7 +277,9 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     straight, angles = sample_edges(space, path[:-1], path[1:], along)
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
-        assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
+        assert (plan.direction is None) == (
+            plan.drive == "holonomic"
+        ) and plan.length == pytest.approx(steps.sum())
         assert plan.total_rotation == pytest.approx(angles.sum(), abs=1e-6)
         dense = list(straight)
     else:
@@ -244,12 +291,17 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
         dense = [sample_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
         # Curves are no tighter than the turning radius, and the robot moves along its heading.
         assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
-        assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
+        assert all(
+            np.abs(points[-1, :2] - b[:2]).max() < 1e-5
+            for b, points in zip(path[1:], dense, strict=True)
+        )
     points = np.concatenate([path, *dense])
     if space.size > dim:
         assert (angles <= math.radians(5) + 1e-7).all()
         assert (steps[angles > 1e-7] <= space.grid.spacing * (1 + 1e-9)).all()
-        assert 0.0 <= plan.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+        assert (
+            0.0 <= plan.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+        )
     if not plan.exact:
         assert space.is_free(points).all()
         if space.size == dim:
@@ -260,7 +312,11 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
 
 def check_failed(space: CSpace, plan: planners.Plan) -> None:
     """Check a plan without a path."""
-    assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.size)
+    assert (
+        not plan.solved
+        and not plan.certified
+        and plan.path.shape == plan.waypoints.shape == (0, space.size)
+    )
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 

@@ -3,7 +3,9 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGE_FOLDERS = [Path(str(spec.origin)).parent for name in ("cspace", "planners") if (spec := find_spec(name))]
+PACKAGE_FOLDERS = [
+    Path(str(spec.origin)).parent for name in ("cspace", "planners") if (spec := find_spec(name))
+]
 ROOT = PACKAGE_FOLDERS[0].parent
 SOURCES = {
     ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file

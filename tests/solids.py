@@ -48,7 +48,11 @@ def meet(one: Any, other: Any) -> bool:
 
 def apart(one: Any, others: Any) -> float:
     """Return the distance to the nearest of others, 0 in collision."""
-    return float(min((0.0 if meet(one, each) else fcl.distance(one, each) for each in others), default=np.inf))
+    return float(
+        min(
+            (0.0 if meet(one, each) else fcl.distance(one, each) for each in others), default=np.inf
+        )
+    )
 
 
 def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
@@ -59,7 +63,11 @@ def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
 
 def rotation_of(q: Any) -> Any:
     """Return the rotation of a configuration in space."""
-    return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
+    return (
+        Rotation.from_quat(q[3:])
+        if len(q) == 7
+        else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
+    )
 
 
 class ArmOracle:
@@ -69,14 +77,27 @@ class ArmOracle:
     """
 
     def __init__(self, path: Path, arm: Arm, still: dict[str, list[Any]], allowed: Any) -> None:
-        self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+        self._urdf = yourdfpy.URDF.load(
+            str(path), load_meshes=False, build_collision_scene_graph=False
+        )
         self._arm = arm
-        parts = [(each.name, part) for each in arm.links for part in self._urdf.link_map[each.name].collisions]
+        parts = [
+            (each.name, part)
+            for each in arm.links
+            for part in self._urdf.link_map[each.name].collisions
+        ]
         self._parts = [(link, part.origin, box(part.geometry.box.size)) for link, part in parts]
         placed = [(name, solid) for name, solids in still.items() for solid in solids]
-        names, self._solids = zip(*placed, *((link, solid) for link, _, solid in self._parts), strict=True)
+        names, self._solids = zip(
+            *placed, *((link, solid) for link, _, solid in self._parts), strict=True
+        )
         free = [{name} for name in names] + [set(pair) for pair in allowed]
-        pairs = [(k, n) for n in range(len(placed), len(names)) for k in range(n) if {names[k], names[n]} not in free]
+        pairs = [
+            (k, n)
+            for n in range(len(placed), len(names))
+            for k in range(n)
+            if {names[k], names[n]} not in free
+        ]
         self._names, self._pairs = names, np.array(pairs).reshape(-1, 2)
         self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
@@ -84,7 +105,9 @@ class ArmOracle:
         """Return the minimum distance of pairs that may not touch, or of the pair with two names."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
-        poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}
+        poses = {
+            link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}
+        }
         for link, origin, solid in self._parts:
             pose = poses[link] @ origin
             solid.setTransform(fcl.Transform(pose[:3, :3], pose[:3, 3]))
@@ -103,4 +126,6 @@ class ArmOracle:
 
 def sample_configurations(arm: Arm, rng: np.random.Generator, count: int) -> Any:
     """Draw configurations of an arm, within one turn of joints without limits."""
-    return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
+    return rng.uniform(
+        np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof)
+    )

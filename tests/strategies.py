@@ -59,7 +59,9 @@ def robots(draw, size=1.0):
         hull = shapely.Point(center).buffer(size, quad_segs=3)
         return Robot.polygon(hull.difference(shapely.Point(center).buffer(size * 0.6, quad_segs=2)))
     if kind == "parts":
-        return Robot.polygon([shapely.Polygon(draw(stars(size / 2))), shapely.box(size, 0.0, 1.4 * size, size / 2)])
+        return Robot.polygon(
+            [shapely.Polygon(draw(stars(size / 2))), shapely.box(size, 0.0, 1.4 * size, size / 2)]
+        )
     if kind == "balls":
         n = int(rng.integers(2, 6))
         return Robot.from_balls(rng.uniform(-size, size, (n, 2)), size * rng.uniform(0.1, 0.5, n))
@@ -74,7 +76,9 @@ def uniform(low, high):
 
 
 boundary_yaws = st.tuples(
-    st.just("boundary"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, 2 * math.pi, -2 * math.pi])
+    st.just("boundary"),
+    st.integers(0, 11),
+    st.sampled_from([0.0, math.pi, -math.pi, 2 * math.pi, -2 * math.pi]),
 )
 """Boundaries of rotation cells, by number, plus half or whole turns."""
 
@@ -113,6 +117,9 @@ def solid_robots(draw, size=0.4):
         lows = center + side * np.argwhere(occupied)
         return Robot.from_bitmap(occupied, side, center), [(low, low + side, 0.0) for low in lows]
     n = 1 if kind == "ball" else int(rng.integers(2, 5))
-    centers, radii = center + rng.uniform(-size, size, (n, 3)) * (n > 1), size * rng.uniform(0.1, 0.9, n)
+    centers, radii = (
+        center + rng.uniform(-size, size, (n, 3)) * (n > 1),
+        size * rng.uniform(0.1, 0.9, n),
+    )
     robot = Robot.ball(radii[0], centers[0]) if n == 1 else Robot.from_balls(centers, radii)
     return robot, [(c, c, r) for c, r in zip(centers, radii, strict=True)]

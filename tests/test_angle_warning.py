@@ -63,9 +63,7 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
     catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
     (warning,) = catch_warnings(repeat)
     assert warning.category is AngleWarning and warning.filename == __file__
-    message = (
-        f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians"
-    )
+    message = f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians"
     assert str(warning.message).startswith(message)
 
 
@@ -92,12 +90,19 @@ def test_batches_and_callbacks_do_not_warn() -> None:
 
 def test_a_tiled_map_warns(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
-    tiled = cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16)
-    for query in (lambda: tiled.is_free((1.0, 1.0, 90.0)), lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q)):
+    tiled = cspace.build(
+        workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16
+    )
+    for query in (
+        lambda: tiled.is_free((1.0, 1.0, 90.0)),
+        lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q),
+    ):
         (warning,) = catch_warnings(query)
         assert warning.category is AngleWarning and warning.filename == __file__
 
 
 def test_positions_do_not_warn() -> None:
-    plane: Any = cspace.build(Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1))
+    plane: Any = cspace.build(
+        Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1)
+    )
     assert not catch_warnings(lambda: plane.is_free((90.0, 4.0)))

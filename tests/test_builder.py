@@ -42,7 +42,12 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=60)
-@given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), exteriors, st.sampled_from([0.0, 0.03]))
+@given(
+    problems(),
+    st.sampled_from([None, None, 1, 3, 4, 6, "any way"]),
+    exteriors,
+    st.sampled_from([0.0, 0.03]),
+)
 def test_states_match_the_definition(problem, rotations, outside, margin):
     # Engines and options change no state.
     outer, inner, robot = problem
@@ -59,7 +64,9 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
         expected[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
         assert (counted.overlap_counts.reshape(expected.shape)[number] == touches).all()
-        center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), len(counted.rotations.names)))
+        center = np.broadcast_to(
+            counted.rotations.centers[cell], (len(cells), len(counted.rotations.names))
+        )
         q = np.column_stack([counted.grid.center_of(cells), center])
         assert counted.overlap_count(q).tolist() == touches.ravel().tolist()
     assert (counted._seen == expected).all()
@@ -71,13 +78,15 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
 
 @settings(max_examples=25)
 @example(  # The robot is so thin that it contains no lattice point, so an inner cell blocks no cell.
-    np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]), np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)])
+    np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]),
+    np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)]),
 )
 @given(stars(0.5), stars(1.0))
 def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     """Compare FREE and BLOCKED cells with the Minkowski sum of pyclipper in integers.
 
-    A cell k must be BLOCKED if the robot contains the lattice point of an offset m and cell k + m lies in the obstacle.
+    A cell k must be BLOCKED if the robot contains the lattice point of an offset m and cell k + m
+    lies in the obstacle.
     """
     scale, h = 2**20, 0.11
     space = cspace.build(
@@ -85,13 +94,23 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
         Robot.polygon(robot),
         outside="free",
     )
-    paths = [np.rint(part * scale).astype(int).tolist() for part in (-np.asarray(robot), np.asarray(obstacle))]
-    pieces = [shapely.Polygon(np.divide(path, scale)) for path in pyclipper.MinkowskiSum(paths[0], paths[1], True)]
-    # MinkowskiSum sweeps only the border; adding the obstacle at each robot vertex fills the interior.
+    paths = [
+        np.rint(part * scale).astype(int).tolist()
+        for part in (-np.asarray(robot), np.asarray(obstacle))
+    ]
+    pieces = [
+        shapely.Polygon(np.divide(path, scale))
+        for path in pyclipper.MinkowskiSum(paths[0], paths[1], True)
+    ]
+    # MinkowskiSum sweeps only the border; adding the obstacle at each robot vertex fills the
+    # interior.
     whole = [shapely.Polygon(np.asarray(obstacle) - vertex) for vertex in np.asarray(robot)]
     exact = shapely.union_all([piece.buffer(0) for piece in pieces] + whole)
     exact = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(exact)])
-    lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
+    lower = (
+        np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h
+        + space.grid.lower
+    )
     cells = shapely.box(lower[..., 0], lower[..., 1], lower[..., 0] + h, lower[..., 1] + h)
     rounding = 4.0 / scale
     assert not shapely.intersects(cells[space.cell_states == FREE], exact.buffer(-rounding)).any()
@@ -121,7 +140,9 @@ def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin
         margin=margin,
     )
     q = rng.uniform([-0.3] * 3 + [-7.0], [*(np.array(space.grid.upper) + 0.3), 7.0], (400, 4))
-    q[:, :3] = np.where(rng.random((400, 3)) < 0.3, CELL_SIDE * np.rint(q[:, :3] / CELL_SIDE), q[:, :3])
+    q[:, :3] = np.where(
+        rng.random((400, 3)) < 0.3, CELL_SIDE * np.rint(q[:, :3] / CELL_SIDE), q[:, :3]
+    )
     q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
     low, high = middle - extents / 2, middle + extents / 2
     footprint = shapely.box(*low[:2], *high[:2])
@@ -129,7 +150,9 @@ def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin
     gap = np.full(len(q), np.inf)
     for cell in CELL_SIDE * np.argwhere(occupied):
         flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + CELL_SIDE)))
-        up = np.maximum(np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - CELL_SIDE), 0.0)
+        up = np.maximum(
+            np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - CELL_SIDE), 0.0
+        )
         gap = np.minimum(gap, np.hypot(flat, up))
     if outside == "blocked":
         walls = shapely.bounds(footprints)
@@ -151,23 +174,32 @@ def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
 
     rng = np.random.default_rng([first, second])
     h = 0.25
-    robot, obstacle = (rng.uniform(-1, 1, (int(rng.integers(4, 12)), 3)) * rng.uniform(0.4, 1.3, 3) for _ in range(2))
+    robot, obstacle = (
+        rng.uniform(-1, 1, (int(rng.integers(4, 12)), 3)) * rng.uniform(0.4, 1.3, 3)
+        for _ in range(2)
+    )
     hulls = [manifold3d.Manifold.hull_points(points) for points in (-robot, obstacle)]
     made = [to_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
     workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
     space = cspace.build(workspace, Robot.from_mesh(made[0]), outside="free")
     total = minkowski_sum(*hulls)
-    # A cell with lower corner p meets the sum if p lies in the Minkowski sum of it and the reflected cell.
+    # A cell with lower corner p meets the sum if p lies in the Minkowski sum of it and the
+    # reflected cell.
     reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
-    lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
+    lower = (
+        np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h
+        + space.grid.lower
+    )
     assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
-    corners = lower[space.cell_states == BLOCKED][:, None] + h * np.array(list(itertools.product((0, 1), repeat=3)))
+    corners = lower[space.cell_states == BLOCKED][:, None] + h * np.array(
+        list(itertools.product((0, 1), repeat=3))
+    )
     assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
     # MIXED cells form a thin band along the boundary of the sum.
     middles = lower[space.cell_states == MIXED] + h / 2
-    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + inscribed_radius(
-        robot
-    ) + inscribed_radius(obstacle)
+    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(
+        3
+    ) * h + inscribed_radius(robot) + inscribed_radius(obstacle)
 
 
 def to_mesh(solid):
@@ -211,7 +243,9 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
     options = {"rotations": rotations, "outside": "free"}
 
     def states(occupied, margin=0.0):
-        return cspace.build(Workspace.from_array(occupied, 0.125), robot, margin=margin, **options).cell_states
+        return cspace.build(
+            Workspace.from_array(occupied, 0.125), robot, margin=margin, **options
+        ).cell_states
 
     assert (states(first | second) == np.maximum(states(first), states(second))).all()
     grown = states(first, margin=0.13)
@@ -232,16 +266,26 @@ def test_a_quarter_turn_of_the_workspace_rotates_the_map(robot, count, seed):
     state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).cell_states
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
     world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
-    assert (cspace.build(world, robot, rotations=count).cell_states == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
+    assert (
+        cspace.build(world, robot, rotations=count).cell_states
+        == np.roll(state, count // 4, 0).mT[:, ::-1]
+    ).all()
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=12)
-@given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, exteriors)
+@given(
+    solid_robots(0.3),
+    st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]),
+    seeds,
+    exteriors,
+)
 def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
     # Yaw maps get quarter turns about z; maps with all rotations get half turns about each axis.
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
-    space = cspace.build(Workspace.from_array(occupied, CELL_SIDE), body[0], rotations=rotations, **options)
+    space = cspace.build(
+        Workspace.from_array(occupied, CELL_SIDE), body[0], rotations=rotations, **options
+    )
     cells, yaws = space.rotations, len(space.rotations.names) == 1
     for axis in (2,) if yaws else (0, 1, 2):
         turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
@@ -252,7 +296,11 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
         states = cspace.build(
             Workspace.from_array(world, CELL_SIDE), body[0], rotations=rotations, **options
         ).cell_states
-        images = (np.arange(8) + 2) % 8 if yaws else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
+        images = (
+            (np.arange(8) + 2) % 8
+            if yaws
+            else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
+        )
         assert (states[images] == expected).all()
 
 
@@ -271,8 +319,12 @@ def test_slices_built_together_equal_separate_builds(count, size):
         yaw = np.full(len(cells), space.rotations.centers[:, 0][k])
         q = np.column_stack([space.grid.center_of(cells), yaw])
         assert (counted.overlap_count(q) == counted.overlap_counts[k].ravel()).all()
-        others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # one cell for all other rotations
-        assert (cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]).all()
+        others = np.append(
+            borders[k : k + 2], borders[k] + TWO_PI
+        )  # one cell for all other rotations
+        assert (
+            cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]
+        ).all()
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
@@ -295,17 +347,26 @@ def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, ra
 def test_wall_example_has_the_documented_states():
     # A disc of radius 0.29 on cells of 0.1 is FREE from four cells off the wall, BLOCKED up to two.
     occupied = fill_boxes((21, 3), 10)
-    row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").cell_states[:, 1]
+    row = cspace.build(
+        Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free"
+    ).cell_states[:, 1]
     assert row.tolist() == [FREE] * 7 + [MIXED] + [BLOCKED] * 5 + [MIXED] + [FREE] * 7
 
 
 @pytest.mark.parametrize(
-    "robot", [Robot.disc(0.5), Robot.rectangle(0.9, 0.6), Robot.polygon([(-0.5, -0.4), (0.6, -0.3), (0.0, 0.7)])]
+    "robot",
+    [
+        Robot.disc(0.5),
+        Robot.rectangle(0.9, 0.6),
+        Robot.polygon([(-0.5, -0.4), (0.6, -0.3), (0.0, 0.7)]),
+    ],
 )
 def test_the_mixed_band_is_thin(robot):
     # No MIXED cell is more than three king's moves from a BLOCKED cell.
     rng = np.random.default_rng(3)
-    occupied = fill_boxes((200, 160), *(np.s_[x : x + 9, y : y + 5] for x, y in rng.integers(0, 150, (30, 2))))
+    occupied = fill_boxes(
+        (200, 160), *(np.s_[x : x + 9, y : y + 5] for x, y in rng.integers(0, 150, (30, 2)))
+    )
     state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").cell_states
     steps = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
     assert 1 <= steps[state == MIXED].max() <= 3
@@ -321,7 +382,9 @@ def test_progress_reaches_the_end(rotations, counts):
         options = {"counts": counts, "progress": lambda *step, seen=seen: seen.append(step)}
         cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=rotations, **options)
         done, steps = np.array(seen).T
-        assert (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
+        assert (
+            (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
+        )
 
 
 def test_build_can_be_interrupted():
@@ -340,14 +403,20 @@ def test_build_can_be_interrupted():
         (shapely.box(-0.25, -0.2, 0.25, 0.2), Robot.rectangle(0.5, 0.4)),
         (L_SHAPE, Robot.polygon(L_SHAPE)),
         (Robot.disc(0.2).shape, Robot.disc(0.2)),
-        (trimesh.creation.box((0.4, 0.2, 0.3)), Robot.from_mesh(trimesh.creation.box((0.4, 0.2, 0.3)))),
+        (
+            trimesh.creation.box((0.4, 0.2, 0.3)),
+            Robot.from_mesh(trimesh.creation.box((0.4, 0.2, 0.3))),
+        ),
         (Robot.box((0.4, 0.2, 0.3)).shape, Robot.box((0.4, 0.2, 0.3))),
     ],
     ids=["shapely", "corners", "disc", "trimesh", "box"],
 )
 def test_build_accepts_a_shape_as_robot(shape, robot):
     workspace = Workspace.from_array(np.random.default_rng(1).random((12,) * robot.dim) < 0.05, 0.1)
-    space, expected = cspace.build(workspace, shape, rotations=4), cspace.build(workspace, robot, rotations=4)
+    space, expected = (
+        cspace.build(workspace, shape, rotations=4),
+        cspace.build(workspace, robot, rotations=4),
+    )
     np.testing.assert_array_equal(space.cell_states, expected.cell_states)
     np.testing.assert_array_equal(Robot("named", shape).shape.bounds, robot.shape.bounds)
 
@@ -371,7 +440,10 @@ SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
     ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions but the workspace has 2"),
     ({"workspace": np.eye(3)}, "workspace is a ndarray"),
-    ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions but the workspace has 3"),
+    (
+        {"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)},
+        "2 dimensions but the workspace has 3",
+    ),
 )
 def test_build_rejects_invalid_arguments(arguments, message):
     options = {"workspace": SMALL_WORKSPACE, "robot": Robot.disc(0.1), **arguments}
@@ -382,7 +454,13 @@ def test_build_rejects_invalid_arguments(arguments, message):
 def test_build_rejects_maps_that_exceed_the_memory(monkeypatch):
     workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
-    with pytest.raises(InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be used"):
+    with pytest.raises(
+        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be used"
+    ):
         cspace.build(workspace, Robot.ball(0.1))
-    with pytest.raises(InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0."):
-        Workspace.from_mesh(([(0, 0, 0), (100.1, 100.1, 0), (0, 0, 100.1)], [(0, 1, 2)]), 0.1, solid="surface")
+    with pytest.raises(
+        InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0."
+    ):
+        Workspace.from_mesh(
+            ([(0, 0, 0), (100.1, 100.1, 0), (0, 0, 100.1)], [(0, 1, 2)]), 0.1, solid="surface"
+        )

@@ -43,12 +43,15 @@ cspace.compiling.LONG_WAIT_SECONDS = 0.0
 from cspace.probe import answer
 print(answer(1.0), sum(answer.stats.cache_hits.values()))
 """
-"""Script that prints the result of a compiled function of the package, and its hits of the cache."""
+"""Script that prints the result of a compiled function of the package, and its hits of the cache.
+"""
 
 
 def start(folder: Path, code: str, **environment: str) -> subprocess.Popen[str]:
     """Start a script in a folder, with a cache folder of its own."""
-    others = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    others = {
+        name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))
+    }
     paths = os.pathsep.join([str(folder), str(ROOT)])
     env = others | {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(folder / "cache")} | environment
     command = [sys.executable, "-c", code]
@@ -74,10 +77,12 @@ def probe(tmp_path: Path) -> Callable[..., tuple[str, str]]:
     return run_probe
 
 
-# ---- the cache, and the line about a long wait -----------------------------------------------------------------------
+# ---- the cache, and the line about a long wait ---------------------------------------------------
 
 
-def test_a_long_wait_is_told_once_unless_silenced(probe: Callable[..., tuple[str, str]], tmp_path: Path) -> None:
+def test_a_long_wait_is_told_once_unless_silenced(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
     silence = "import logging; logging.getLogger('cspace.compiling').disabled = True"
     silent = str(tmp_path / "silent")
     assert probe(silence, NUMBA_CACHE_DIR=silent) == ("4.0 0", "")
@@ -88,18 +93,30 @@ def test_a_long_wait_is_told_once_unless_silenced(probe: Callable[..., tuple[str
 
 
 def test_the_demo_compiles_few_functions(tmp_path: Path) -> None:
-    assert 0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
+    assert (
+        0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
+    )
 
 
 def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Path) -> None:
     def folder() -> str:
-        return run(tmp_path, "import cspace.compiling as c; print(c.cache_folder())", PYTHONPATH=str(tmp_path))[0]
+        return run(
+            tmp_path,
+            "import cspace.compiling as c; print(c.cache_folder())",
+            PYTHONPATH=str(tmp_path),
+        )[0]
 
     for package in ("cspace", "planners"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     seen = [folder(), folder()]
     assert seen[0] == seen[1] and seen[0].startswith(str(tmp_path / "cache" / "cspace"))
-    for file, is_compiled in (("cspace/grid.py", True), ("cspace/kernels.py", True), ("cspace/errors.py", False)):
+    for file, is_compiled in (
+        ("cspace/grid.py", True),
+        ("cspace/kernels.py", True),
+        ("cspace/errors.py", False),
+    ):
         with (tmp_path / file).open("a") as opened:
             opened.write("\nMORE = 1\n")
         seen.append(folder())
@@ -108,7 +125,11 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Pat
 
 def constants_in(code: ast.AST) -> set[str]:
     """Return the constants that a piece of code reads."""
-    return {node.id for node in ast.walk(code) if isinstance(node, ast.Name) and node.id.strip("_").isupper()}
+    return {
+        node.id
+        for node in ast.walk(code)
+        if isinstance(node, ast.Name) and node.id.strip("_").isupper()
+    }
 
 
 def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
@@ -127,8 +148,16 @@ def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
 def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
     # Otherwise a kernel would keep the old value of a constant.
     decorators = {"kernel", "inlined", "allocating"}
-    modules, pending, known = dict[str, ast.Module](), list[tuple[str, str]](), set(FILES_WITHOUT_KERNELS)
-    for file in [file for package in (cspace, planners) for file in Path(package.__file__).parent.rglob("*.py")]:
+    modules, pending, known = (
+        dict[str, ast.Module](),
+        list[tuple[str, str]](),
+        set(FILES_WITHOUT_KERNELS),
+    )
+    for file in [
+        file
+        for package in (cspace, planners)
+        for file in Path(package.__file__).parent.rglob("*.py")
+    ]:
         name = file.relative_to(ROOT).as_posix()
         modules[name] = ast.parse(file.read_text(encoding="utf-8"))
         for node in ast.walk(modules[name]):
@@ -145,7 +174,11 @@ def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
         assert name in known, f"{constant} of {name} is compiled into a kernel"
         if isinstance(place, ast.ImportFrom):
             path = str(place.module).replace(".", "/")
-            pending += [(file, constant) for file in (f"{path}.py", f"{path}/__init__.py") if file in modules]
+            pending += [
+                (file, constant)
+                for file in (f"{path}.py", f"{path}/__init__.py")
+                if file in modules
+            ]
         else:
             pending += [(name, each) for each in constants_in(place)]
     assert len(seen) > 100
@@ -165,7 +198,9 @@ def test_code_of_other_versions_is_removed_a_week_after_its_last_use(
     assert "recent" in left and "old" not in left and len(left) == 2
 
 
-def test_processes_save_code_one_at_a_time(probe: Callable[..., tuple[str, str]], tmp_path: Path) -> None:
+def test_processes_save_code_one_at_a_time(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
     probe("answer = None; import cspace.probe, sys; print('4.0 0'); sys.exit()")  # makes the folder
     (lock,) = (tmp_path / "cache").rglob("lock")
     with lock.open() as opened:
@@ -179,7 +214,7 @@ def test_processes_save_code_one_at_a_time(probe: Callable[..., tuple[str, str]]
         assert process.communicate()[0] == "4.0 0\n"
 
 
-# ---- privacy ---------------------------------------------------------------------------------------------------------
+# ---- privacy -------------------------------------------------------------------------------------
 
 
 class Harm:
@@ -205,12 +240,16 @@ def test_cache_folders_that_others_may_write_are_not_read(
     for hits, (path, mode) in enumerate([(folder, 0o1757), (folder, 0o770), (cache, 0o777)]):
         before = path.stat().st_mode
         path.chmod(mode)
-        assert probe(**elsewhere)[0] == f"4.0 {min(hits, 1)}"  # in the other folder, which is used from then on
+        assert (
+            probe(**elsewhere)[0] == f"4.0 {min(hits, 1)}"
+        )  # in the other folder, which is used from then on
         assert not harm.exists()
         path.chmod(before)
 
 
-def test_a_folder_of_another_user_is_not_private(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_another_user_is_not_private(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     inner = tmp_path / "inner"
     inner.mkdir(mode=0o700)
     assert is_private(inner)
@@ -230,7 +269,7 @@ def test_without_a_folder_that_can_be_written_code_is_kept_in_the_temporary_one_
     assert out == "4.0 0" and "at each start" in err
 
 
-# ---- the clock -------------------------------------------------------------------------------------------------------
+# ---- the clock -----------------------------------------------------------------------------------
 
 
 def double(value: float) -> float:

@@ -50,7 +50,9 @@ def imported_packages(tree: ast.AST) -> set[str]:
 def optional_packages(tree: ast.AST) -> dict[str, str]:
     """Return the extra of each package imported with `import_optional(package, use, extra)`."""
     calls = [
-        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_optional"
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_optional"
     ]
     return {ast.literal_eval(call.args[0]): ast.literal_eval(call.args[2]) for call in calls}
 
@@ -72,8 +74,12 @@ def test_every_imported_package_is_declared() -> None:
 
 def test_extras_contain_the_packages_that_code_imports() -> None:
     for file in SOURCES.values():
-        for package, extra in optional_packages(ast.parse(file.read_text(encoding="utf-8"))).items():
-            assert normalize(package) in distributions(EXTRAS[extra]), f"{file.name}: {package}, {extra}"
+        for package, extra in optional_packages(
+            ast.parse(file.read_text(encoding="utf-8"))
+        ).items():
+            assert normalize(package) in distributions(EXTRAS[extra]), (
+                f"{file.name}: {package}, {extra}"
+            )
 
 
 @pytest.mark.parametrize("text", REQUIREMENTS)

@@ -1,7 +1,7 @@
 """Code in the README, the documentation and docstrings.
 
-Pages run in separate folders. Blocks marked ``python`` and ``console`` run; blocks marked ``sh`` and ``py`` need a
-network or other machines.
+Pages run in separate folders. Blocks marked ``python`` and ``console`` run; blocks marked ``sh``
+and ``py`` need a network or other machines.
 """
 
 import doctest
@@ -33,7 +33,9 @@ PAGES = {
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
 PAGES_WITH_CODE = [name for name, blocks in PAGES.items() if blocks]
-MODULES_WITH_EXAMPLES = [name for name, file in SOURCES.items() if ">>> " in file.read_text(encoding="utf-8")]
+MODULES_WITH_EXAMPLES = [
+    name for name, file in SOURCES.items() if ">>> " in file.read_text(encoding="utf-8")
+]
 
 
 def write_files(folder: Path) -> None:
@@ -43,24 +45,37 @@ def write_files(folder: Path) -> None:
     pixels = np.full((120, 160), 254, np.uint8)
     pixels[[0, -1], :] = pixels[:, [0, -1]] = pixels[30:, 78:82] = 0
     Image.fromarray(pixels).save(folder / "room.pgm")
-    lines = ["image: room.pgm", "mode: trinary", "resolution: 0.05", "origin: [-4.0, -3.0, 0.0]", "negate: 0"]
-    (folder / "room.yaml").write_text("\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""]))
+    lines = [
+        "image: room.pgm",
+        "mode: trinary",
+        "resolution: 0.05",
+        "origin: [-4.0, -3.0, 0.0]",
+        "negate: 0",
+    ]
+    (folder / "room.yaml").write_text(
+        "\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""])
+    )
     field = np.zeros((800, 600), dtype=bool)
     field[300:320, :400] = True
     zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE)
-def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_page_runs(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Run the blocks of a page in one namespace and one folder, empty for cli.md.
 
-    For speed, pictures are small and without layout, animations are short, and anytime planners have 0.1 s.
+    For speed, pictures are small and without layout, animations are short, and anytime planners
+    have 0.1 s.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     monkeypatch.setattr("cspace.plot.picture.save_figure", save_small)
     monkeypatch.setattr("planners.plan", plan_briefly)
-    monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None)
+    monkeypatch.setattr(
+        "matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None
+    )
     if page != "docs/reference/cli.md":
         write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
@@ -101,17 +116,28 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_files_that_a_page_names_exist(page: str) -> None:
-    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"^```.*?^```",
+        "",
+        (ROOT / page).read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
     named = re.findall(r"`((?:cspace|planners|tests|benchmarks|docs|examples)/[\w/.]+)`", text)
-    linked = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if ":" not in link]
-    files = [ROOT / name for name in named] + [(ROOT / page).parent / link for link in linked if link]
+    linked = [
+        link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if ":" not in link
+    ]
+    files = [ROOT / name for name in named] + [
+        (ROOT / page).parent / link for link in linked if link
+    ]
     assert [str(file) for file in files if not file.exists()] == []
 
 
 def test_the_architecture_page_lists_every_room() -> None:
     page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rooms = {
-        name.strip("/") for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in row.split("`")[1::2]
+        name.strip("/")
+        for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+        for name in row.split("`")[1::2]
     }
     assert rooms == {name.removeprefix("cspace.") for name in ROOM_LEVELS}
 
@@ -122,11 +148,15 @@ def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {
         file.name for file in (ROOT / "docs" / "pictures").glob("*.png")
     }
-    assert {room for _, rooms, _ in names["FLOORS"] for room in rooms} <= {name.split(".")[-1] for name in ROOM_LEVELS}
+    assert {room for _, rooms, _ in names["FLOORS"] for room in rooms} <= {
+        name.split(".")[-1] for name in ROOM_LEVELS
+    }
 
 
 @pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
-def test_the_examples_of_docstrings_run(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_of_docstrings_run(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testmod(import_module(module))
     assert tried

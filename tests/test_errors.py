@@ -20,20 +20,35 @@ def space():
 
 @refusals(
     "call, beginning",
-    (lambda space: planners.plan((1, 1), (9, 1), space), "space is a tuple; it must be a CSpace or an ArmSpace; "),
+    (
+        lambda space: planners.plan((1, 1), (9, 1), space),
+        "space is a tuple; it must be a CSpace or an ArmSpace; ",
+    ),
     (
         lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
         "space is a Workspace; it must be a CSpace or an ArmSpace; ",
     ),
-    (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
-    (lambda space: cspace.build(space.robot, space.workspace), "workspace is a Robot; it must be a Workspace; "),
-    (lambda space: cspace.build(NO_OBSTACLES, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
+    (
+        lambda space: planners.plan(space, space.robot, (9, 1)),
+        "start is Robot(disc 0.2 m, in the plane); ",
+    ),
+    (
+        lambda space: cspace.build(space.robot, space.workspace),
+        "workspace is a Robot; it must be a Workspace; ",
+    ),
+    (
+        lambda space: cspace.build(NO_OBSTACLES, space.robot),
+        "workspace is a ndarray; it must be a Workspace; call ",
+    ),
     (
         lambda space: cspace.build(space.workspace, space.workspace),
         "robot is a Workspace; it must be a Robot; call ",
     ),
     (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is "),
-    (lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
+    (
+        lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1),
+        "spacing is (0, 0); it must be one number ",
+    ),
     (lambda space: Workspace.from_points(0.1, MANY_POINTS), "spacing is [["),
     (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
     (lambda space: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name; "),
@@ -41,7 +56,10 @@ def space():
     (lambda space: Robot.ball((0, 0, 0), 0.3), "radius is (0, 0, 0); "),
     (lambda space: Robot.from_balls([0.1, 0.2], [[0, 0], [1, 1]]), "centers has shape (2,); "),
     (lambda space: space.update((3, 3), np.ones((2, 2), bool)), "cells has shape (2,); "),
-    (lambda space: space.is_free_around(0.2, (1, 1)), "distance is (1, 1); it must be one number, zero or above; "),
+    (
+        lambda space: space.is_free_around(0.2, (1, 1)),
+        "distance is (1, 1); it must be one number, zero or above; ",
+    ),
     (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is "),
     (lambda space: space.sample_free(np.random.default_rng(0)), "n is "),
     (lambda space: cspace.open(space), "path is CSpace("),
@@ -71,10 +89,16 @@ HUGE_INTEGER = 10**400
         lambda space: space.update([[1]], (HUGE_INTEGER, 0)),
         lambda space: space.grid.center_of([HUGE_INTEGER, 1]),
         lambda space: planners.plan(space, (HUGE_INTEGER, 1), (1, 1)),
-        lambda space: cspace.build(space.workspace, Robot.rectangle(0.2, 0.1), rotations=HUGE_INTEGER),
+        lambda space: cspace.build(
+            space.workspace, Robot.rectangle(0.2, 0.1), rotations=HUGE_INTEGER
+        ),
         lambda space: Robot.disc(HUGE_INTEGER),
-        lambda space: Workspace.from_mesh(([[0, 0, HUGE_INTEGER], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1),
-        lambda space: Workspace.from_mesh(([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, HUGE_INTEGER]]), 0.1),
+        lambda space: Workspace.from_mesh(
+            ([[0, 0, HUGE_INTEGER], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1
+        ),
+        lambda space: Workspace.from_mesh(
+            ([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, HUGE_INTEGER]]), 0.1
+        ),
     ],
 )
 def test_integers_beyond_floats_are_refused_in_a_line(space, call):
@@ -94,8 +118,16 @@ def test_integers_beyond_floats_are_refused_in_a_line(space, call):
         (lambda space: cspace.build(space.workspace, space.robot, margin=-1), "margin", -1),
         (lambda space: cspace.build(space.workspace, space.robot, rotations=0), "rotations", 0),
         (lambda space: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
-        (lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, 0, 0)), "lower", (0, 0, 0)),
-        (lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, np.inf)), "lower[1]", np.inf),
+        (
+            lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, 0, 0)),
+            "lower",
+            (0, 0, 0),
+        ),
+        (
+            lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, np.inf)),
+            "lower[1]",
+            np.inf,
+        ),
         (lambda space: space.is_free((1, "x")), "q", (1, "x")),
         (lambda space: space.is_free((1, 2, 3)), "q", (1, 2, 3)),
         (lambda space: space.certify_path([1, 1]), "path", [1, 1]),

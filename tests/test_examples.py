@@ -11,7 +11,9 @@ from PIL import Image
 
 from tests.repository import ROOT
 
-EXAMPLE_SCRIPTS = sorted(file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py"))
+EXAMPLE_SCRIPTS = sorted(
+    file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py")
+)
 QUICK_EXAMPLES = ("best_placements", "packing", "robots", "sources")
 
 
@@ -24,8 +26,12 @@ def test_scripts_write_their_pictures_and_open_no_window(script: Path) -> None:
 
 
 @pytest.mark.parametrize("name", QUICK_EXAMPLES)
-def test_an_example_without_display_prints_the_name_of_its_picture(name: str, tmp_path: Path) -> None:
-    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "MPLBACKEND")}
+def test_an_example_without_display_prints_the_name_of_its_picture(
+    name: str, tmp_path: Path
+) -> None:
+    environment = {
+        key: value for key, value in os.environ.items() if key not in ("DISPLAY", "MPLBACKEND")
+    }
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", ROOT / "examples" / f"{name}.py"],
         cwd=tmp_path,

@@ -25,7 +25,12 @@ def test_boundaries_belong_to_the_cell_above_and_the_last_to_the_last_cell():
     assert grid.cell_of((1.0, 11.0)).tolist() == [1, 1]
     assert grid.cell_of((3.0, 12.0)).tolist() == [2, 1]
     assert grid.cell_of((-1e-9, 12.1)).tolist() == [-1, 2]
-    assert grid.contains([(0, 10), (3, 12), (3.01, 11), (1, 9.9)]).tolist() == [True, True, False, False]
+    assert grid.contains([(0, 10), (3, 12), (3.01, 11), (1, 9.9)]).tolist() == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
@@ -68,7 +73,8 @@ def test_invalid_grids_are_refused(lower, spacing, shape, message):
 
 
 @pytest.mark.parametrize(
-    "points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)]
+    "points",
+    [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)],
 )
 def test_cell_of_refuses_invalid_points(points):
     with pytest.raises(InputError):

@@ -40,7 +40,8 @@ ORDER = [
 ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
 EXCEPTION = "cspace.shown"
-"""The only module whose functions import upper rooms: the methods ``plot``, ``view`` and ``export``."""
+"""The only module whose functions import upper rooms: the methods ``plot``, ``view`` and
+``export``."""
 
 
 class Import(NamedTuple):
@@ -53,7 +54,11 @@ class Import(NamedTuple):
 
 def room(module: str) -> str:
     """Return the folder or module of the order that contains a module."""
-    return module.partition(".")[0] if module.startswith("planners") else ".".join(module.split(".")[:2])
+    return (
+        module.partition(".")[0]
+        if module.startswith("planners")
+        else ".".join(module.split(".")[:2])
+    )
 
 
 def imports(module: str) -> Iterator[Import]:
@@ -62,7 +67,11 @@ def imports(module: str) -> Iterator[Import]:
         return
     for node in ast.walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (Import(module, node.lineno, alias.name) for alias in node.names if alias.name in SOURCES)
+            yield from (
+                Import(module, node.lineno, alias.name)
+                for alias in node.names
+                if alias.name in SOURCES
+            )
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{module} imports by a relative name"
             for alias in node.names:
@@ -91,14 +100,18 @@ def test_imports_between_packages_point_down() -> None:
         for found in imports(module)
         if ROOM_LEVELS[room(found.imported)] < ROOM_LEVELS[room(module)]
     ]
-    assert not upward, "\n".join(f"{SOURCES[i.module]}:{i.line} imports {i.imported}" for i in upward)
+    assert not upward, "\n".join(
+        f"{SOURCES[i.module]}:{i.line} imports {i.imported}" for i in upward
+    )
 
 
 def test_only_methods_of_the_exception_import_upper_packages() -> None:
     """Its module level has imports for type checkers only, so that it is light."""
     tree = ast.parse(SOURCES[EXCEPTION].read_text(encoding="utf-8"))
     plain = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert not [node for node in plain if ast.unparse(node).startswith(("from cspace", "import cspace"))]
+    assert not [
+        node for node in plain if ast.unparse(node).startswith(("from cspace", "import cspace"))
+    ]
 
 
 def run_python(code: str) -> None:
@@ -117,8 +130,15 @@ assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(csp
 
 def documented_names() -> dict[str, set[str]]:
     """Return the dotted names below ``cspace`` on public pages and in the API, by first package."""
-    pages = [*ROOT.glob("docs/**/*.md"), ROOT / "README.md", *ROOT.glob("examples/*.py"), *ROOT.glob("tutorials/*.py")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages if "_build" not in page.parts)
+    pages = [
+        *ROOT.glob("docs/**/*.md"),
+        ROOT / "README.md",
+        *ROOT.glob("examples/*.py"),
+        *ROOT.glob("tutorials/*.py"),
+    ]
+    text = "\n".join(
+        page.read_text(encoding="utf-8") for page in pages if "_build" not in page.parts
+    )
     api = re.split(r"currentmodule:: (\w+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
     shown = [
         f"cspace.{name}"

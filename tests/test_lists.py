@@ -53,7 +53,11 @@ def find_quoted(text: str) -> list[str]:
 def read_tables(page: str) -> list[list[str]]:
     """Return the cells of all table rows of a page."""
     lines = (DOCS / page).read_text(encoding="utf-8").splitlines()
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines
+        if line.startswith("| ")
+    ]
 
 
 def robot_hint() -> str:
@@ -73,7 +77,7 @@ def robot_suffixes() -> list[str]:
     return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
 
 
-# ---- formats of files ------------------------------------------------------------------------------------------------
+# ---- formats of files ----------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -83,16 +87,22 @@ def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def test_every_reader_of_points_has_a_format() -> None:
-    by_points = {suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"}
+    by_points = {
+        suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"
+    }
     assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
     documented = {}
     for first, _, dimension, *_ in (
-        row for row in read_tables("reference/files.md") if row[0].startswith("`.") and len(row) == 3
+        row
+        for row in read_tables("reference/files.md")
+        if row[0].startswith("`.") and len(row) == 3
     ):
-        documented |= dict.fromkeys(find_quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
+        documented |= dict.fromkeys(
+            find_quoted(first), {"plane": 2, "space": 3, "either": None}[dimension]
+        )
     assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
     assert set(WORKSPACE_FORMATS) <= set(find_quoted(str(Workspace.open.__doc__)))
 
@@ -110,7 +120,7 @@ def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str,
             assert read_dimension(path) == opened.grid.dim, name
 
 
-# ---- robots ----------------------------------------------------------------------------------------------------------
+# ---- robots --------------------------------------------------------------------------------------
 
 
 def test_every_short_text_of_a_robot_is_documented() -> None:
@@ -140,13 +150,15 @@ def test_every_file_of_a_robot_is_documented() -> None:
     assert [suffix for suffix in suffixes if suffix not in page or suffix not in docstring] == []
 
 
-# ---- the features table ----------------------------------------------------------------------------------------------
+# ---- the features table --------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def conf() -> dict[str, Any]:
     """Run the configuration of the documentation without Sphinx."""
-    gallery = {name: mock.MagicMock(ModuleType) for name in ("sphinx_gallery", "sphinx_gallery.scrapers")}
+    gallery = {
+        name: mock.MagicMock(ModuleType) for name in ("sphinx_gallery", "sphinx_gallery.scrapers")
+    }
     gallery["sphinx_gallery.sorting"] = mock.MagicMock()
     gallery["sphinx_gallery.scrapers"].figure_rst = None
     with mock.patch.dict(sys.modules, gallery):
@@ -157,7 +169,11 @@ def features() -> list[list[str]]:
     """Return the names in each row of the features tables, except commands."""
     pages = "reference/features.md", "reference/features_planning.md"
     cells = [row[0] for page in pages for row in read_tables(page)]
-    return [find_quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
+    return [
+        find_quoted(cell)
+        for cell in cells
+        if cell.startswith("`") and not cell.startswith("`cspace ")
+    ]
 
 
 def test_every_name_of_the_features_table_is_public(conf: dict[str, Any]) -> None:
@@ -183,12 +199,16 @@ def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) ->
     for kind in classes:
         inside = re.split(", ?", conf["autosummary_context"]["inside"].get(kind.__name__, ""))
         for name, value in inspect.getmembers(kind, callable):
-            if not name.startswith("_") and not inspect.isclass(value) and name not in {*known, *inside}:
+            if (
+                not name.startswith("_")
+                and not inspect.isclass(value)
+                and name not in {*known, *inside}
+            ):
                 missing.append(f"{kind.__name__}.{name}")
     assert missing == []
 
 
-# ---- the API page ----------------------------------------------------------------------------------------------------
+# ---- the API page --------------------------------------------------------------------------------
 
 PUBLIC_PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
 
@@ -236,7 +256,9 @@ def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> 
         for base in kind.__mro__ if inspect.isclass(kind) else ():
             if base.__module__.split(".")[0] in ("cspace", "planners"):
                 left_out -= {f"{kind.__name__}.{name}" for name in vars(base)}
-                public = {name: value for name, value in vars(base).items() if not name.startswith("_")}
+                public = {
+                    name: value for name, value in vars(base).items() if not name.startswith("_")
+                }
                 undocumented += [
                     f"{base.__name__}.{name}"
                     for name, value in public.items()
@@ -246,25 +268,36 @@ def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> 
     assert left_out == set(), "docs/conf.py leaves out methods that do not exist"
 
 
-# ---- the page for contributors ---------------------------------------------------------------------------------------
+# ---- the page for contributors -------------------------------------------------------------------
 
 
 def test_files_and_names_of_the_extending_page_exist() -> None:
     named = set(find_quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
     files = {name for name in named if re.fullmatch(r"[\w.]+/[\w./]*", name)}
     assert {name for name in files if not (ROOT / name).exists()} == set()
-    code = [file.read_text(encoding="utf-8") for folder in CODE_FOLDERS for file in (ROOT / folder).rglob("*.py")]
+    code = [
+        file.read_text(encoding="utf-8")
+        for folder in CODE_FOLDERS
+        for file in (ROOT / folder).rglob("*.py")
+    ]
     words = {word for text in code for word in re.findall(r"\w+", text)}
-    names = {word for name in named if re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name) for word in name.split(".")}
+    names = {
+        word
+        for name in named
+        if re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name)
+        for word in name.split(".")
+    }
     assert names - words == set()
 
 
-# ---- the version -----------------------------------------------------------------------------------------------------
+# ---- the version ---------------------------------------------------------------------------------
 
 
 def test_version_is_the_same_in_every_file() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    newest = re.search(
+        r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert newest is not None
     assert cspace.__version__ == project["version"] == citation["version"] == newest[1]

@@ -19,18 +19,27 @@ from cspace.limits import (
 def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
-    with pytest.raises(cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"):
+    with pytest.raises(
+        cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"
+    ):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
 
 
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
 @pytest.mark.parametrize(
-    "rotations", [10**7, np.linspace(0, 2 * math.pi, 10**6)], ids=["a count of yaws", "borders of yaws"]
+    "rotations",
+    [10**7, np.linspace(0, 2 * math.pi, 10**6)],
+    ids=["a count of yaws", "borders of yaws"],
 )
 def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
-    workspace, robot = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.rectangle(0.3, 0.1)
+    workspace, robot = (
+        cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
+        cspace.Robot.rectangle(0.3, 0.1),
+    )
     options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(cspace.InputError, match=r"rotations .* at most 65536 cells|rotations .* from 1 to 65536"):
+    with pytest.raises(
+        cspace.InputError, match=r"rotations .* at most 65536 cells|rotations .* from 1 to 65536"
+    ):
         cspace.build(workspace, robot, rotations=rotations, **options)
     assert not list(tmp_path.iterdir())
 
@@ -55,7 +64,10 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 3 * 10**8)
     monkeypatch.setattr("cspace.robot.Robot.rasters", None)
     options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(cspace.InputError, match=r"x [\d,]+ slices and needs about .* [MG]B of memory.*fewer rotations"):
+    with pytest.raises(
+        cspace.InputError,
+        match=r"x [\d,]+ slices and needs about .* [MG]B of memory.*fewer rotations",
+    ):
         cspace.build(workspace, robot, rotations=rotations, **options)
     assert not list(tmp_path.iterdir())
 
@@ -65,7 +77,11 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
     [
         (cspace.Robot.rectangle(3.0, 1.5, (0.3, 0.05)), cspace.Rotations.of(500), 0.1),
         (cspace.Robot.rectangle(4.0, 0.1), cspace.Rotations.of(501), 0.1),
-        (cspace.Robot.box((0.3, 0.18, 0.15), (0.03, 0.02, 0.01)), cspace.Rotations.quaternions(4), 0.1),
+        (
+            cspace.Robot.box((0.3, 0.18, 0.15), (0.03, 0.02, 0.01)),
+            cspace.Rotations.quaternions(4),
+            0.1,
+        ),
         (cspace.Robot.box((1.0, 0.6, 0.5), (0.03, 0.02, 0.01)), cspace.Rotations.of(40), 0.1),
     ],
     ids=["car", "bar", "small box", "box"],
@@ -78,7 +94,11 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
 
 
 def test_build_times_grow_with_slices_and_cells():
-    assert build_seconds((64, 64, 46), 6912) > build_seconds((64, 64, 46), 100) > build_seconds((64, 64), 100)
+    assert (
+        build_seconds((64, 64, 46), 6912)
+        > build_seconds((64, 64, 46), 100)
+        > build_seconds((64, 64), 100)
+    )
 
 
 def test_sizes_are_formatted_in_round_units():

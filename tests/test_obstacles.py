@@ -21,7 +21,16 @@ from tests import solids
 from tests.maps import proven_paths
 from tests.refusals import refusals
 from tests.soak.plane import place_polygon
-from tests.updates import OBSTACLE, SPACING, World, build_empty_room, check, check_agreement, checkers, worlds
+from tests.updates import (
+    OBSTACLE,
+    SPACING,
+    World,
+    build_empty_room,
+    check,
+    check_agreement,
+    checkers,
+    worlds,
+)
 from tests.waiting import write_while_querying
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
@@ -37,15 +46,26 @@ class Stage:
     def obstacle(self) -> tuple[Any, Any]:
         """Draw a shape, and the radius of its points."""
         rng, dim = self.world.rng, len(self.size)
-        center = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
+        center = (
+            self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
+        )
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
         kind = int(rng.integers(3))
         if kind == 0:  # also on cell boundaries
-            points = np.round((center + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING) * SPACING
+            points = (
+                np.round((center + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING)
+                * SPACING
+            )
             return points, rng.choice([0.0, 0.4])
-        turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix() if kind == 1 else np.eye(3)
+        turn = (
+            Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
+            if kind == 1
+            else np.eye(3)
+        )
         if dim == 2:
-            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[:2, :2] + center
+            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[
+                :2, :2
+            ] + center
             return (shapely.MultiPoint(corners).convex_hull if kind == 1 else corners), None
         box = trimesh.creation.box(sides)
         return (box.vertices @ turn + center, box.faces), None
@@ -74,10 +94,12 @@ class Stage:
             for mine, theirs in zip((outer, inner), shape.cells(static.grid), strict=True):
                 mine |= theirs
         shapes = (*static.obstacles, *self.placed.values()) if self.placed else None
-        return cspace.build(Workspace(static.grid, outer, inner, shapes=shapes), world.robot, **world.options)
+        return cspace.build(
+            Workspace(static.grid, outer, inner, shapes=shapes), world.robot, **world.options
+        )
 
 
-# ---- equal to a rebuild ----------------------------------------------------------------------------------------------
+# ---- equal to a rebuild --------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
@@ -111,11 +133,15 @@ def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
 @pytest.mark.parametrize("rotations", [None, 24])
 def test_move_returns_the_changed_cells(rotations: int | None) -> None:
     space = build_empty_room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
-    space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
+    space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance(
+        (1.0, 1.0, 0.0)
+    )
     space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
     for corner in (0.62, 1.7, 2.31):  # overlapping, within a robot's reach, and beyond
         before = space.cell_states.copy()
-        update = space.add_obstacle("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
+        update = space.add_obstacle(
+            "cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46)
+        )
         changed = np.argwhere(space.cell_states != before)
         assert update.changed == len(changed) > 0
         assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
@@ -173,7 +199,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
 
 
-# ---- against shapely and FCL -----------------------------------------------------------------------------------------
+# ---- against shapely and FCL ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotations", [None, 12])
@@ -188,39 +214,62 @@ def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
     space = cspace.build(Workspace.from_array(walls, 0.1), Robot.polygon(body), rotations=rotations)
     for _ in range(4):
         corner, spots = rng.uniform(0.0, 2.6, 2), rng.uniform(0.0, 3.0, (4, 2))
-        cart = shapely.affinity.rotate(shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90)))
+        cart = shapely.affinity.rotate(
+            shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90))
+        )
         space.add_obstacle("cart", cart)
         space.add_obstacle("legs", spots, radius=0.08)
         blocked = shapely.union_all([static, cart])
-        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.size]
+        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[
+            :, : space.size
+        ]
         shapely.prepare(blocked)
         bodies = place_polygon(body, q)
         from_spots = shapely.distance(bodies[:, None], shapely.points(spots)).min(axis=1) - 0.08
         gap = np.minimum(shapely.distance(blocked, bodies), from_spots)
         sure = (np.abs(gap) > 1e-6) | (gap == 0.0)
-        free, states, apart = space.is_free(q, exact=True)[sure], space.classify(q)[sure], gap[sure] > 0.0
+        free, states, apart = (
+            space.is_free(q, exact=True)[sure],
+            space.classify(q)[sure],
+            gap[sure] > 0.0,
+        )
         np.testing.assert_array_equal(free, apart & (states != BLOCKED))
         assert apart[states == FREE].all() and not apart[states == BLOCKED].any()
 
 
 @pytest.mark.parametrize("rotations", [None, 6, cspace.Rotations.quaternions(2)])
 def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
-    rng, size, sides = np.random.default_rng(1), np.array([0.5, 0.2, 0.3]), np.array([0.8, 0.4, 0.6])
+    rng, size, sides = (
+        np.random.default_rng(1),
+        np.array([0.5, 0.2, 0.3]),
+        np.array([0.8, 0.4, 0.6]),
+    )
     space = cspace.build(
-        Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15), Robot.box(size), rotations=rotations
+        Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15),
+        Robot.box(size),
+        rotations=rotations,
     )
     for _ in range(3):
-        turn, center, spots = Rotation.random(random_state=rng), rng.uniform(0.6, 1.8, 3), rng.uniform(0.4, 2.0, (5, 3))
+        turn, center, spots = (
+            Rotation.random(random_state=rng),
+            rng.uniform(0.6, 1.8, 3),
+            rng.uniform(0.4, 2.0, (5, 3)),
+        )
         box = trimesh.creation.box(sides)
         space.add_obstacle("box", (box.vertices @ turn.as_matrix().T + center, box.faces))
         space.add_obstacle("balls", spots, radius=0.1)
-        there = [solids.box(sides, center, turn.as_matrix()), *(solids.ball(0.1, spot) for spot in spots)]
+        there = [
+            solids.box(sides, center, turn.as_matrix()),
+            *(solids.ball(0.1, spot) for spot in spots),
+        ]
         turns = (
             Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
             if space.size == 4
             else Rotation.random(300, rng)
         )
-        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.size]
+        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[
+            space.size
+        ]
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
         for one, free in zip(q, space.is_free(q, exact=True), strict=True):
             placed = one[:3], solids.rotation_of(one).as_matrix()
@@ -230,7 +279,7 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
                 assert free == (gap > 0.0)
 
 
-# ---- accepted and rejected shapes ------------------------------------------------------------------------------------
+# ---- accepted and rejected shapes ----------------------------------------------------------------
 
 
 def test_obstacles_accept_every_kind_of_shape() -> None:
@@ -249,7 +298,9 @@ def test_obstacles_accept_every_kind_of_shape() -> None:
         space.add_obstacle("cart", obstacle, radius=radius)
         states.append(space.cell_states)
     assert all((state == states[0]).all() for state in states)
-    solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
+    solid = cspace.build(
+        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
+    )
     box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
     meshes = (box, trimesh.Scene([box]), (box.vertices, box.faces), cspace.Mesh.of(box))
     for obstacle in (*meshes, Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
@@ -265,7 +316,12 @@ def test_obstacles_accept_every_kind_of_shape() -> None:
 
 def test_obstacles_accept_robots_and_specs() -> None:
     space, other = build_empty_room(), build_empty_room()
-    for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
+    for text in (
+        "disc:0.3@1,1",
+        "rect:0.5x0.3@2,1",
+        "ellipse:0.5,0.3@2,2",
+        "footprint:[[1,1],[2,1],[1,2]]",
+    ):
         space.add_obstacle("e", text)
         other.add_obstacle("e", Robot.parse(text))
         np.testing.assert_array_equal(space.cell_states, other.cell_states)
@@ -288,7 +344,12 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ("cart", OBSTACLE, None, "their size must be given"),
     ("cart", shapely.Polygon(), None, "is empty"),
     ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
-    ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),
+    (
+        "cart",
+        [(0.0, 0.0), (1.0, 1.0)],
+        None,
+        "points need a radius; pass their radius, .* at least 3",
+    ),
     ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
     ("cart", (1.0, 1.0), None, "points need a radius"),
     ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not valid.*for points, pass"),
@@ -304,7 +365,9 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
     ("cart", "no such file.stl", None, "does not exist"),
 )
-def test_rejected_obstacles_change_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
+def test_rejected_obstacles_change_nothing(
+    name: Any, obstacle: Any, radius: Any, message: str
+) -> None:
     space = build_empty_room()
     space.add_obstacle("cart", CART_BOX)
     state, shape = space.cell_states.copy(), space.obstacles["cart"]
@@ -322,7 +385,9 @@ def test_unknown_names_and_windows_are_rejected() -> None:
     with pytest.raises(InputError, match="must be one of 'cart'"):
         space.remove_obstacle("dog")
     fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
-    solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
+    solid = cspace.build(
+        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
+    )
     with pytest.raises(InputError, match="solid='fill'"):
         solid.add_obstacle("box", fill)
     assert not solid.obstacles
@@ -336,10 +401,12 @@ def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
         tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART_BOX)
 
 
-# ---- copies, files, threads ------------------------------------------------------------------------------------------
+# ---- copies, files, threads ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))]
+)
 def test_copies_keep_names_and_change_independently(again: Any) -> None:
     space, empty = build_empty_room(), build_empty_room()
     space.add_obstacle("cart", CART_BOX)
@@ -395,7 +462,9 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
         np.testing.assert_array_equal(space.cell_states, other.cell_states)
         np.testing.assert_array_equal(space.clearance(q), other.clearance(q))
         np.testing.assert_array_equal(space.is_free(q, exact=True), other.is_free(q, exact=True))
-        np.testing.assert_array_equal(proven_paths(space, q[:150], q[150:]), proven_paths(other, q[:150], q[150:]))
+        np.testing.assert_array_equal(
+            proven_paths(space, q[:150], q[150:]), proven_paths(other, q[:150], q[150:])
+        )
 
 
 def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -416,5 +485,7 @@ def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) 
     fresh.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = np.random.default_rng(0).uniform(0.0, 3.0, (100, 2))
-    np.testing.assert_array_equal(proven_paths(space, q[:50], q[50:]), proven_paths(fresh, q[:50], q[50:]))
+    np.testing.assert_array_equal(
+        proven_paths(space, q[:50], q[50:]), proven_paths(fresh, q[:50], q[50:])
+    )
     np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))

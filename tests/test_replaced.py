@@ -76,7 +76,9 @@ def test_a_store_of_tiles_that_is_updated_opens_as_the_old_or_the_new_one(tmp_pa
     empty = Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1)
     cspace.build(empty, Robot.disc(0.1), store=path, tile=5, outside="free")
     q = np.random.default_rng(0).uniform(0.0, 1.2, (50, 2))
-    found = read_beside(update_again_and_again, path, lambda: cspace.open(path).is_free(q).tobytes())
+    found = read_beside(
+        update_again_and_again, path, lambda: cspace.open(path).is_free(q).tobytes()
+    )
     assert found <= {bytes(50), b"\1" * 50}
 
 
@@ -89,7 +91,9 @@ def test_a_reader_waits_while_a_map_is_between_two_names(tmp_path: Path) -> None
     space = build_map(0)
     space.save(tmp_path / ".cspace-0.zarr")
     context = multiprocessing.get_context("fork")
-    process = context.Process(target=rename_late, args=(tmp_path / ".cspace-0.zarr", tmp_path / "map.zarr"))
+    process = context.Process(
+        target=rename_late, args=(tmp_path / ".cspace-0.zarr", tmp_path / "map.zarr")
+    )
     process.start()
     try:
         assert cspace.open(tmp_path / "map.zarr").count() == space.count()

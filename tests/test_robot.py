@@ -19,7 +19,9 @@ def test_robots_have_the_given_geometry():
     assert Robot.rectangle(2, 1, (3, 4)).geometry.equals(shapely.box(2, 3.5, 4, 4.5))
     assert Robot.disc(2, (1, 0)).geometry.bounds == pytest.approx((-1, -2, 3, 2))
     bitmap = Robot.from_bitmap([[True, False], [True, True]], 0.5, (-0.5, 0)).geometry
-    assert bitmap.equals(shapely.union_all([shapely.box(-0.5, 0, 0.5, 0.5), shapely.box(0, 0, 0.5, 1)]))
+    assert bitmap.equals(
+        shapely.union_all([shapely.box(-0.5, 0, 0.5, 0.5), shapely.box(0, 0, 0.5, 1)])
+    )
 
 
 @pytest.mark.parametrize(
@@ -59,7 +61,10 @@ def test_open_reads_polygon_files(tmp_path, data):
     (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
     (lambda: Robot.open(5), "robot is 5; it must be a file name"),
     (lambda: Robot.parse(5), "robot is 5; it must be a short text"),
-    (lambda: Robot.open("disc:0.3"), r"robot is .disc:0.3.; it must be a file; use Robot.parse\(.disc:0.3.\)"),
+    (
+        lambda: Robot.open("disc:0.3"),
+        r"robot is .disc:0.3.; it must be a file; use Robot.parse\(.disc:0.3.\)",
+    ),
     (lambda: Robot.parse("robot.urdf"), "must be a short text .*; Robot.open reads files"),
     (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
     (lambda: Robot.from_balls([], []), "centers"),
@@ -78,18 +83,30 @@ def test_open_reads_polygon_files(tmp_path, data):
     (lambda: Robot.parse("disc:-0.3"), "above zero"),
     (lambda: Robot.parse("rect:0.3"), "LENGTHxWIDTH"),
     (lambda: Robot.parse("cube:0.3"), "disc:RADIUS"),
-    (lambda: Robot.parse("ellipse:0.3x0.2"), "RADIUS_X,RADIUS_Y must follow the colon, each above zero"),
+    (
+        lambda: Robot.parse("ellipse:0.3x0.2"),
+        "RADIUS_X,RADIUS_Y must follow the colon, each above zero",
+    ),
     (lambda: Robot.parse("ellipse:0.3,-0.2"), "above zero"),
     (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
-    (lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)), "center is .*; it may be at most 1e.09 times the radius"),
+    (
+        lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)),
+        "center is .*; it may be at most 1e.09 times the radius",
+    ),
     (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
     (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
     (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
     (lambda: Robot.disc(1e4).rasters(0.01), "cells large"),
     (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
     (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
-    (lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05), "check the robot's units"),
-    (lambda: Robot.from_bitmap(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
+    (
+        lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05),
+        "check the robot's units",
+    ),
+    (
+        lambda: Robot.from_bitmap(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05),
+        "from its reference point",
+    ),
     (lambda: Robot.from_bitmap(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
 )
 def test_robots_reject_invalid_arguments(make, message):
@@ -101,7 +118,10 @@ def test_bitmap_of_odd_bytes_matches_numpy():
     # Viewed as boolean, all of these bytes are True.
     odd = np.full((6, 5), 100, np.uint8)
     odd[2:4] = 101
-    mine, plain = Robot.from_bitmap(odd.view(bool), 0.1), Robot.from_bitmap(np.ones((6, 5), bool), 0.1)
+    mine, plain = (
+        Robot.from_bitmap(odd.view(bool), 0.1),
+        Robot.from_bitmap(np.ones((6, 5), bool), 0.1),
+    )
     assert (mine.shape.boundary().simplices == plain.shape.boundary().simplices).all()
     assert mine.spec == plain.spec
 
@@ -128,7 +148,9 @@ def test_missing_file_raises_file_error(tmp_path):
 def test_a_mesh_far_from_its_reference_point_warns_once():
     vertices, faces = TETRAHEDRON
     Robot.from_mesh((vertices + 1.0, faces))
-    with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):
+    with pytest.warns(
+        UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"
+    ):
         robot = Robot.from_mesh((vertices + 10.0, faces))
     again = Robot.from_spec(robot.spec)
     assert again.spec == robot.spec

@@ -32,7 +32,9 @@ def space(request: pytest.FixtureRequest) -> cspace.CSpace:
 @pytest.fixture(scope="module")
 def few() -> cspace.CSpace:
     """Build a small map, nearly all FREE."""
-    workspace = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3))
+    workspace = cspace.Workspace.from_polygons(
+        "POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3)
+    )
     return cspace.build(workspace, cspace.Robot.rectangle(0.2, 0.1), rotations=4, outside="free")
 
 
@@ -67,7 +69,7 @@ def draw_maps(draw: st.DrawFn) -> cspace.CSpace:
     )
 
 
-# ---- what is saved is what opens ---------------------------------------------------------------------------------
+# ---- what is saved is what opens -----------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
@@ -92,7 +94,11 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
         same(space, opened)
         np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)
     again = cspace.build(
-        opened.workspace, opened.robot, rotations=opened.rotations, margin=opened.margin, outside=opened.outside
+        opened.workspace,
+        opened.robot,
+        rotations=opened.rotations,
+        margin=opened.margin,
+        outside=opened.outside,
     )
     np.testing.assert_array_equal(again.cell_states, space.cell_states)
     q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
@@ -106,7 +112,9 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
 @pytest.mark.parametrize("suffix", MAP_SUFFIXES)
 def test_unknown_cells_are_saved(tmp_path: Path, suffix: str) -> None:
     cells = np.eye(9, dtype=bool)
-    workspace = cspace.Workspace(cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1])
+    workspace = cspace.Workspace(
+        cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1]
+    )
     cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / f"map{suffix}")
     again = cspace.open(tmp_path / f"map{suffix}").workspace.unknown
     assert again is not None
@@ -122,7 +130,9 @@ def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool
     cspace.build(empty, robot, inner=inner, outside="free").save(tmp_path / "map")
     opened = cspace.open(tmp_path / "map")
     opened.update(cells, (0, 0))
-    again = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, inner=inner, outside="free")
+    again = cspace.build(
+        cspace.Workspace.from_array(cells, 0.1), robot, inner=inner, outside="free"
+    )
     assert opened.count() == again.count() and (again.count()[2] > 0) == inner
     np.testing.assert_array_equal(opened.cell_states, again.cell_states)
 
@@ -146,10 +156,13 @@ def test_arrays_of_several_chunks_open_equal(
     same(space, cspace.open(tmp_path / "map"))
     chunks = list(files(tmp_path / "map" / "cell_states" / "c"))
     assert len(chunks) > 1 or most > 50
-    assert max(array.chunks[-1] for _, array in zarr.open_group(tmp_path / "map", mode="r").arrays()) > 0
+    assert (
+        max(array.chunks[-1] for _, array in zarr.open_group(tmp_path / "map", mode="r").arrays())
+        > 0
+    )
 
 
-# ---- what may go wrong: a lost chunk that reads as FREE is a collision -------------------------------------------
+# ---- what may go wrong: a lost chunk that reads as FREE is a collision ---------------------------
 
 
 def change_bytes(file: Path, masks: list[int]) -> Iterator[None]:
@@ -168,8 +181,12 @@ def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
     space.save(path)
     for file in files(path):
         content = file.read_bytes()
-        step = 7 if file.suffix == ".json" else 1  # a digest covers the whole file, and metadata are long
-        for _ in change_bytes(file, [1 << (at % 8) if at % step == 0 else 0 for at in range(len(content))]):
+        step = (
+            7 if file.suffix == ".json" else 1
+        )  # a digest covers the whole file, and metadata are long
+        for _ in change_bytes(
+            file, [1 << (at % 8) if at % step == 0 else 0 for at in range(len(content))]
+        ):
             refused(path)
         for other in (content[: len(content) // 2], content[:-1], content + b"\n", b""):
             file.write_bytes(other)
@@ -180,7 +197,9 @@ def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
     same(space, cspace.open(path))
 
 
-def test_lost_and_swapped_chunks_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_and_swapped_chunks_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "map"
     monkeypatch.setattr(zarr_folders, "WRITTEN_CHUNK_BYTES", 12 * 9)  # a chunk for each slice
     MAP_BUILDERS["turning"]().save(path)
@@ -210,7 +229,9 @@ def test_lost_and_swapped_chunks_are_refused(tmp_path: Path, monkeypatch: pytest
     ],
     ids=str,
 )
-def test_changed_attributes_are_refused(tmp_path: Path, small: Path, change: dict[str, Any], message: str) -> None:
+def test_changed_attributes_are_refused(
+    tmp_path: Path, small: Path, change: dict[str, Any], message: str
+) -> None:
     path = tmp_path / "map.zarr"
     shutil.copytree(small / "map.zarr", path)
     document = json.loads((path / "zarr.json").read_text())
@@ -232,12 +253,32 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
     ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
     ({}, {"exterior": np.tile([0, 0, 3, 2, 2], (2, 1))}, "its exterior has other states"),
-    ({}, {"exterior": np.tile([0, 0, 2**62, 2, 0], (2, 1))}, "its exterior reaches beyond all grids"),
-    ({}, {"exterior": np.tile([-(2**63), 0, 3, 2, 0], (2, 1))}, "its exterior reaches beyond all grids"),
+    (
+        {},
+        {"exterior": np.tile([0, 0, 2**62, 2, 0], (2, 1))},
+        "its exterior reaches beyond all grids",
+    ),
+    (
+        {},
+        {"exterior": np.tile([-(2**63), 0, 3, 2, 0], (2, 1))},
+        "its exterior reaches beyond all grids",
+    ),
     ({}, {"inner": np.ones((4, 3), bool)}, "not in outer"),
     *[
-        ({"shapes_bytes": len(text)}, {"shapes": np.frombuffer(text, np.int8)}, "'shapes' tells of no obstacles")
-        for text in (b"\0\0", b"\xff\xff", b"7", b"[7]", b"[{}]", b'[{"kind": "cone"}]', b"[" * 99999)
+        (
+            {"shapes_bytes": len(text)},
+            {"shapes": np.frombuffer(text, np.int8)},
+            "'shapes' tells of no obstacles",
+        )
+        for text in (
+            b"\0\0",
+            b"\xff\xff",
+            b"7",
+            b"[7]",
+            b"[{}]",
+            b'[{"kind": "cone"}]',
+            b"[" * 99999,
+        )
     ],
     *[
         ({"shapes_bytes": len(text)}, {"shapes": np.frombuffer(text, np.int8)}, "")
@@ -255,7 +296,11 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"arrays": "cell_states outer slice_of x y ../outside"}, {}, "has ['../outside']"),
     ({"robot": "{}"}, {}, "its parts make no map"),
     ({"robot": "["}, {}, "its parts make no map"),
-    ({"robot": '{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}'}, {}, "its parts make no map"),
+    (
+        {"robot": '{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}'},
+        {},
+        "its parts make no map",
+    ),
     ({"spacing": -1.0}, {}, "its parts make no map"),
     ({"spacing": "wide"}, {}, "its parts make no map"),
     ({"margin_m": -1.0}, {}, "margin_m"),
@@ -286,7 +331,11 @@ def test_files_that_make_no_map_are_refused_despite_a_valid_digest(
     for name, array in content.items():
         shutil.rmtree(path / name, ignore_errors=True)
         if array is not None:
-            options: dict[str, Any] = {"name": name, "chunks": array.shape, "config": {"write_empty_chunks": True}}
+            options: dict[str, Any] = {
+                "name": name,
+                "chunks": array.shape,
+                "config": {"write_empty_chunks": True},
+            }
             zarr.create_array(str(path), data=array, compressors=ZstdCodec(level=1), **options)
     reseal(path, **metadata)
     refused(path, message)
@@ -306,13 +355,17 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / "absent", "does not exist")
     for name in ("map.txt", "map.npz"):
         (tmp_path / name).write_text("hello")
-        refused(tmp_path / name, "is not a saved map", "numpy.load" if name == "map.npz" else "cspace.build")
+        refused(
+            tmp_path / name,
+            "is not a saved map",
+            "numpy.load" if name == "map.npz" else "cspace.build",
+        )
     for wrong in (7, None):
         with pytest.raises(InputError, match="file name"):
             cspace.open(wrong)
 
 
-# ---- writing: complete, or not there -----------------------------------------------------------------------------
+# ---- writing: complete, or not there -------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
@@ -386,13 +439,15 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
             space.save(tmp_path / name)
 
 
-# ---- what other software finds -----------------------------------------------------------------------------------
+# ---- what other software finds -------------------------------------------------------------------
 
 
 def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
     dataset, dim = space.to_xarray(), space.grid.dim
     turns = {} if not space.rotations.names else {"rotation": len(space.rotations)}
-    assert dict(dataset.cell_states.sizes) == turns | dict(zip("xyz", space.grid.shape, strict=False))
+    assert dict(dataset.cell_states.sizes) == turns | dict(
+        zip("xyz", space.grid.shape, strict=False)
+    )
     for axis, name in enumerate("xyz"[:dim]):
         np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
         assert dataset[name].attrs["units"] == "m"
@@ -403,11 +458,19 @@ def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
         "mixed": cspace.MIXED,
         "blocked": cspace.BLOCKED,
     }
-    positions = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
-    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[len(space.rotations.names)]
+    positions = np.stack(
+        np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1
+    )
+    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[
+        len(space.rotations.names)
+    ]
     every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
-    for rotation, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
-        q = np.concatenate([positions, np.broadcast_to(rotation, (*positions.shape[:-1], len(rotation)))], axis=-1)
+    for rotation, states in zip(
+        np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True
+    ):
+        q = np.concatenate(
+            [positions, np.broadcast_to(rotation, (*positions.shape[:-1], len(rotation)))], axis=-1
+        )
         np.testing.assert_array_equal(states, space.classify(q))
     with pytest.raises(ValueError):
         dataset.cell_states.values[...] = 0
@@ -443,7 +506,9 @@ def test_numpy_reads_an_npz_without_this_library(tmp_path: Path, space: cspace.C
     space.export(tmp_path / "map.npz")
     with np.load(tmp_path / "map.npz", allow_pickle=False) as held:
         states = held["cell_states"][held["slice_of"]]
-        np.testing.assert_array_equal(states if space.rotations.names else states[0], space.cell_states)
+        np.testing.assert_array_equal(
+            states if space.rotations.names else states[0], space.cell_states
+        )
         assert (tuple(held["lower"]), held["spacing"]) == (space.grid.lower, space.grid.spacing)
         assert json.loads(str(held["metadata"])) == space.to_xarray().attrs
         np.testing.assert_array_equal(held["outer"], space.workspace.outer)

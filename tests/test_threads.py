@@ -13,5 +13,8 @@ def test_nested_chunks_start_no_threads(monkeypatch):
         seen.append((threading.current_thread(), start, stop))
         return -1
 
-    assert threads.in_chunks(lambda start, stop: threads.in_chunks(inner, stop - start, 1), 20, 1) == -1
+    assert (
+        threads.in_chunks(lambda start, stop: threads.in_chunks(inner, stop - start, 1), 20, 1)
+        == -1
+    )
     assert [part[1:] for part in seen] == [(0, 10), (0, 10)]

@@ -20,10 +20,18 @@ from cspace.export import images
 from tests.handmade import fill_boxes, map_in
 from tests.maps import proven_paths
 from tests.refusals import refusals
-from tests.updates import OBSTACLE, World, build_empty_room, check, check_agreement, checkers, worlds
+from tests.updates import (
+    OBSTACLE,
+    World,
+    build_empty_room,
+    check,
+    check_agreement,
+    checkers,
+    worlds,
+)
 from tests.waiting import write_while_querying
 
-# ---- equal to a rebuild ----------------------------------------------------------------------------------------------
+# ---- equal to a rebuild --------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
@@ -48,10 +56,14 @@ def test_existing_checkers_follow_updates(world: World) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.parametrize("kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")])
+@pytest.mark.parametrize(
+    "kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")]
+)
 @settings(max_examples=10)
 @given(st.data())
-def test_exact_queries_and_checkers_follow_updates(kinds: tuple[str, ...], data: st.DataObject) -> None:
+def test_exact_queries_and_checkers_follow_updates(
+    kinds: tuple[str, ...], data: st.DataObject
+) -> None:
     world = data.draw(worlds(kinds))
     space = world.build()
     ours = checkers(space, exact=True)
@@ -102,7 +114,7 @@ def test_update_copies_read_only_states() -> None:
     assert not np.array_equal(space.cell_states, given_state)  # the array belongs to the other map
 
 
-# ---- results of updates ----------------------------------------------------------------------------------------------
+# ---- results of updates --------------------------------------------------------------------------
 
 
 def test_update_returns_the_examined_box() -> None:
@@ -122,7 +134,12 @@ def test_update_examines_only_differing_cells() -> None:
     cells = fill_boxes((40, 30), np.s_[18:22, 13:17])
     assert space.update(cells, (0, 0)) == build_empty_room().update(OBSTACLE, (18, 13))
     nothing = space.update(cells, (0, 0))
-    assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
+    assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (
+        0,
+        0,
+        (0, 0),
+        (0, 0),
+    )
 
 
 def test_update_counts_cells_of_every_rotation() -> None:
@@ -140,7 +157,7 @@ def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     assert (space.cell_states == BLOCKED).all()
 
 
-# ---- other maps and shapes -------------------------------------------------------------------------------------------
+# ---- other maps and shapes -----------------------------------------------------------------------
 
 
 def test_update_leaves_the_workspace_and_its_other_maps_unchanged() -> None:
@@ -160,23 +177,32 @@ def test_later_updates_leave_maps_of_the_current_workspace_unchanged() -> None:
     other = cspace.build(space.workspace, Robot.disc(0.2))
     state, cells = other.cell_states.copy(), other.workspace.outer.copy()
     space.update(~OBSTACLE, (18, 13))
-    assert not space.workspace.outer.any() and (other.workspace.outer == cells).all() and cells.any()
+    assert (
+        not space.workspace.outer.any() and (other.workspace.outer == cells).all() and cells.any()
+    )
     assert (other.cell_states == state).all() and not other.is_free((2.0, 1.5), exact=True)
 
 
 def test_update_replaces_shapes_by_cells() -> None:
-    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0))
+    workspace = Workspace.from_polygons(
+        shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0)
+    )
     space = cspace.build(workspace, Robot.disc(0.3))
     is_free = space.point_checker(exact=True)
     assert is_free(1.0, 1.63)  # free of the exact disc of 0.32 m
     space.update(OBSTACLE, (30, 20))
     assert workspace.shapes is not None and space.workspace.shapes is None
-    cells = cspace.build(Workspace.from_array(space.workspace.outer, 0.1, inner=space.workspace.inner), Robot.disc(0.3))
+    cells = cspace.build(
+        Workspace.from_array(space.workspace.outer, 0.1, inner=space.workspace.inner),
+        Robot.disc(0.3),
+    )
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
-    np.testing.assert_array_equal([is_free(*one) for one in q.tolist()], cells.is_free(q, exact=True))
+    np.testing.assert_array_equal(
+        [is_free(*one) for one in q.tolist()], cells.is_free(q, exact=True)
+    )
 
 
-# ---- planning --------------------------------------------------------------------------------------------------------
+# ---- planning ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotations", [None, 8])
@@ -214,11 +240,15 @@ def test_plans_follow_a_door_that_closes_and_opens() -> None:
     for shut in (False, True, False):
         space.update(door & shut, (20, 10))
         plan = planners.plan(space, *endpoints, seed=1)
-        assert plan.is_disconnected is shut and plan.is_connected is (not shut) and plan.solved is (not shut)
+        assert (
+            plan.is_disconnected is shut
+            and plan.is_connected is (not shut)
+            and plan.solved is (not shut)
+        )
         assert plan.certified is (not shut)
 
 
-# ---- refusals --------------------------------------------------------------------------------------------------------
+# ---- refusals ------------------------------------------------------------------------------------
 
 
 @refusals(
@@ -302,7 +332,9 @@ def test_interrupted_update_leaves_a_correct_map(
     check_agreement(ours, checkers(world.build()), world)
 
 
-def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_update_without_memory_for_its_window_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     space = build_empty_room()
 
     def fail(*args: Any) -> str:
@@ -317,7 +349,7 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
     assert space.update(OBSTACLE, (18, 13)).occupied == 16
 
 
-# ---- threads ---------------------------------------------------------------------------------------------------------
+# ---- threads -------------------------------------------------------------------------------------
 
 
 def test_updates_from_threads_wait_for_each_other() -> None:
@@ -343,11 +375,15 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = rng.uniform(-1.0, 5.0, (300, 2))
     np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
-    np.testing.assert_array_equal(proven_paths(space, q[:150], q[150:]), proven_paths(fresh, q[:150], q[150:]))
+    np.testing.assert_array_equal(
+        proven_paths(space, q[:150], q[150:]), proven_paths(fresh, q[:150], q[150:])
+    )
 
 
 @pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
-def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_saved_map_has_one_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     # Updates wait for saves, so states and obstacles in a file agree.
     space = build_empty_room()
     changing = threading.Thread(target=lambda: space.update(OBSTACLE, (10, 10)))

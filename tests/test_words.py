@@ -1,6 +1,7 @@
 """Words that arguments take: type checkers and the library accept the same ones.
 
-``mypy`` checks this file, and fails on an ignored line that has no error, that is on a wrong word that it accepts.
+``mypy`` checks this file, and fails on an ignored line that has no error, that is on a wrong word
+that it accepts.
 """
 
 import ast
@@ -48,7 +49,11 @@ def list_text_arguments(module: str) -> Iterator[str]:
 
 
 def test_no_signature_takes_any_text_for_such_a_word() -> None:
-    modules = [name for name in SOURCES if name.startswith(("planners.", "cspace.builder", "cspace.cli.maps"))]
+    modules = [
+        name
+        for name in SOURCES
+        if name.startswith(("planners.", "cspace.builder", "cspace.cli.maps"))
+    ]
     assert len(modules) > 10
     assert [found for module in modules for found in list_text_arguments(module)] == []
 

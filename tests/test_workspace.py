@@ -40,7 +40,9 @@ def test_lists_and_three_axes_are_accepted() -> None:
     workspace = Workspace.from_array([[[True, False]], [[False, False]]], 1.0)
     assert workspace.grid == Grid((0.0, 0.0, 0.0), 1.0, (2, 1, 2))
     assert workspace.outer.sum() == 1
-    assert not Workspace.from_array(np.ma.array(np.zeros((3, 2), bool)), 0.1).outer.any()  # nothing is masked
+    assert not Workspace.from_array(
+        np.ma.array(np.zeros((3, 2), bool)), 0.1
+    ).outer.any()  # nothing is masked
 
 
 def test_arrays_are_read_only_copies() -> None:
@@ -110,9 +112,7 @@ def files(tmp_path: Path) -> Path:
     for suffix in (".png", ".pgm", ".bmp"):
         Image.fromarray(pixels).save(tmp_path / f"map{suffix}")
     (tmp_path / "map.map").write_text("type octile\nheight 3\nwidth 2\nmap\n..\n@@\n@.\n")
-    header = (
-        "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    header = "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     (tmp_path / "map.yaml").write_text(header)
     (tmp_path / "map.YML").write_text(header)
     np.save(tmp_path / "map.npy", np.array(L_CELLS, dtype=bool))
@@ -120,7 +120,9 @@ def files(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["map.png", "map.pgm", "map.bmp", "map.npy", "map.map", "map.yaml", "map.YML"])
+@pytest.mark.parametrize(
+    "name", ["map.png", "map.pgm", "map.bmp", "map.npy", "map.map", "map.yaml", "map.YML"]
+)
 def test_open_chooses_the_reader_by_suffix(files: Path, name: str) -> None:
     path = files / name
     options = {} if path.suffix.lower() in (".map", ".yaml", ".yml") else {"spacing": 1.0}
@@ -145,20 +147,32 @@ def test_open_passes_options_on(files: Path) -> None:
     ("map.wkt", {"bounds": (0, 0, 1, 1)}, "spacing is missing"),
     ("map.yaml", {"spacing": 0.1}, "spacing is given .* takes unknown"),
     ("map.map", {"unknown": "free"}, "unknown is given .* takes spacing"),
-    ("map.step", {"spacing": 0.1}, r"with suffix '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
+    (
+        "map.step",
+        {"spacing": 0.1},
+        r"with suffix '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson",
+    ),
     ("map", {}, "with suffix ''"),
     ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
     ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
 )
-def test_open_refuses_options_of_other_readers(files: Path, name: str, options: dict[str, Any], message: str) -> None:
+def test_open_refuses_options_of_other_readers(
+    files: Path, name: str, options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         Workspace.open(files / name, **options)
 
 
 @pytest.mark.parametrize("suffix", WORKSPACE_FORMATS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
-    spacing = inspect.signature(getattr(Workspace, WORKSPACE_FORMATS[suffix].method)).parameters.get("spacing")
-    options = {} if spacing is None or spacing.default is not inspect.Parameter.empty else {"spacing": 1.0}
+    spacing = inspect.signature(
+        getattr(Workspace, WORKSPACE_FORMATS[suffix].method)
+    ).parameters.get("spacing")
+    options = (
+        {}
+        if spacing is None or spacing.default is not inspect.Parameter.empty
+        else {"spacing": 1.0}
+    )
     path = tmp_path / f"absent{suffix}"
     with pytest.raises(FileError, match=f"absent{suffix}: does not exist"):
         Workspace.open(path, **options)
@@ -171,7 +185,10 @@ def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> Non
 @refusals(
     "array, message",
     (np.full((2, 2), 0.5), "dtype float64"),
-    (np.arange(30).reshape(10, 3), r"10 rows of three whole numbers.*points are floats.*array\.astype\(float\)"),
+    (
+        np.arange(30).reshape(10, 3),
+        r"10 rows of three whole numbers.*points are floats.*array\.astype\(float\)",
+    ),
 )
 def test_npy_files_of_other_values_are_refused(tmp_path: Path, array: Any, message: str) -> None:
     np.save(tmp_path / "other.npy", array)
@@ -182,7 +199,9 @@ def test_npy_files_of_other_values_are_refused(tmp_path: Path, array: Any, messa
 
 
 def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Path, "read_bytes", mock.Mock(side_effect=PermissionError(13, "Permission denied")))
+    monkeypatch.setattr(
+        Path, "read_bytes", mock.Mock(side_effect=PermissionError(13, "Permission denied"))
+    )
     with pytest.raises(FileError, match=r"map\.map: cannot be read: Permission denied"):
         Workspace.open(files / "map.map")
 
@@ -216,7 +235,9 @@ def make_workspaces(scale: float, bounds: Any = None) -> list[Callable[[], Works
 @pytest.mark.parametrize("bounds", [None, (-1, -1, -1, 1, 1, 1)])
 @pytest.mark.parametrize("kind", range(3))
 def test_obstacles_smaller_than_a_cell_warn(bounds: Any, kind: int) -> None:
-    with pytest.warns(UserWarning, match=r"is 0\.001 m x 0\.001 m.* fits into one cell of 0\.1 m; its units") as caught:
+    with pytest.warns(
+        UserWarning, match=r"is 0\.001 m x 0\.001 m.* fits into one cell of 0\.1 m; its units"
+    ) as caught:
         make_workspaces(1e-3, bounds)[kind]()
     assert len(caught) == 1
     make_workspaces(0.2, bounds)[kind]()
@@ -242,13 +263,18 @@ def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
     # Bounds are numbers in a row, or the lower and the upper corner.
     mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
     for bounds in (mesh.bounds, mesh.bounds.ravel(), [(0, 0, 0), (3, 2, 1)], (0, 0, 0, 3, 2, 1)):
-        made = [Workspace.from_mesh(mesh, 0.5, bounds), Workspace.from_balls([(1, 1, 0)], [0.2], 0.5, bounds)]
+        made = [
+            Workspace.from_mesh(mesh, 0.5, bounds),
+            Workspace.from_balls([(1, 1, 0)], [0.2], 0.5, bounds),
+        ]
         made.append(Workspace.from_points([(1, 1, 0)], 0.5, bounds))
         assert {each.grid for each in made} == {Grid((0, 0, 0), 0.5, (6, 4, 2))}
     for flat in (area.bounds, mesh.bounds[:, :2], ((0, 0), (3, 2))):
         assert Workspace.from_polygons(area, 0.5, flat).grid == Grid((0, 0), 0.5, (6, 4))
     for wrong in (mesh.bounds.T, mesh.bounds[:, :2], [mesh.bounds], mesh.bounds[0], 1.0):
-        with pytest.raises(InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper corner"):
+        with pytest.raises(
+            InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper corner"
+        ):
             Workspace.from_mesh(mesh, 0.5, wrong)
     with pytest.raises(InputError, match="xmax, ymax must be above xmin, ymin"):
         Workspace.from_polygons(area, 0.5, [(0, 3), (0, 2)])  # the ends of each axis
@@ -256,7 +282,9 @@ def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
 
 @pytest.mark.parametrize("kind", range(3))
 def test_bounds_without_an_obstacle_warn(kind: int) -> None:
-    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* has no obstacle") as caught:
+    with pytest.warns(
+        UserWarning, match=r"none lies within the bounds, \(10, 10.* has no obstacle"
+    ) as caught:
         make_workspaces(1.0, (10, 10, 10, 12, 12, 12))[kind]()
     assert len(caught) == 1
 
@@ -281,20 +309,38 @@ def test_the_spacing_that_a_refusal_advises_fits_in_memory(sides: list[float], f
 
 @pytest.mark.parametrize(
     ("name", "dim"),
-    [("a.yaml", 2), ("a.png", 2), ("a.wkt", 2), ("a.map", 2), ("a.3dmap", 3), ("a.stl", 3), ("a.bt", 3), ("a.csv", 3)],
+    [
+        ("a.yaml", 2),
+        ("a.png", 2),
+        ("a.wkt", 2),
+        ("a.map", 2),
+        ("a.3dmap", 3),
+        ("a.stl", 3),
+        ("a.bt", 3),
+        ("a.csv", 3),
+    ],
 )
 def test_dimensions_follow_the_suffix(name: str, dim: int) -> None:
     assert read_dimension(name) == dim
 
 
 def test_dimensions_of_an_array_follow_its_header(tmp_path: Path) -> None:
-    for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
+    for array, dim in (
+        (np.zeros((3, 3), bool), 2),
+        (np.zeros((3, 3, 3), bool), 3),
+        (np.zeros((4, 3)), 3),
+    ):
         np.save(tmp_path / "a.npy", array)
         assert read_dimension(tmp_path / "a.npy") == dim
 
 
 def test_workspaces_accept_shapes_of_every_kind():
-    shapes = [shapely.box(0, 0, 1, 3), Robot.disc(0.5, (3, 1)), "ellipse:0.6,0.3@2,2.5", [(1, 1), (2, 1), (1, 2)]]
+    shapes = [
+        shapely.box(0, 0, 1, 3),
+        Robot.disc(0.5, (3, 1)),
+        "ellipse:0.6,0.3@2,2.5",
+        [(1, 1), (2, 1), (1, 2)],
+    ]
     workspace = Workspace.from_shapes(iter(shapes), 0.1, (0, 0, 4, 3))
     empty = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     space = cspace.build(empty, Robot.disc(0.2), outside="free")

@@ -23,7 +23,10 @@ from tests.maps import proven_paths
 from tests.planning import ENDPOINTS, build_room
 from tests.strategies import rotation_cells, seeds
 
-MAP_SIZES = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
+MAP_SIZES = {
+    "plane": ((16, 12), Robot.rectangle(0.3, 0.1)),
+    "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1))),
+}
 
 
 def assert_in_range(*angles: Any) -> None:
@@ -44,7 +47,10 @@ def draw_endpoints(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
 def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
     """Collect all yaws that a map in memory returns."""
     yaws: list[Any] = [space.sample_free(200, rng)[:, -1], space.sample_free(rng=rng)[-1]]
-    yaws += [space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1] for q in space.sample_free(20, rng)]
+    yaws += [
+        space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1]
+        for q in space.sample_free(20, rng)
+    ]
     yaws += [space.rotations.centers[:, 0], space.rotations.centers, space.slice_rotations]
     yaws += [space.rotations.stored_arrays["yaw"], space.to_xarray().yaw.values]
     first, last = draw_endpoints(space, rng)
@@ -66,20 +72,27 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
     assume(space.count()[0] > 0)
     with TemporaryDirectory() as folder:
         space.save(Path(folder) / "saved.zarr")
-        tiled = cspace.build(workspace, robot, rotations=rotations, store=Path(folder) / "tiled.zarr", tile=8)
+        tiled = cspace.build(
+            workspace, robot, rotations=rotations, store=Path(folder) / "tiled.zarr", tile=8
+        )
         opened = cspace.open(Path(folder) / "saved.zarr")
         assert isinstance(opened, cspace.CSpace)
         for each in (space, opened, tiled.window(space.grid.lower, space.grid.upper)):
             assert_in_range(*returned_yaws(each, rng))
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
-        assert_in_range(*(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both))
+        assert_in_range(
+            *(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both)
+        )
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])
 @pytest.mark.parametrize("planner", ["RRTConnect", "Grid", "MaxClearance"])
 def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
-    start, goal = ([*q[:-1], q[-1] + turns * 2.0 * math.pi] for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True))
+    start, goal = (
+        [*q[:-1], q[-1] + turns * 2.0 * math.pi]
+        for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True)
+    )
     plan = planners.plan(build_room(name), start, goal, planner=planner, simplify=False, seed=0)
     assert plan.solved
     assert_in_range(plan.start[-1], plan.goal[-1], plan.path[:, -1], plan.waypoints[:, -1])
@@ -91,11 +104,15 @@ def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) ->
 def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
     occupied = np.ones((40, 9), dtype=bool)
     occupied[1:12, 1:-1] = occupied[28:39, 1:-1] = occupied[:, 3:6] = False
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36)
+    space = cspace.build(
+        Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36
+    )
     endpoints = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
     assert proven_paths(space, *endpoints) is None
     for seed in range(3):
-        plan = planners.plan(space, *endpoints, exact=True, seed=seed, time_limit=20.0, simplify=False)
+        plan = planners.plan(
+            space, *endpoints, exact=True, seed=seed, time_limit=20.0, simplify=False
+        )
         assert plan.solved
         assert_in_range(plan.path[:, -1], plan.waypoints[:, -1])
 
@@ -112,7 +129,9 @@ def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None
         states = []
         for q in (
             space.sample_free(rng=rng),
-            space.nearest_free([*rng.uniform(space.grid.lower, space.grid.upper), rng.uniform(-9.0, 9.0)]),
+            space.nearest_free(
+                [*rng.uniform(space.grid.lower, space.grid.upper), rng.uniform(-9.0, 9.0)]
+            ),
         ):
             states.append(si.allocState())
             kind_of(space).write(states[-1], *q)

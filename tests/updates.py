@@ -52,7 +52,10 @@ class World:
         rng, shape = self.rng, self.outer.shape
         most = [n if rng.random() < 0.1 else min(n, 8) for n in shape]
         size = [int(rng.integers(1, n + 1)) for n in most]
-        lower = [int(rng.choice([0, n - s, rng.integers(0, n - s + 1)])) for n, s in zip(shape, size, strict=True)]
+        lower = [
+            int(rng.choice([0, n - s, rng.integers(0, n - s + 1)]))
+            for n, s in zip(shape, size, strict=True)
+        ]
         cells = rng.random(size) < rng.choice([0.0, 0.2, 1.0])
         inner = cells & (rng.random(size) < 0.6) if rng.random() < 0.3 else None
         window = tuple(slice(low, low + s) for low, s in zip(lower, size, strict=True))
@@ -72,7 +75,9 @@ class World:
         sides = np.array(self.outer.shape) * SPACING
         q = np.array(self.lower) + self.rng.uniform(-0.4, 1.4, (n, len(sides))) * sides
         q = np.where(self.rng.random(q.shape) < 0.1, grid.upper, q)
-        return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, len(self.turns.names)))]))
+        return self.configurations(
+            np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, len(self.turns.names)))])
+        )
 
     def near(self, q: NDArray[np.float64], share: float) -> NDArray[np.float64]:
         """Return configurations at a ``share`` of the way to random configurations."""
@@ -92,7 +97,9 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = MAP_KINDS) -> World:
     dim = 3 if "space" in kind else 2
     most = {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)
     longest = draw(st.sampled_from([1, 6, most]))
-    turns = [Rotations.quaternions(1), Rotations.quaternions(2)] if "any way" in kind else [1, 2, 5, 8]
+    turns = (
+        [Rotations.quaternions(1), Rotations.quaternions(2)] if "any way" in kind else [1, 2, 5, 8]
+    )
     shape = tuple(int(rng.integers(1, longest + 1)) for _ in range(dim))
     outer = rng.random(shape) < rng.choice([0.0, 0.02, 0.1, 0.5])
     inner = outer & (rng.random(shape) < 0.6) if rng.random() < 0.3 else outer.copy()
@@ -106,8 +113,15 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = MAP_KINDS) -> World:
     if dim == 3:
         robots = [Robot.ball(size, away), Robot.box((size, 0.7 * size, 1.5 * size))]
     else:
-        wedge = Robot.polygon([(0.0, 0.0), (2.0 * size, 0.0), (2.0 * size, 0.4 * size), (0.0, size)])
-        robots = [Robot.disc(size, away), Robot.rectangle(2.0 * size, size), Robot.rectangle(size, size), wedge]
+        wedge = Robot.polygon(
+            [(0.0, 0.0), (2.0 * size, 0.0), (2.0 * size, 0.4 * size), (0.0, size)]
+        )
+        robots = [
+            Robot.disc(size, away),
+            Robot.rectangle(2.0 * size, size),
+            Robot.rectangle(size, size),
+            wedge,
+        ]
     return World(outer, inner, draw(st.sampled_from(robots)), options, rng)
 
 
@@ -129,13 +143,19 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
         "certify_path": (q,),
     }
     for name, given in queries.items():
-        np.testing.assert_array_equal(getattr(space, name)(*given), getattr(fresh, name)(*given), name)
-    np.testing.assert_array_equal(space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3))
+        np.testing.assert_array_equal(
+            getattr(space, name)(*given), getattr(fresh, name)(*given), name
+        )
+    np.testing.assert_array_equal(
+        space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3)
+    )
     if (fresh._seen == FREE).any():
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
         np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))
-        np.testing.assert_array_equal(space.reachable_bounds(draws[0][0]), fresh.reachable_bounds(draws[0][0]))
+        np.testing.assert_array_equal(
+            space.reachable_bounds(draws[0][0]), fresh.reachable_bounds(draws[0][0])
+        )
 
 
 def checkers(space: CSpace, exact: bool = False) -> list[Any]:

@@ -32,7 +32,11 @@ def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
 def collision(kind: str, sizes: Any, at: Any, rpy: Any = (0, 0, 0)) -> str:
     """Write a box, cylinder or sphere of a link."""
     values = zip(("radius", "length"), sizes, strict=False)
-    measures = f'size="{_text(sizes)}"' if kind == "box" else " ".join(f'{key}="{value}"' for key, value in values)
+    measures = (
+        f'size="{_text(sizes)}"'
+        if kind == "box"
+        else " ".join(f'{key}="{value}"' for key, value in values)
+    )
     origin = f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/>'
     return f"<collision>{origin}<geometry><{kind} {measures}/></geometry></collision>"
 
@@ -48,7 +52,11 @@ def joint(
     rpy: Any = (0, 0, 0),
     extra: str = "",
 ) -> str:
-    limit = "" if limits is None else f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>'
+    limit = (
+        ""
+        if limits is None
+        else f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="1"/>'
+    )
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/><axis xyz="{_text(axis)}"/>{limit}{extra}</joint>'
@@ -77,7 +85,9 @@ def planar(folder: Path, **changes: Any) -> Path:
 
 def planar_with_tip(folder: Path, **changes: Any) -> Arm:
     """Return the arm of :func:`planar` with the frame tip at its end."""
-    return Arm.from_urdf(planar(folder, **changes)).attach("tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0))
+    return Arm.from_urdf(planar(folder, **changes)).attach(
+        "tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0)
+    )
 
 
 def poses_apart(pose: np.ndarray, other: np.ndarray) -> tuple[float, float]:
@@ -115,7 +125,9 @@ def two_arms(folder: Path) -> Path:
             parent, at = (f"{side}_{n - 1}", (0.2, 0, 0)) if n else ("column", (0, y, 0))
             parts.append(link(f"{side}_{n}", bar))
             limits = (-3.0, 3.0) if n % 2 == 0 else (-1.9, 1.9)
-            parts.append(joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits))
+            parts.append(
+                joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits)
+            )
     return write_urdf(folder, *parts)
 
 
@@ -129,14 +141,25 @@ def random_arm(folder: Path, seed: int) -> Path:
     kinds = rng.choice(["revolute", "prismatic", "continuous"], 4)
     kinds[0] = "revolute"
     for n in range(4):
-        boxes = [(rng.uniform(0.05, 0.5, 3).round(3), rng.uniform(-0.3, 0.3, 3).round(3)) for _ in range(1 + n % 2)]
+        boxes = [
+            (rng.uniform(0.05, 0.5, 3).round(3), rng.uniform(-0.3, 0.3, 3).round(3))
+            for _ in range(1 + n % 2)
+        ]
         parts.append(link(f"l{n + 1}", *boxes))
         mimic = '<mimic joint="j0" multiplier="-0.5" offset="0.2"/>' if n == 3 else ""
-        limits = None if kinds[n] == "continuous" else (-0.4, 0.7) if kinds[n] == "prismatic" else (-2.5, 2.0)
+        limits = (
+            None
+            if kinds[n] == "continuous"
+            else (-0.4, 0.7)
+            if kinds[n] == "prismatic"
+            else (-2.5, 2.0)
+        )
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         at, rpy = rng.uniform(-0.6, 0.6, 3).round(3), rng.uniform(-2, 2, 3).round(3)
-        parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis, str(kinds[n]), limits, rpy, mimic))
+        parts.append(
+            joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis, str(kinds[n]), limits, rpy, mimic)
+        )
     return write_urdf(folder, *parts)
 
 
@@ -149,16 +172,43 @@ def random_chain(folder: Path, seed: int, count: int) -> Path:
     parts, mimics = [link("l0", ((0.1, 0.1, 0.1), (0, 0, 0)))], rng.random() < 0.3
     for n in range(count):
         follows = mimics and 0 < n == count - 1
-        kind = "revolute" if follows else str(rng.choice(["revolute", "prismatic", "continuous"], p=(0.7, 0.15, 0.15)))
+        kind = (
+            "revolute"
+            if follows
+            else str(rng.choice(["revolute", "prismatic", "continuous"], p=(0.7, 0.15, 0.15)))
+        )
         low = rng.uniform(-4.0, -1.0, 2)
-        limits = None if kind == "continuous" else (-0.3, 0.5) if kind == "prismatic" else (low[0], -low[1])
+        limits = (
+            None
+            if kind == "continuous"
+            else (-0.3, 0.5)
+            if kind == "prismatic"
+            else (low[0], -low[1])
+        )
         axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.7 else rng.normal(size=3)
         mimic = f'<mimic joint="j{n - 1}" multiplier="-0.5" offset="0.2"/>' if follows else ""
         at, rpy = rng.uniform(-0.4, 0.4, 3), rng.choice([0.0, np.pi / 2, -np.pi / 2, 0.4], 3)
         parts.append(link(f"l{n + 1}", ((0.05, 0.05, 0.05), (0, 0, 0))))
-        parts.append(joint(f"j{n}", f"l{n}", f"l{n + 1}", at, axis / np.linalg.norm(axis), kind, limits, rpy, mimic))
+        parts.append(
+            joint(
+                f"j{n}",
+                f"l{n}",
+                f"l{n + 1}",
+                at,
+                axis / np.linalg.norm(axis),
+                kind,
+                limits,
+                rpy,
+                mimic,
+            )
+        )
     at, rpy = rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3)
-    return write_urdf(folder, *parts, link("tool0"), joint("mount", f"l{count}", "tool0", at, kind="fixed", rpy=rpy))
+    return write_urdf(
+        folder,
+        *parts,
+        link("tool0"),
+        joint("mount", f"l{count}", "tool0", at, kind="fixed", rpy=rpy),
+    )
 
 
 def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
@@ -173,7 +223,9 @@ def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
 
         def numbers(tag: str, key: str, default: str = "0 0 0", each: Any = each) -> np.ndarray:
             found = each.find(tag)
-            return np.array((default if found is None else found.get(key, default)).split(), dtype=float)
+            return np.array(
+                (default if found is None else found.get(key, default)).split(), dtype=float
+            )
 
         mimic, name = each.find("mimic"), each.get("name")
         value = np.asarray(values.get(str(name), 0.0))

@@ -16,7 +16,9 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
     return value
 
 
-def write_while_querying(query: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
+def write_while_querying(
+    query: Callable[[], object], writers: Sequence[Callable[[], object]]
+) -> None:
     """Run writers in threads while two threads call ``query``; raise any error."""
     done = threading.Event()
 

@@ -2,8 +2,8 @@
 Cars
 ====
 
-A car cannot move sideways and cannot turn on the spot. Its paths are curves, and each curve is proven free along its
-whole length.
+A car cannot move sideways and cannot turn on the spot. Its paths are curves, and each curve is
+proven free along its whole length.
 """
 
 import math
@@ -19,8 +19,9 @@ from cspace.plot import animate, save_plot
 # The car and its reference point
 # -------------------------------
 #
-# The curves are those of the center of the axle that does not steer, so put this point at the origin. Here it is the
-# center of the rear axle of a car of 4.2 m by 1.8 m; 0.9 m of the car is behind the axle.
+# The curves are those of the center of the axle that does not steer, so put this point at the
+# origin. Here it is the center of the rear axle of a car of 4.2 m by 1.8 m; 0.9 m of the car is
+# behind the axle.
 
 car = cspace.Robot.rectangle(4.2, 1.8, center=(1.2, 0.0))
 street = [box(-5, -4, 45, -2.2), box(-5, 12, 45, 14)]  # kerbs
@@ -34,11 +35,13 @@ print(space)
 # Forwards only
 # -------------
 #
-# ``drive="dubins"`` is for a car that does not reverse. Without ``drive``, a path in SE(2) is holonomic: fine for a
-# robot on omni wheels, but no car can drive it.
+# ``drive="dubins"`` is for a car that does not reverse. Without ``drive``, a path in SE(2) is
+# holonomic: fine for a robot on omni wheels, but no car can drive it.
 
 start = (-2.0, 2.0, 0.0)
-plan = planners.plan(space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5)
+plan = planners.plan(
+    space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5
+)
 print(plan)
 save_plot(space, "cars_1.png", True, path=plan)
 
@@ -53,9 +56,9 @@ plan = planners.plan(space, start, gap, drive="reeds-shepp", turning_radius=4.0,
 print(plan)
 save_plot(space, "cars_2.png", True, path=plan)
 
-# %%
-# ``plan.path`` is dense enough to drive: its rows are at most a cell and 5 degrees apart. ``plan.direction`` says for
-# each row whether the car drives forwards or backwards, and ``plan.to_csv`` writes both.
+# %% ``plan.path`` is dense enough to drive: its rows are at most a cell and 5 degrees apart.
+# ``plan.direction`` says for each row whether the car drives forwards or backwards, and
+# ``plan.to_csv`` writes both.
 
 print(f"{len(plan.path)} rows, {np.count_nonzero(np.diff(plan.direction))} changes of direction")
 animate(space, plan, "cars_film.gif", True, seconds=8)
@@ -64,10 +67,18 @@ animate(space, plan, "cars_film.gif", True, seconds=8)
 # The limits of the proof
 # -----------------------
 #
-# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may rotate in
-# place, so it need not hold for a car; ``is_disconnected`` holds for cars too. A smaller turning radius allows more
-# paths:
+# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot
+# that may rotate in place, so it need not hold for a car; ``is_disconnected`` holds for cars too. A
+# smaller turning radius allows more paths:
 
 for radius in (3.0, 4.0, 7.0):
-    plan = planners.plan(space, start, (0.0, 9.0, math.pi), drive="dubins", turning_radius=radius, time_limit=3, seed=1)
+    plan = planners.plan(
+        space,
+        start,
+        (0.0, 9.0, math.pi),
+        drive="dubins",
+        turning_radius=radius,
+        time_limit=3,
+        seed=1,
+    )
     print(f"to turn round with a radius of {radius:g} m: {plan.status}")

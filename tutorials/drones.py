@@ -2,8 +2,8 @@
 Drones
 ======
 
-The same map in three dimensions: from meshes, OctoMaps, voxels or point clouds. The body translates, turns about the
-vertical, or turns about any axis.
+The same map in three dimensions: from meshes, OctoMaps, voxels or point clouds. The body
+translates, turns about the vertical, or turns about any axis.
 """
 
 import tempfile
@@ -18,8 +18,9 @@ from cspace.plot import save_plot
 # A house as a mesh
 # -----------------
 #
-# Two rooms, a window between them, and no roof, so that pictures show the inside. ``Workspace.open`` reads STL, OBJ,
-# PLY, glTF and others. It opens an OctoMap as well, which brings its own spacing.
+# Two rooms, a window between them, and no roof, so that pictures show the inside.
+# ``Workspace.open`` reads STL, OBJ, PLY, glTF and others. It opens an OctoMap as well, which brings
+# its own spacing.
 
 folder = tempfile.TemporaryDirectory()
 house = cspace.Workspace.open(write_inputs(Path(folder.name))["house"], spacing=0.08)
@@ -32,8 +33,8 @@ print(space)
 # Plan
 # ----
 #
-# Configurations are ``(x, y, z)``. The exterior of the workspace counts as obstacle, so the drone does not leave
-# through the roof, unless you build with ``outside="free"``.
+# Configurations are ``(x, y, z)``. The exterior of the workspace counts as obstacle, so the drone
+# does not leave through the roof, unless you build with ``outside="free"``.
 
 start, goal = (1.0, 2.0, 0.5), (5.0, 2.5, 0.5)
 print("a path exists:", space.is_connected(start, goal))
@@ -41,8 +42,8 @@ plan = planners.plan(space, start, goal, seed=1)
 print(plan)
 save_plot(space, "drones_1.png", True, path=plan, view="3d")
 
-# %%
-# Three sections through a point show more than a view: FREE cells, and places where the path is close to obstacles.
+# %% Three sections through a point show more than a view: FREE cells, and places where the path is
+# close to obstacles.
 
 save_plot(space, "drones_2.png", True, path=plan)
 
@@ -50,8 +51,8 @@ save_plot(space, "drones_2.png", True, path=plan)
 # A drone that yaws
 # -----------------
 #
-# A drone of 2 m by 0.3 m passes the window only lengthwise. With ``rotations=72``, configurations are
-# ``(x, y, z, yaw)``. Without a rotation there is no path to the goal, and the map proves it:
+# A drone of 2 m by 0.3 m passes the window only lengthwise. With ``rotations=72``, configurations
+# are ``(x, y, z, yaw)``. Without a rotation there is no path to the goal, and the map proves it:
 
 slender = cspace.Robot.box((0.3, 2.0, 0.3))
 still = cspace.build(house, slender)
@@ -65,10 +66,10 @@ save_plot(turning, "drones_3.png", True, path=plan, view="3d")
 # A drone that rotates about any axis
 # -----------------------------------
 #
-# For SE(3), ``rotations=cspace.Rotations.quaternions(n)``: configurations are ``(x, y, z, qx, qy, qz, qw)``, w last.
-# Such maps are coarse, because a rotation cell is large. With ``exact=True``, an exact check of the geometry decides
-# MIXED cells, and the proof is as strong. The page on rotations says which ``n`` to choose. In the gallery, a drone
-# banks to pass a slit.
+# For SE(3), ``rotations=cspace.Rotations.quaternions(n)``: configurations are ``(x, y, z, qx, qy,
+# qz, qw)``, w last. Such maps are coarse, because a rotation cell is large. With ``exact=True``, an
+# exact check of the geometry decides MIXED cells, and the proof is as strong. The page on rotations
+# says which ``n`` to choose. In the gallery, a drone banks to pass a slit.
 
 free = cspace.build(house, drone, rotations=cspace.Rotations.quaternions(4))
 print(free)

@@ -2,7 +2,8 @@
 Mobile robots
 =============
 
-From a floor plan to a path whose every edge is proven free, and to the proof that some rooms cannot be reached.
+From a floor plan to a path whose every edge is proven free, and to the proof that some rooms cannot
+be reached.
 """
 
 import math
@@ -20,19 +21,20 @@ from cspace.plot import save_plot
 # The map
 # -------
 #
-# A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons. With your own map, write
-# ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any supported file. A robot is a shape whose
-# reference point is the origin. ``build`` returns the map of its configurations.
+# A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons. With
+# your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any
+# supported file. A robot is a shape whose reference point is the origin. ``build`` returns the map
+# of its configurations.
 
 workspace = demo_workspace(spacing=0.025)
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 print(space)
 save_plot(space, "mobile_robots_1.png", True)
 
-# %%
-# White cells are FREE: the robot touches nothing if its reference point is anywhere in such a cell. Blue cells are
-# BLOCKED: the robot collides. The thin orange band, MIXED, is undecided; smaller cells make it thinner. Planners avoid
-# it, unless an exact check of the geometry decides there (``exact=True``).
+# %% White cells are FREE: the robot touches nothing if its reference point is anywhere in such a
+# cell. Blue cells are BLOCKED: the robot collides. The thin orange band, MIXED, is undecided;
+# smaller cells make it thinner. Planners avoid it, unless an exact check of the geometry decides
+# there (``exact=True``).
 #
 # Query the map
 # -------------
@@ -42,16 +44,15 @@ save_plot(space, "mobile_robots_1.png", True)
 print(space.is_free((3.0, 8.0)))
 print(space.is_free([(3.0, 8.0), (8.0, 6.6)]))
 
-# %%
-# An edge is proven as a whole, not at samples. ``clearance`` is the distance to the nearest configuration that is not
-# FREE.
+# %% An edge is proven as a whole, not at samples. ``clearance`` is the distance to the nearest
+# configuration that is not FREE.
 
 print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
 print(space.clearance((3.0, 8.0)))
 
-# %%
-# The map can prove before any search that a path exists, or that none does. If both answers are False, cells of this
-# size cannot decide. The store room, upper right, has a door of 0.45 m, and the robot is 0.6 m wide.
+# %% The map can prove before any search that a path exists, or that none does. If both answers are
+# False, cells of this size cannot decide. The store room, upper right, has a door of 0.45 m, and
+# the robot is 0.6 m wide.
 
 start, goal, store_room = (1.4, 8.6), (14.6, 1.2), (13.5, 8.4)
 print(space.is_connected(start, goal))
@@ -61,16 +62,17 @@ print(space.is_disconnected(start, store_room))
 # Plan
 # ----
 #
-# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner of OMPL. The map
-# checks the finished plan again: ``certified`` means that it proved each edge free.
+# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner
+# of OMPL. The map checks the finished plan again: ``certified`` means that it proved each edge
+# free.
 
 plan = planners.plan(space, start, goal, seed=4)
 print(plan)
 save_plot(space, "mobile_robots_2.png", True, path=plan)
 
-# %%
-# ``plan.path`` is an array of configurations, and ``plan.to_csv`` writes it. A path along the border of the C-obstacle
-# is free, but close. ``margin`` grows the robot, so that FREE keeps that distance:
+# %% ``plan.path`` is an array of configurations, and ``plan.to_csv`` writes it. A path along the
+# border of the C-obstacle is free, but close. ``margin`` grows the robot, so that FREE keeps that
+# distance:
 
 roomy = cspace.build(workspace, cspace.Robot.disc(0.3), margin=0.1)
 plan = planners.plan(roomy, start, goal, seed=1)
@@ -80,13 +82,16 @@ print(plan.status, "- no obstacle is nearer than 0.1 m")
 # A robot that is not round
 # -------------------------
 #
-# Such a robot rotates: ``rotations=72`` divides the circle into cells of 5 degrees, and configurations are
-# ``(x, y, yaw)``. FREE then means free at every position and every yaw of the cell. **A path in SE(2) is holonomic
-# unless you pass** ``drive=``: the robot may move sideways, and rotates evenly along each edge. A robot on two wheels
-# needs ``drive="differential"``: it rotates in place and drives straight. For cars, read the next tutorial.
+# Such a robot rotates: ``rotations=72`` divides the circle into cells of 5 degrees, and
+# configurations are ``(x, y, yaw)``. FREE then means free at every position and every yaw of the
+# cell. **A path in SE(2) is holonomic unless you pass** ``drive=``: the robot may move sideways,
+# and rotates evenly along each edge. A robot on two wheels needs ``drive="differential"``: it
+# rotates in place and drives straight. For cars, read the next tutorial.
 
 space = cspace.build(workspace, cspace.Robot.rectangle(1.1, 0.5), rotations=72)
-plan = planners.plan(space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3)
+plan = planners.plan(
+    space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3
+)
 print(plan)
 save_plot(space, "mobile_robots_3.png", True, path=plan)
 
@@ -102,8 +107,8 @@ figure.savefig("mobile_robots_4.png")
 # Moving obstacles
 # ----------------
 #
-# Add an obstacle by name, add it again to move it, and remove it. The map follows, and so do the checkers that planners
-# hold.
+# Add an obstacle by name, add it again to move it, and remove it. The map follows, and so do the
+# checkers that planners hold.
 
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 before = planners.plan(space, start, goal, seed=4)
@@ -120,7 +125,8 @@ print("free again:", space.certify_path(before.path).all())
 # ------------
 #
 # A map is saved as a folder, and checked by digest when it is opened. The same on the command line:
-# ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start ... --goal ...``.
+# ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start
+# ... --goal ...``.
 
 with tempfile.TemporaryDirectory() as folder:
     space.save(f"{folder}/flat.zarr")

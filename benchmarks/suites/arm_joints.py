@@ -68,8 +68,12 @@ def run_joints(report: Report, seed: int) -> None:
 
 
 def _make_bodies(report: Report, folder: Path) -> Iterator[tuple[str, Body]]:
-    """Yield robots: two that are made here, two pandas on a torso, and Baxter, if their files are there."""
-    yield "one made arm", Body(Arm.from_urdf(_write_arms(folder, ("left",), 8)), {"left_hand": (-0.4, 0.4)}, 0.6)
+    """Yield robots: two that are made here, two pandas on a torso, and Baxter, if their files are
+    there."""
+    yield (
+        "one made arm",
+        Body(Arm.from_urdf(_write_arms(folder, ("left",), 8)), {"left_hand": (-0.4, 0.4)}, 0.6),
+    )
     both = {"left_hand": (0.1, 0.5), "right_hand": (-0.5, -0.1)}
     yield "two made arms", Body(Arm.from_urdf(_write_arms(folder, ("left", "right"), 7)), both, 0.6)
     data = inputs.data_folder()
@@ -77,20 +81,37 @@ def _make_bodies(report: Report, folder: Path) -> Iterator[tuple[str, Body]]:
         report.note(inputs.NO_DATA)
     else:
         urdf, srdf = _write_two_pandas(data / "arms" / "panda", folder)
-        hands = {f"{side}_panda_hand": span for side, span in (("left", (0.1, 0.55)), ("right", (-0.55, -0.1)))}
-        yield "two pandas on a torso", Body(Arm.from_urdf(urdf, srdf, package_dirs=data / "arms" / "panda"), hands, 0.5)
+        hands = {
+            f"{side}_panda_hand": span
+            for side, span in (("left", (0.1, 0.55)), ("right", (-0.55, -0.1)))
+        }
+        yield (
+            "two pandas on a torso",
+            Body(Arm.from_urdf(urdf, srdf, package_dirs=data / "arms" / "panda"), hands, 0.5),
+        )
     try:
         robots = Path(
-            str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots"))
+            str(
+                distribution("example-robot-data").locate_file(
+                    "cmeel.prefix/share/example-robot-data/robots"
+                )
+            )
         )
     except PackageNotFoundError:
         report.note("Baxter skipped: pip install example-robot-data")
     else:
         files = robots / "baxter_description"
-        joints = [f"{side}_{name}" for side in ("left", "right") for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+        joints = [
+            f"{side}_{name}"
+            for side in ("left", "right")
+            for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
+        ]
         paths = files / "urdf" / "baxter.urdf", files / "srdf" / "baxter_manipulation.srdf"
         arm = Arm.from_urdf(*paths, joints=joints, package_dirs=robots)
-        yield "Baxter's two arms", Body(arm, {"left_gripper": (0.1, 0.55), "right_gripper": (-0.55, -0.1)}, 0.75)
+        yield (
+            "Baxter's two arms",
+            Body(arm, {"left_gripper": (0.1, 0.55), "right_gripper": (-0.55, -0.1)}, 0.75),
+        )
 
 
 def _write_arms(folder: Path, sides: tuple[str, ...], joints: int) -> Path:
@@ -98,13 +119,21 @@ def _write_arms(folder: Path, sides: tuple[str, ...], joints: int) -> Path:
     bar, axes = ((0.16, 0.07, 0.07), (0.1, 0, 0)), ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0))
     parts = [link("column", ((0.2, 0.3, 1.0), (-0.1, 0, -0.1)))]
     for side in sides:
-        parent, at = "column", (0.05, {"left": 0.25, "right": -0.25}[side] if len(sides) > 1 else 0.0, 0.4)
+        parent, at = (
+            "column",
+            (0.05, {"left": 0.25, "right": -0.25}[side] if len(sides) > 1 else 0.0, 0.4),
+        )
         for n in range(joints):
             parts.append(link(f"{side}_{n}", bar))
             limits = (-3.0, 3.0) if n % 2 == 0 else (-1.9, 1.9)
-            parts.append(joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits))
+            parts.append(
+                joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits)
+            )
             parent, at = f"{side}_{n}", (0.2, 0.0, 0.0)
-        parts += [link(f"{side}_hand"), joint(f"{side}_mount", parent, f"{side}_hand", at, kind="fixed")]
+        parts += [
+            link(f"{side}_hand"),
+            joint(f"{side}_mount", parent, f"{side}_hand", at, kind="fixed"),
+        ]
     return write_urdf(folder, *parts)
 
 
@@ -122,7 +151,11 @@ def _write_two_pandas(source: Path, folder: Path) -> tuple[Path, Path]:
                         if key in part.attrib and (key != "name" or part is element):
                             part.set(key, f"{side}_{part.attrib[key]}")
                 tree.append(element)
-        robot.append(ET.fromstring(joint(f"{side}_mount", "torso", f"{side}_panda_link0", place, kind="fixed")))
+        robot.append(
+            ET.fromstring(
+                joint(f"{side}_mount", "torso", f"{side}_panda_link0", place, kind="fixed")
+            )
+        )
     bases = [f"{side}_panda_link0" for side in PANDA_MOUNTS]
     for one, other in itertools.combinations(["torso", *bases], 2):
         ET.SubElement(semantic, "disable_collisions", link1=one, link2=other, reason="fixed")
@@ -136,20 +169,28 @@ def _make_shelf(front: float) -> dict[str, PosedShape]:
     """Make a shelf of three boards, two sides and a partition, with posts on its boards."""
     depth, wide = 0.35, 1.4
     middle = front + 0.5 * depth
-    boxes = {f"board {k}": ((depth, wide, 0.03), (middle, 0.0, z)) for k, z in enumerate((0.05, 0.45, 0.85))}
-    sides = {f"side {k}": ((depth, 0.03, 0.8), (middle, y, 0.45)) for k, y in enumerate((-0.7, 0.0, 0.7))}
+    boxes = {
+        f"board {k}": ((depth, wide, 0.03), (middle, 0.0, z))
+        for k, z in enumerate((0.05, 0.45, 0.85))
+    }
+    sides = {
+        f"side {k}": ((depth, 0.03, 0.8), (middle, y, 0.45)) for k, y in enumerate((-0.7, 0.0, 0.7))
+    }
     posts = {
         f"post {k}": ((0.06, 0.06, 0.25), (front + 0.2, y, z))
         for k, (y, z) in enumerate(itertools.product((-0.45, -0.2, 0.2, 0.45), (0.19, 0.59)))
     }
     every = (boxes | sides | posts).items()
-    return {name: PosedShape(Robot.box(size).shape, pose_at(*place)) for name, (size, place) in every}
+    return {
+        name: PosedShape(Robot.box(size).shape, pose_at(*place)) for name, (size, place) in every
+    }
 
 
 def _draw_problems(
     space: ArmSpace, body: Body, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield free starts and goals with all hands within the shelf, without those that a straight motion joins."""
+    """Yield free starts and goals with all hands within the shelf, without those that a straight
+    motion joins."""
     before: Floats | None = None
     while count:
         q: Floats | None = rng.uniform(*body.arm._ranges())
@@ -173,7 +214,9 @@ def _draw_problems(
 def _plan(report: Report, name: str, body: Body, seed: int) -> None:
     """Report times and solved problems of a robot."""
     count = 5 if report.quick else PROBLEMS
-    report.section(f"{name}, {body.arm.dof} joints: {count} problems on a shelf, {MAX_SEARCH_SECONDS:g} s each")
+    report.section(
+        f"{name}, {body.arm.dof} joints: {count} problems on a shelf, {MAX_SEARCH_SECONDS:g} s each"
+    )
     making = Timing(None)
     space = making.take(partial(build_arm_space, _make_shelf(body.front), body.arm))
     making.forget()
@@ -186,8 +229,12 @@ def _plan(report: Report, name: str, body: Body, seed: int) -> None:
         path = timing.take(search)
         solved += len(path) > 0
         certified &= bool(space.certify_path(path).all())
-    report.timing("find_path", timing, solved=f"{solved} of {count}", max=f"{max(timing.seconds):.3g} s")
+    report.timing(
+        "find_path", timing, solved=f"{solved} of {count}", max=f"{max(timing.seconds):.3g} s"
+    )
     report.figure("share of the problems that are solved", solved / count, "", least=MIN_SOLVED)
-    report.figure("median CPU time of a path", 1e3 * timing.median_cpu, "ms", most=1e3 * MAX_MEDIAN_SECONDS)
+    report.figure(
+        "median CPU time of a path", 1e3 * timing.median_cpu, "ms", most=1e3 * MAX_MEDIAN_SECONDS
+    )
     report.timing("a new scene", making)
     report.check(certified, f"all {solved} paths are proven")

@@ -58,7 +58,9 @@ class Folder:
         for name, problems in listed["problems"].items():
             for row in problems[:: max(1, len(problems) // number)][:number]:
                 # Configurations at a limit may exceed it, because files round them.
-                endpoints = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
+                endpoints = np.array([row["start"], *row["goals"]])[:, order].clip(
+                    self.arm.lower, self.arm.upper
+                )
                 yield ArmProblem(self, name, row, endpoints[0], endpoints[1:])
 
 
@@ -87,20 +89,35 @@ class ArmProblem:
     def solids(self) -> list[Solid]:
         """Obstacles."""
         solids = []
-        for kind, names in (("box", ["half_extents"]), ("cylinder", ["radius", "length"]), ("sphere", ["radius"])):
+        for kind, names in (
+            ("box", ["half_extents"]),
+            ("cylinder", ["radius", "length"]),
+            ("sphere", ["radius"]),
+        ):
             for each in self.row[kind]:
                 pose = np.eye(4)
                 pose[:3, 3] = each["position"]
-                pose[:3, :3] = Rotation.from_quat(each.get("orientation_quat_xyzw", (0, 0, 0, 1))).as_matrix()
+                pose[:3, :3] = Rotation.from_quat(
+                    each.get("orientation_quat_xyzw", (0, 0, 0, 1))
+                ).as_matrix()
                 sizes = np.concatenate([np.atleast_1d(each[name]) for name in names])
-                solids.append((each["name"], kind, pose, tuple((sizes * (2.0 if kind == "box" else 1.0)).tolist())))
+                solids.append(
+                    (
+                        each["name"],
+                        kind,
+                        pose,
+                        tuple((sizes * (2.0 if kind == "box" else 1.0)).tolist()),
+                    )
+                )
         return solids
 
     def space(self) -> ArmSpace:
         return build_arm_space(our_solids(self.solids), self.folder.arm)
 
     def meshes(self) -> Meshes:
-        return Meshes(self.folder.urdf, self.folder.arm.joints, coal_solids(self.solids), self.folder.srdf)
+        return Meshes(
+            self.folder.urdf, self.folder.arm.joints, coal_solids(self.solids), self.folder.srdf
+        )
 
 
 Solid = tuple[str, str, Floats, tuple[float, ...]]
@@ -109,7 +126,11 @@ Solid = tuple[str, str, Floats, tuple[float, ...]]
 
 def our_solids(solids: Sequence[Solid]) -> dict[str, PosedShape]:
     """Convert solids to obstacles of this library."""
-    make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
+    make = {
+        "box": lambda *sides: Robot.box(sides),
+        "cylinder": Robot.cylinder,
+        "sphere": Robot.ball,
+    }
     return {name: PosedShape(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in solids}
 
 
@@ -148,7 +169,9 @@ class Meshes:
 
         self._pin, self._model = pin, pin.buildModelFromUrdf(str(urdf), mimic=True)
         model = self._model
-        geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)])
+        geometry = pin.buildGeomFromUrdf(
+            model, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)]
+        )
         links = list(geometry.geometryObjects)
         for each in links:
             if each.meshPath.lower().endswith(".obj"):
@@ -167,8 +190,14 @@ class Meshes:
             for i, each in enumerate(links):
                 if each.parentJoint:
                     geometry.addCollisionPair(pin.CollisionPair(i, number))
-        self._geometry, self._data, self._placed = geometry, model.createData(), geometry.createData()
-        self._joints = [(model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)]
+        self._geometry, self._data, self._placed = (
+            geometry,
+            model.createData(),
+            geometry.createData(),
+        )
+        self._joints = [
+            (model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)
+        ]
 
     def collides(self, q: Floats) -> bool:
         """Return True if links collide at a configuration, shape (dof,)."""
@@ -177,7 +206,9 @@ class Meshes:
 
     def distance(self, q: Floats) -> float:
         """Return the distance of the nearest pair in metres; negative in collision."""
-        self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, self._of(q))
+        self._pin.computeDistances(
+            self._model, self._data, self._geometry, self._placed, self._of(q)
+        )
         return min((each.min_distance for each in self._placed.distanceResults), default=np.inf)
 
     def is_wrong(self, q: Floats) -> bool:
@@ -204,8 +235,8 @@ class Meshes:
 def _read_geometry(path: str, scale: tuple[float, float, float]) -> Any:
     """Read the triangles of a mesh file for coal.
 
-    Pinocchio's reader confuses vertices if an OBJ has several objects: only 161 of the 1308 triangles of a Panda's
-    sixth link are right, which gives false collisions and misses true ones.
+    Pinocchio's reader confuses vertices if an OBJ has several objects: only 161 of the 1308
+    triangles of a Panda's sixth link are right, which gives false collisions and misses true ones.
     """
     import coal
     import trimesh
@@ -224,7 +255,9 @@ def check_discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
     """Return True if a motion is free at OMPL's default resolution."""
     extent = float(np.linalg.norm(arm.upper - arm.lower))
     count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (OMPL_RESOLUTION * extent))))
-    return not any(meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1))
+    return not any(
+        meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1)
+    )
 
 
 class Vamp:
@@ -241,8 +274,8 @@ class Vamp:
 
         self.own_seconds = 0.0
 
-        self._module, self._plan, self._settings, self._simplify = vamp.configure_robot_and_planner_with_kwargs(
-            problem.folder.robot, "rrtc"
+        self._module, self._plan, self._settings, self._simplify = (
+            vamp.configure_robot_and_planner_with_kwargs(problem.folder.robot, "rrtc")
         )
         self._environment = vamp.problem_dict_to_vamp(problem.row)
         self._order = [problem.folder.arm.joints.index(name) for name in self._module.joint_names()]
@@ -252,13 +285,19 @@ class Vamp:
         return bool(self._module.validate(q[self._order].tolist(), self._environment))
 
     def motion_is_free(self, q0: Floats, q1: Floats) -> bool:
-        return bool(self._module.validate_motion(q0[self._order], q1[self._order], self._environment))
+        return bool(
+            self._module.validate_motion(q0[self._order], q1[self._order], self._environment)
+        )
 
     def solve(self, start: Floats, goals: Floats) -> Floats | None:
         """Return a path after VAMP's simplification, or None."""
         sampler = self._module.halton()
         solution = self._plan(
-            start[self._order].tolist(), goals[:, self._order].tolist(), self._environment, self._settings, sampler
+            start[self._order].tolist(),
+            goals[:, self._order].tolist(),
+            self._environment,
+            self._settings,
+            sampler,
         )
         if not solution.solved:
             return None
@@ -267,7 +306,9 @@ class Vamp:
         return np.asarray(simple.path.numpy(), dtype=np.float64)[:, self._back]
 
 
-def solve_by_ompl(meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: int, seconds: float) -> Floats | None:
+def solve_by_ompl(
+    meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: int, seconds: float
+) -> Floats | None:
     """Return a path by OMPL's RRTConnect with coal in the callback, or None."""
     from ompl import base as ob
     from ompl import geometric as og
@@ -303,4 +344,6 @@ def solve_by_ompl(meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: 
     setup.solve(seconds)
     if not setup.haveExactSolutionPath():
         return None
-    return np.array([[state[k] for k in range(arm.dof)] for state in setup.getSolutionPath().getStates()])
+    return np.array(
+        [[state[k] for k in range(arm.dof)] for state in setup.getSolutionPath().getStates()]
+    )

@@ -60,7 +60,9 @@ def run_poses(report: Report, seed: int) -> None:
             refused = Timing(None)
             found = [refused.take(partial(_solve, arm, frame, pose, 16)) for pose in poses[:50]]
             report.timing("poses 10 m away, refused", refused)
-            report.check(not any(each is not None for each in found), "no pose 10 m away is reached")
+            report.check(
+                not any(each is not None for each in found), "no pose 10 m away is reached"
+            )
 
 
 def _list_arms(report: Report, folder: Path, seed: int) -> Iterator[tuple[str, Path, str]]:
@@ -73,7 +75,11 @@ def _list_arms(report: Report, folder: Path, seed: int) -> Iterator[tuple[str, P
             yield name, _without_geometry(data / "arms" / name / f"{name}.urdf", folder), frame
     try:
         robots = Path(
-            str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots"))
+            str(
+                distribution("example-robot-data").locate_file(
+                    "cmeel.prefix/share/example-robot-data/robots"
+                )
+            )
         )
     except PackageNotFoundError:
         report.note("more robots skipped: pip install example-robot-data")
@@ -85,13 +91,16 @@ def _list_arms(report: Report, folder: Path, seed: int) -> Iterator[tuple[str, P
 
 
 def _without_geometry(path: Path, folder: Path) -> Path:
-    """Write a copy of a URDF with one box instead of its meshes, because inverse kinematics needs none."""
+    """Write a copy of a URDF with one box instead of its meshes, because inverse kinematics needs
+    none."""
     tree = ET.parse(path)
     links = list(tree.iter("link"))
     for link in links:
         for each in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(each)
-    links[0].append(ET.fromstring('<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'))
+    links[0].append(
+        ET.fromstring('<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>')
+    )
     copy = folder / path.name
     tree.write(copy)
     return copy
@@ -104,7 +113,9 @@ def _solve(arm: Arm, frame: str, pose: Floats, number: int) -> Floats | None:
         return None
 
 
-def _reach(report: Report, arm: Arm, path: Path, frame: str, poses: list[Floats], number: int) -> None:
+def _reach(
+    report: Report, arm: Arm, path: Path, frame: str, poses: list[Floats], number: int
+) -> None:
     """Report times and the share of poses reached, and check every solution."""
     timing, reached, solutions, right = Timing(None), 0, 0, True
     _solve(arm, frame, poses[0], number)  # compiles and loads
@@ -125,5 +136,10 @@ def _reach(report: Report, arm: Arm, path: Path, frame: str, poses: list[Floats]
         report.figure("configurations found for a pose, mean", solutions / max(reached, 1), "")
     else:
         report.figure("share of poses reached", reached / len(poses), "", least=MIN_REACHED_SHARE)
-        report.figure("median time of a pose", 1e3 * timing.median, "ms", most=1e3 * MAX_POSE_SECONDS)
-    report.check(right, f"all {solutions} configurations are within limits and tolerance, by another computation")
+        report.figure(
+            "median time of a pose", 1e3 * timing.median, "ms", most=1e3 * MAX_POSE_SECONDS
+        )
+    report.check(
+        right,
+        f"all {solutions} configurations are within limits and tolerance, by another computation",
+    )

@@ -61,7 +61,9 @@ class Change(NamedTuple):
 def _change(report: Report, name: str, arm: Arm, rng: np.random.Generator) -> None:
     """Add, remove, attach and replace objects of one arm's scene."""
     report.section(f"{name}: a scene of eight boxes that changes; a change, and a new scene")
-    base = {f"box {k}": PosedShape(Robot.box((0.1, 0.1, 0.1)).shape, _draw_pose(rng)) for k in range(8)}
+    base = {
+        f"box {k}": PosedShape(Robot.box((0.1, 0.1, 0.1)).shape, _draw_pose(rng)) for k in range(8)
+    }
     space, link, pose = build_arm_space(base, arm), arm.links[-1].name, _draw_pose(rng)
     box, small = Robot.box((0.1, 0.1, 0.2)).shape, Robot.box((0.05, 0.05, 0.05)).shape
     new, clouds = {"new": PosedShape(box, pose)}, deque(_draw_clouds(rng))
@@ -100,7 +102,12 @@ def _change(report: Report, name: str, arm: Arm, rng: np.random.Generator) -> No
 
 
 def _compare(
-    report: Report, space: ArmSpace, changes: list[Change], runs: int, most: float, rng: np.random.Generator
+    report: Report,
+    space: ArmSpace,
+    changes: list[Change],
+    runs: int,
+    most: float,
+    rng: np.random.Generator,
 ) -> None:
     """Time changes and new scenes in turn, and compare their answers."""
     for change in changes:  # compiles, and fills caches

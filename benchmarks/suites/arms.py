@@ -59,7 +59,8 @@ OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Reach poses, change scenes, and plan with 8 and 14 joints; then compare paths and motions of each arm."""
+    """Reach poses, change scenes, and plan with 8 and 14 joints; then compare paths and motions of
+    each arm."""
     run_poses(report, seed)
     run_scenes(report, seed)
     run_joints(report, seed)
@@ -102,7 +103,15 @@ def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -
         solvers: dict[str, Callable[[], Floats | None]] = {
             OURS: partial(_solve, space, problem.start, goals, seed, True),
             SEARCH: partial(_solve, space, problem.start, goals, seed, False),
-            OMPL: partial(solve_by_ompl, meshes, problem.folder.arm, problem.start, goals, seed, ARM_SEARCH_SECONDS),
+            OMPL: partial(
+                solve_by_ompl,
+                meshes,
+                problem.folder.arm,
+                problem.start,
+                goals,
+                seed,
+                ARM_SEARCH_SECONDS,
+            ),
         }
         if is_here("vamp"):
             vamp = Vamp(problem)
@@ -116,18 +125,29 @@ def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -
                 continue
             solved[name] += 1
             colliding[name] += any(
-                meshes.first_collision(*edge, CLOSE_CHECK_STEP) is not None for edge in pairwise(path)
+                meshes.first_collision(*edge, CLOSE_CHECK_STEP) is not None
+                for edge in pairwise(path)
             )
             if name in (OURS, SEARCH):
-                proven &= bool(space.certify_path(path).all()) and bool((path[0] == problem.start).all())
+                proven &= bool(space.certify_path(path).all()) and bool(
+                    (path[0] == problem.start).all()
+                )
             elif name == VAMP:
                 own.append(vamp.own_seconds)
-    report.note(f"{len(sets)} of {len(problems)} have a start and a goal that are free by the meshes")
+    report.note(
+        f"{len(sets)} of {len(problems)} have a start and a goal that are free by the meshes"
+    )
     for name, timing in timings.items():
-        report.timing(name, timing, solved=f"{solved[name]} of {len(sets)}", colliding=colliding[name])
+        report.timing(
+            name, timing, solved=f"{solved[name]} of {len(sets)}", colliding=colliding[name]
+        )
     if own:
-        report.note(f"VAMP by its own clock, without the passing of arguments: {statistics.median(own) * 1e3:.3g} ms")
-    report.figure("share of the problems that ours solves", solved[OURS] / len(sets), "", least=least)
+        report.note(
+            f"VAMP by its own clock, without the passing of arguments: {statistics.median(own) * 1e3:.3g} ms"
+        )
+    report.figure(
+        "share of the problems that ours solves", solved[OURS] / len(sets), "", least=least
+    )
     report.check(proven, f"ours: all {solved[OURS]} paths are proven, from the start on")
     summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, tested every {CLOSE_CHECK_STEP:g} rad"
     report.check(not colliding[OURS], summary)
@@ -137,14 +157,23 @@ def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -
         report.ratio(f"{name} / {OURS}", timings[name], timings[OURS])
     for each in dict.fromkeys(sets):
         of_set = [number for number, name in enumerate(sets) if name == each]
-        medians = (statistics.median(timing.seconds[number] for number in of_set) for timing in timings.values())
+        medians = (
+            statistics.median(timing.seconds[number] for number in of_set)
+            for timing in timings.values()
+        )
         report.note(f"{each}: {', '.join(f'{median * 1e3:.3g} ms' for median in medians)}")
-    report.note(f"made once for each scene and not in these times: ours {statistics.median(made) * 1e3:.3g} ms")
+    report.note(
+        f"made once for each scene and not in these times: ours {statistics.median(made) * 1e3:.3g} ms"
+    )
 
 
-def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool) -> Floats | None:
+def _solve(
+    space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool
+) -> Floats | None:
     try:
-        return space.find_path(start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS)
+        return space.find_path(
+            start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS
+        )
     except ConfigurationError:  # the start or all goals are not proven free
         return None
 
@@ -155,12 +184,17 @@ def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
     for problem in problems:
         space = problem.space()
         goals = problem.goals[np.asarray(space.is_free(problem.goals))]
-        if not (len(goals) and space.is_free(problem.start)) or space.motion_is_free(problem.start, goals[0]):
+        if not (len(goals) and space.is_free(problem.start)) or space.motion_is_free(
+            problem.start, goals[0]
+        ):
             continue
         endpoints = problem.start, goals[0]
         if not timing.seconds:
             plan(space, *endpoints, iterations=2)  # compiles and loads
-        short, first = timing.take(partial(plan, space, *endpoints, seed=seed)), space.find_path(*endpoints, seed=seed)
+        short, first = (
+            timing.take(partial(plan, space, *endpoints, seed=seed)),
+            space.find_path(*endpoints, seed=seed),
+        )
         if not (short.solved and len(first)):
             continue
         seconds, certified = 2.0 if report.quick else 20.0, certified and short.certified
@@ -174,8 +208,12 @@ def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
     report.timing("plan, default time limit of 1 s", timing)
     for name, values in (("plan", ratios), ("find_path, its first path", first_ratios)):
         most = MAX_LENGTH_RATIO if values is ratios else None
-        report.figure(f"{name}: length over best known, median", statistics.median(values), most=most)
-        report.figure(f"{name}: length over best known, 95th percentile", float(np.quantile(values, 0.95)))
+        report.figure(
+            f"{name}: length over best known, median", statistics.median(values), most=most
+        )
+        report.figure(
+            f"{name}: length over best known, 95th percentile", float(np.quantile(values, 0.95))
+        )
     report.check(certified, f"all {len(ratios)} plans that needed a search are proven")
 
 

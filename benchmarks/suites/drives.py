@@ -40,7 +40,9 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
     graph, number_of = eight_headings(space)
     lengths = [shortest_length(graph, number_of, space, query) for query in queries]
     joined = np.isfinite(lengths)
-    report.section(f"{name}, drives: {number} queries that FREE cells join, {joined.sum()} of them on eight headings")
+    report.section(
+        f"{name}, drives: {number} queries that FREE cells join, {joined.sum()} of them on eight headings"
+    )
     drives: dict[str, dict[str, Any]] = {
         "differential": {},
         "reeds-shepp": {"turning_radius": TURNING_RADIUS},
@@ -49,22 +51,52 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
         planners.plan(space, *queries[0], drive=drive, time_limit=TIME_LIMIT, **options)  # compiles
         timing, plans = Timing(None), list[planners.Plan]()
         for query in queries:
-            find = partial(planners.plan, space, *query, drive=drive, time_limit=TIME_LIMIT, seed=seed, **options)
+            find = partial(
+                planners.plan,
+                space,
+                *query,
+                drive=drive,
+                time_limit=TIME_LIMIT,
+                seed=seed,
+                **options,
+            )
             plans.append(timing.take(find))
         solved = np.array([plan.certified for plan in plans])
         report.timing(
-            f"drive={drive!r}", timing, solved=f"{solved.sum()} of {number}", worst_cpu_s=round(max(timing.cpu), 2)
+            f"drive={drive!r}",
+            timing,
+            solved=f"{solved.sum()} of {number}",
+            worst_cpu_s=round(max(timing.cpu), 2),
         )
         report.mark(method=drive)
-        report.check(all(plan.certified == plan.solved for plan in plans), f"{drive}: every path found is certified")
-        report.check(solved.sum() >= joined.sum(), f"{drive}: solves at least as many as the lattice")
-        seconds = np.array(timing.cpu)[joined]  # others take the time limit, because OMPL's planner has no proof
+        report.check(
+            all(plan.certified == plan.solved for plan in plans),
+            f"{drive}: every path found is certified",
+        )
+        report.check(
+            solved.sum() >= joined.sum(), f"{drive}: solves at least as many as the lattice"
+        )
+        seconds = np.array(timing.cpu)[
+            joined
+        ]  # others take the time limit, because OMPL's planner has no proof
         if len(seconds):
             median, largest = float(np.median(seconds)), float(seconds.max())
-            report.figure("  median CPU time of queries that the lattice joins", median, "s", most=MAX_MEDIAN_SECONDS)
-            report.figure("  largest CPU time of queries that the lattice joins", largest, "s", most=MAX_SECONDS)
+            report.figure(
+                "  median CPU time of queries that the lattice joins",
+                median,
+                "s",
+                most=MAX_MEDIAN_SECONDS,
+            )
+            report.figure(
+                "  largest CPU time of queries that the lattice joins",
+                largest,
+                "s",
+                most=MAX_SECONDS,
+            )
         if drive == "differential":
-            report.check(bool(solved[joined].all()), f"{drive}: solves every query that the lattice joins")
+            report.check(
+                bool(solved[joined].all()), f"{drive}: solves every query that the lattice joins"
+            )
             _check_lengths(report, plans, lengths)
 
 
@@ -95,10 +127,12 @@ def draw_query(space: CSpace, rng: np.random.Generator) -> Floats:
 
 
 def eight_headings(space: CSpace) -> tuple[Any, Ints]:
-    """Return the graph of a robot that drives from cell to cell and turns on the spot, and the number of each state.
+    """Return the graph of a robot that drives from cell to cell and turns on the spot, and the
+    number of each state.
 
-    A drive needs the cells that it touches FREE at its heading. A turn by 45 degrees needs its cell FREE at all yaw
-    cells between. Numbers have the shape (8, nx, ny), and are -1 where the state is not FREE.
+    A drive needs the cells that it touches FREE at its heading. A turn by 45 degrees needs its cell
+    FREE at all yaw cells between. Numbers have the shape (8, nx, ny), and are -1 where the state is
+    not FREE.
     """
     yaws = [math.atan2(y, x) for x, y in HEADINGS]
     free = np.stack([space.states_at(yaw) == FREE for yaw in yaws])
@@ -119,7 +153,10 @@ def eight_headings(space: CSpace) -> tuple[Any, Ints]:
         starts += [numbers[k][drives], first, last]
         ends += [ahead[drives], last, first]
         turn = METRES_PER_RADIAN * 2.0 * math.pi / len(HEADINGS)
-        costs += [np.full(drives.sum(), space.grid.spacing * math.hypot(dx, dy)), *[np.full(len(first), turn)] * 2]
+        costs += [
+            np.full(drives.sum(), space.grid.spacing * math.hypot(dx, dy)),
+            *[np.full(len(first), turn)] * 2,
+        ]
     entries = np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))
     return scipy.sparse.coo_array(entries, shape=(free.sum(),) * 2).tocsr(), numbers
 

@@ -36,7 +36,8 @@ def run(report: Report, seed: int) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_inputs(folder)
-        # Python's own compiled modules are written when a package is installed, so they are not counted.
+        # Python's own compiled modules are written when a package is installed, so they are not
+        # counted.
         run_process("plan in space", folder, folder / "modules")
         for job, max_seconds in MAX_COLD_SECONDS.items():
             report.section(job)
@@ -45,9 +46,17 @@ def run(report: Report, seed: int) -> None:
             report.figure("CPU time on an empty cache", cold["cpu_s"], "s", most=max_seconds)
             most = MAX_DEMO_COMPILATIONS if job == DEMO else None
             report.figure("compilations", cold["compilations"], "", most=most)
-            warm = [run_process(job, folder, cache) for _ in range(1 if report.quick else WARM_RUNS)]
-            report.figure("CPU time afterwards, median", statistics.median(each["cpu_s"] for each in warm), "s")
-            report.check(not any(each["compilations"] for each in warm), "nothing is compiled again")
+            warm = [
+                run_process(job, folder, cache) for _ in range(1 if report.quick else WARM_RUNS)
+            ]
+            report.figure(
+                "CPU time afterwards, median",
+                statistics.median(each["cpu_s"] for each in warm),
+                "s",
+            )
+            report.check(
+                not any(each["compilations"] for each in warm), "nothing is compiled again"
+            )
 
 
 def run_process(job: str, folder: Path, cache: Path) -> dict[str, float]:
@@ -57,11 +66,15 @@ def run_process(job: str, folder: Path, cache: Path) -> dict[str, float]:
     """
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     folders = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPYCACHEPREFIX": str(folder / "modules")}
-    others = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    others = {
+        name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
+    }
     command = [sys.executable, "-m", "benchmarks.first_process", job, str(folder)]
     root = Path(__file__).resolve().parents[2]
     environment = others | one_thread | folders
-    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise RuntimeError(done.stderr)
     figures: dict[str, float] = json.loads(done.stdout)

@@ -104,12 +104,17 @@ def run(report: Report, seed: int) -> None:
     _verdicts(report, rng)
 
 
-# ---- spectra ---------------------------------------------------------------------------------------------------------
+# ---- spectra -------------------------------------------------------------------------------------
 
 
 @njit(cache=True, parallel=True)
 def _direct(
-    centers: Floats, starts: Ints, radii: Floats, weights: Floats, table: Floats, frequencies: Floats
+    centers: Floats,
+    starts: Ints,
+    radii: Floats,
+    weights: Floats,
+    table: Floats,
+    frequencies: Floats,
 ) -> Complexes:
     """Sum term by term on all cores, with one factor for each radius of sorted balls."""
     out = np.zeros(len(frequencies), np.complex128)
@@ -119,7 +124,11 @@ def _direct(
         for part in range(len(radii)):
             real, imag = 0.0, 0.0
             for ball in range(starts[part], starts[part + 1]):
-                angle = 2.0 * math.pi * (u * centers[ball, 0] + v * centers[ball, 1] + w * centers[ball, 2])
+                angle = (
+                    2.0
+                    * math.pi
+                    * (u * centers[ball, 0] + v * centers[ball, 1] + w * centers[ball, 2])
+                )
                 real += math.cos(angle)
                 imag -= math.sin(angle)
             at = radii[part] * modulus / TABLE_STEP
@@ -138,10 +147,19 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
     sizes, starts = np.unique(radii[order], return_index=True)
     waves = np.fft.fftfreq(count, 1.0 / count) / PERIOD_IN_SIDES
     nodes = TABLE_STEP * np.abs(
-        np.arange(-1.0, float(sizes[-1]) * math.sqrt(dim) * (count // 2) / PERIOD_IN_SIDES / TABLE_STEP + 4.0)
+        np.arange(
+            -1.0,
+            float(sizes[-1]) * math.sqrt(dim) * (count // 2) / PERIOD_IN_SIDES / TABLE_STEP + 4.0,
+        )
     )
     table = Bump(2.0).table(dim, float(nodes.max()), 1e-13)(nodes)
-    balls = np.pad(centers[order], ((0, 0), (0, 3 - dim))), np.append(starts, len(order)), sizes, sizes**dim, table
+    balls = (
+        np.pad(centers[order], ((0, 0), (0, 3 - dim))),
+        np.append(starts, len(order)),
+        sizes,
+        sizes**dim,
+        table,
+    )
 
     def at(places: Ints) -> Complexes:
         indices = np.stack(np.unravel_index(places, (count,) * dim), axis=1)
@@ -162,7 +180,9 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         ("8 radii", rng.choice(several, number)),
         ("all radii different", rng.uniform(*BALL_RADII, number)),
     ):
-        report.section(f"{number} balls, {name}, {' x '.join([str(count)] * dim)} frequencies, {Bump(2.0)}")
+        report.section(
+            f"{number} balls, {name}, {' x '.join([str(count)] * dim)} frequencies, {Bump(2.0)}"
+        )
         call = partial(ball_spectrum, centers, radii, Bump(2.0), PERIOD_IN_SIDES, count, TOLERANCE)
         ours = interleave({"ours": call}, 3 if report.quick else 5)["ours"]
         report.timing(f"ours, tolerance {TOLERANCE:g}", ours)
@@ -172,11 +192,13 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         direct = once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
         report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
         report.ratio("direct sum / ours", direct, ours, least=MIN_SPECTRUM_RATIO)
-        off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(ours.value.flat[0].real)
+        off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(
+            ours.value.flat[0].real
+        )
         report.check(off <= TOLERANCE, f"direct sum: within {off:.1g} of F(0)")
 
 
-# ---- Minkowski sums --------------------------------------------------------------------------------------------------
+# ---- Minkowski sums ------------------------------------------------------------------------------
 
 
 @njit(cache=True, parallel=True)
@@ -198,11 +220,16 @@ def _flags(cells: int, rng: np.random.Generator) -> Descriptor:
 
 def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
     number = max(1, cells // 8)
-    centers, radii = rng.uniform(0.2, 0.8, (number, 2)) * cells, rng.uniform(0.02, 0.2, number) * cells
+    centers, radii = (
+        rng.uniform(0.2, 0.8, (number, 2)) * cells,
+        rng.uniform(0.02, 0.2, number) * cells,
+    )
     return BallDescriptor(centers, radii, Bump(2.0)).sample(Grid((0.0, 0.0), 1.0, (cells, cells)))
 
 
-def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator) -> None:
+def _minkowski(
+    report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator
+) -> None:
     """Compare sums by FFT with direct sums, extrapolated for equal sizes."""
     cells = DESCRIPTOR_CELLS // 4 if report.quick else DESCRIPTOR_CELLS
     f = make(cells, rng)
@@ -222,9 +249,14 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         sums = direct["scipy, direct"].value, direct["compiled sums"].value
         largest = float(sums[1].max())
         off = max(float(np.abs(fft.value.values - each).max()) for each in sums)
-        report.check(off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest")
-        # Products of tiny values near the boundary of a bump may underflow; products of booleans do not.
-        shape = _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
+        report.check(
+            off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest"
+        )
+        # Products of tiny values near the boundary of a bump may underflow; products of booleans do
+        # not.
+        shape = (
+            _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
+        )
         same = bool((superlevel(fft.value) == shape).all())
         report.check(same, "above zero just where some product is")
     g = make(cells, rng)
@@ -237,19 +269,27 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         report.ratio(f"{call} / ours, fft", more, fft, least=MIN_MINKOWSKI_RATIO)
 
 
-# ---- overlaps --------------------------------------------------------------------------------------------------------
+# ---- overlaps ------------------------------------------------------------------------------------
 
 
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
     """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
     overlap = compute_overlap(
-        draw_pool_body(seed, 0, dim), [draw_pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False
+        draw_pool_body(seed, 0, dim),
+        [draw_pool_body(seed, 1, dim)],
+        0.5,
+        8,
+        Bump(2.0),
+        tolerance,
+        inner=False,
     )
     number = PLACEMENT_COUNT // 10 if report.quick else PLACEMENT_COUNT
     single = min(number, SINGLE_PLACEMENTS[dim] // 20 if report.quick else SINGLE_PLACEMENTS[dim])
     where = "in the plane" if dim == 2 else "in space"
-    report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
+    report.section(
+        f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)"
+    )
     ts = rng.uniform(*overlap.domain, (number, dim))
     for name, one, least in (
         ("value", overlap.value, MIN_VALUES_RATIO),
@@ -263,7 +303,10 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
         report.ratio(f"{name}(t), one by one / {name}(ts)", alone, together, least=least)
         largest = float(np.abs(together.value).max())
         off = float(np.abs(together.value[:single] - alone.value).max())
-        report.check(off <= 1e-8 * largest, f"{name}(ts): within {off / largest:.1g} of one by one, of the largest")
+        report.check(
+            off <= 1e-8 * largest,
+            f"{name}(ts): within {off / largest:.1g} of one by one, of the largest",
+        )
 
 
 def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
@@ -271,28 +314,42 @@ def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
     few, many = (number // (4 if report.quick else 1) for number in SEARCH_BALLS)
     count = SEARCH_ROTATIONS[dim] // (6 if report.quick else 1)
     a, b = (
-        BallDescriptor(rng.uniform(-0.5, 0.5, (number, dim)) * side, rng.choice([0.08, 0.1, 0.15], number), Bump(2.0))
+        BallDescriptor(
+            rng.uniform(-0.5, 0.5, (number, dim)) * side,
+            rng.choice([0.08, 0.1, 0.15], number),
+            Bump(2.0),
+        )
         for number, side in ((few, 0.8), (many, 2.0))
     )
     angles = 2.0 * math.pi * np.arange(count) / count
-    turns = Rotation.from_euler("z", angles[:, None]) if dim == 2 else Rotation.random(count, random_state=0)
+    turns = (
+        Rotation.from_euler("z", angles[:, None])
+        if dim == 2
+        else Rotation.random(count, random_state=0)
+    )
     matrices = turns.as_matrix()[:, :dim, :dim]
     spacing = float(a.radii.min()) / RASTER_CELLS_PER_RADIUS
 
     def raster(balls: BallDescriptor) -> Floats:
         lower, upper = balls.bounds
-        return balls.sample(Grid(lower, spacing, np.ceil((upper - lower) / spacing).astype(int))).values
+        return balls.sample(
+            Grid(lower, spacing, np.ceil((upper - lower) / spacing).astype(int))
+        ).values
 
     def correlate() -> float:
         fixed = raster(b)
-        moved = (raster(BallDescriptor(a.centers @ matrix.T, a.radii, a.bump)) for matrix in matrices)
+        moved = (
+            raster(BallDescriptor(a.centers @ matrix.T, a.radii, a.bump)) for matrix in matrices
+        )
         return max(float(fftconvolve(fixed, np.flip(each)).max()) for each in moved) * spacing**dim
 
     report.section(
         f"best of all positions at {count} rotations, {few} and {many} balls, {'plane' if dim == 2 else 'space'}"
     )
     calls: dict[str, Callable[[], Any]] = {
-        "best_placements, rotations as given": lambda: best_placements(a, b, matrices, 10, refine_rotations=False),
+        "best_placements, rotations as given": lambda: best_placements(
+            a, b, matrices, 10, refine_rotations=False
+        ),
         "best_placements, rotations refined": lambda: best_placements(a, b, matrices, 10),
         f"rasters of {spacing:g} m, scipy's fftconvolve": correlate,
     }
@@ -302,8 +359,15 @@ def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
     report.ratio("rasters / rotations as given", rasters, given)
     score, best = float(given.value.scores[0]), float(refined.value.scores[0])
     off = abs(rasters.value - score) / score
-    report.check(off <= MAX_SCORE_DIFFERENCE, f"best score of the rasters: within {off:.2g} of ours")
-    report.figure("rise of the best score if rotations are refined", 100.0 * (best / score - 1.0), "%", least=0.0)
+    report.check(
+        off <= MAX_SCORE_DIFFERENCE, f"best score of the rasters: within {off:.2g} of ours"
+    )
+    report.figure(
+        "rise of the best score if rotations are refined",
+        100.0 * (best / score - 1.0),
+        "%",
+        least=0.0,
+    )
 
 
 def _verdicts(report: Report, rng: np.random.Generator) -> None:
@@ -326,7 +390,9 @@ def _verdicts(report: Report, rng: np.random.Generator) -> None:
         moved.setTranslation(t)
         return float(fcl.distance(moved, fixed))
 
-    report.section(f"verdicts about two meshes of {len(bodies[0][1])} triangles, {VERDICT_BALLS} balls each")
+    report.section(
+        f"verdicts about two meshes of {len(bodies[0][1])} triangles, {VERDICT_BALLS} balls each"
+    )
     overlap.separated(ts[:2])  # compiles it
     calls: dict[str, Callable[[], Any]] = {
         "separated(ts)": partial(overlap.separated, ts),
@@ -338,7 +404,9 @@ def _verdicts(report: Report, rng: np.random.Generator) -> None:
     timings["FCL distance"] = once(lambda: [distance(t) for t in few]).per(len(few))
     report.timings(timings)
     for name in ("separated(ts)", "separated(t), one by one"):
-        report.ratio(f"{name} / FCL collide", timings[name], timings["FCL collide"], most=MAX_COLLIDE_RATIO)
+        report.ratio(
+            f"{name} / FCL collide", timings[name], timings["FCL collide"], most=MAX_COLLIDE_RATIO
+        )
         report.ratio(f"FCL distance / {name}", timings["FCL distance"], timings[name], least=1.0)
     verdicts, collides = timings["separated(ts)"].value.verdict, timings["FCL collide"].value
     report.figure("clear placements", 100.0 * float((~collides).mean()), "%")
@@ -356,4 +424,6 @@ def _draw_body(rng: np.random.Generator, subdivisions: int) -> tuple[Floats, Int
         direction = rng.normal(size=3)
         cosines = points @ (direction / np.linalg.norm(direction))
         factors -= rng.uniform(0.2, 0.5) * np.exp(-8.0 * (1.0 - cosines))
-    return points * np.maximum(factors, 0.25)[:, None] * rng.uniform(0.6, 1.0, 3), np.asarray(sphere.faces)
+    return points * np.maximum(factors, 0.25)[:, None] * rng.uniform(0.6, 1.0, 3), np.asarray(
+        sphere.faces
+    )

@@ -28,7 +28,7 @@ MAX_ROTATION = 0.5
 
 ON_ONE_CORE = "ours, on one core"
 
-# ---- queries through OMPL, also for other suites ---------------------------------------------------------------------
+# ---- queries through OMPL, also for other suites -------------------------------------------------
 
 
 def discrete_setup(space: CSpace, checker: Callable[[Any], Any]) -> Any:
@@ -45,7 +45,9 @@ def at_half_a_cell(space: CSpace, si: Any) -> None:
 
     OMPL counts a radian as half a metre, and no corner of the benchmarks' robots moves farther.
     """
-    si.setStateValidityCheckingResolution(0.5 * space.grid.spacing / si.getStateSpace().getMaximumExtent())
+    si.setStateValidityCheckingResolution(
+        0.5 * space.grid.spacing / si.getStateSpace().getMaximumExtent()
+    )
 
 
 def states_of(space: CSpace, si: Any, q: Iterable[Floats]) -> list[Any]:
@@ -69,13 +71,17 @@ def query_all(call: Callable[..., bool], asked: list[Any]) -> Callable[[], list[
     return lambda: [call(state) for state in asked]
 
 
-def edges_inside(space: CSpace, number: int, length: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def edges_inside(
+    space: CSpace, number: int, length: float, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Draw edges of a length in cells, from FREE cells to the grid."""
     dim, found = space.grid.dim, list[Floats]()
     while sum(map(len, found)) < number:
         first, direction = space.sample_free(number, rng), rng.normal(size=(number, dim))
         last = first.copy()
-        last[:, :dim] += length * space.grid.spacing * direction / np.linalg.norm(direction, axis=1)[:, None]
+        last[:, :dim] += (
+            length * space.grid.spacing * direction / np.linalg.norm(direction, axis=1)[:, None]
+        )
         last[:, dim:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, last[:, dim:].shape)
         found.append(np.stack([first, last], axis=1)[space.grid.contains(last[:, :dim])])
     edges = np.concatenate(found)[:number]
@@ -89,7 +95,7 @@ def _also_alone(calls: dict[str, Callable[[], Any]], runs: int) -> dict[str, Tim
         return timings | interleave({ON_ONE_CORE: calls["ours"]}, runs) if alone else timings
 
 
-# ---- look-ups --------------------------------------------------------------------------------------------------------
+# ---- look-ups ------------------------------------------------------------------------------------
 
 
 def classify(report: Report, seed: int) -> None:
@@ -97,9 +103,13 @@ def classify(report: Report, seed: int) -> None:
     rng = np.random.default_rng(seed)
     number, runs = (10**6, 3) if report.quick else (10**7, 7)
     for size in (512, 1024) if report.quick else (1024, 4096):
-        space = cspace.build(Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05), Robot.disc(0.3))
+        space = cspace.build(
+            Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05), Robot.disc(0.3)
+        )
         points = rng.uniform(-0.025, 1.025, (number, 2)) * space.grid.upper
-        report.section(f"{number:.0e} random configurations, map of {size} x {size} cells, {cores()} workers")
+        report.section(
+            f"{number:.0e} random configurations, map of {size} x {size} cells, {cores()} workers"
+        )
         calls: dict[str, Callable[[], Any]] = {
             "ours": partial(space.classify, points),
             "numpy": partial(_by_rows, space, points),
@@ -111,7 +121,9 @@ def classify(report: Report, seed: int) -> None:
             report.ratio(f"{name} / ours", timings[name], timings["ours"], least=least)
             if ON_ONE_CORE in timings:
                 report.ratio(f"{name} / {ON_ONE_CORE}", timings[name], timings[ON_ONE_CORE])
-            report.check(bool((timings[name].value == timings["ours"].value).all()), f"{name}: equal to ours")
+            report.check(
+                bool((timings[name].value == timings["ours"].value).all()), f"{name}: equal to ours"
+            )
 
 
 def _by_rows(space: CSpace, points: Floats) -> NDArray[np.uint8]:
@@ -129,24 +141,35 @@ def _by_columns(space: CSpace, points: Floats) -> NDArray[np.uint8]:
     x = np.floor((points[:, 0] - lower_x) / spacing).astype(np.int64)
     y = np.floor((points[:, 1] - lower_y) / spacing).astype(np.int64)
     inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
-    return np.where(inside, space.cell_states[np.where(inside, x, 0), np.where(inside, y, 0)], np.uint8(BLOCKED))
+    return np.where(
+        inside, space.cell_states[np.where(inside, x, 0), np.where(inside, y, 0)], np.uint8(BLOCKED)
+    )
 
 
-# ---- edges -----------------------------------------------------------------------------------------------------------
+# ---- edges ---------------------------------------------------------------------------------------
 
 
 def edges(report: Report, seed: int) -> None:
     """Check edges in the plane, with rotations, and in space."""
     rng, quick = np.random.default_rng(seed), report.quick
     for size in (256, 512) if quick else (1024, 4096):
-        space = cspace.build(Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05), Robot.disc(0.3))
+        space = cspace.build(
+            Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05), Robot.disc(0.3)
+        )
         _compare_edges(report, f"map of {size} x {size} cells", space, rng, least=100.0)
     size = 256 if quick else 512
     plane = Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05)
     space = cspace.build(plane, Robot.rectangle(0.8, 0.4), rotations=72)
-    _compare_edges(report, f"map of 72 yaws x {size} x {size} cells, turns up to {MAX_ROTATION} rad", space, rng)
+    _compare_edges(
+        report,
+        f"map of 72 yaws x {size} x {size} cells, turns up to {MAX_ROTATION} rad",
+        space,
+        rng,
+    )
     size = 64 if quick else 256
-    space = cspace.build(Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 0.05), Robot.ball(0.2))
+    space = cspace.build(
+        Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 0.05), Robot.ball(0.2)
+    )
     _compare_edges(report, f"map of {size}^3 cells", space, rng)
 
 
@@ -159,7 +182,9 @@ def _compare_edges(
     space.motion_is_free(starts, goals)  # fills caches
     free = space.motion_is_free(starts, goals)
     report.note(f"{np.mean(free):.0%} of the edges are proven free")
-    space_informations = {name: discrete_setup(space, make) for name, make in _checkers(space).items()}
+    space_informations = {
+        name: discrete_setup(space, make) for name, make in _checkers(space).items()
+    }
     for kind, a, b in (("random", starts, goals), ("free", starts[free], goals[free])):
         calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, a, b)}
         for name, si in space_informations.items():
@@ -173,12 +198,24 @@ def _compare_edges(
         ours = timings["ours"].value[:part]
         for name in space_informations:
             stepped = name.startswith("discrete")
-            report.ratio(f"{kind} edges: {name} / ours", each[name], each["ours"], least=least if stepped else None)
+            report.ratio(
+                f"{kind} edges: {name} / ours",
+                each[name],
+                each["ours"],
+                least=least if stepped else None,
+            )
             if stepped:
                 missed = ours & ~np.array(timings[name].value)
-                report.check(not missed.any(), f"{kind} edges, {name}: refuses none that ours calls free")
-        one = [space.motion_is_free(first, last) for first, last in zip(a[:part], b[:part], strict=True)]
-        report.check(ours.tolist() == one, f"{kind} edges: equal to one call for each of {len(one)}")
+                report.check(
+                    not missed.any(), f"{kind} edges, {name}: refuses none that ours calls free"
+                )
+        one = [
+            space.motion_is_free(first, last)
+            for first, last in zip(a[:part], b[:part], strict=True)
+        ]
+        report.check(
+            ours.tolist() == one, f"{kind} edges: equal to one call for each of {len(one)}"
+        )
 
 
 def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
@@ -199,7 +236,7 @@ def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
     return checkers
 
 
-# ---- callbacks -------------------------------------------------------------------------------------------------------
+# ---- callbacks -----------------------------------------------------------------------------------
 
 
 class _Empty(ob.StateValidityChecker):
@@ -217,23 +254,45 @@ def callbacks(report: Report, seed: int) -> None:
     states = states_of(space, ours, points) * rounds
     asked = {"ours": ours, "empty Python checker": discrete_setup(space, _Empty)}
     timings = interleave({name: query_all(si.isValid, states) for name, si in asked.items()}, runs)
-    report.timings({f"{name}, one call": timing.per(len(states)) for name, timing in timings.items()})
-    report.ratio("ours / empty Python checker", timings["ours"], timings["empty Python checker"], most=6.0)
+    report.timings(
+        {f"{name}, one call": timing.per(len(states)) for name, timing in timings.items()}
+    )
+    report.ratio(
+        "ours / empty Python checker", timings["ours"], timings["empty Python checker"], most=6.0
+    )
     answers = np.array(timings["ours"].value[: len(points)])
     report.check(bool((answers == space.is_free(points)).all()), "isValid: equal to CSpace.is_free")
 
     starts, goals = edges_inside(space, 20_000, CALLBACK_EDGE_CELLS, rng)
     free = np.asarray(space.motion_is_free(starts, goals))
-    report.section(f"checkMotion of 100 free edges across {CALLBACK_EDGE_CELLS:g} cells, each checked to its end")
+    report.section(
+        f"checkMotion of 100 free edges across {CALLBACK_EDGE_CELLS:g} cells, each checked to its end"
+    )
     stepped = "discrete at half a cell"
-    asked = {"ours": ours, stepped: discrete_setup(space, lambda si: planners.StateValidityChecker(si, space))}
+    asked = {
+        "ours": ours,
+        stepped: discrete_setup(space, lambda si: planners.StateValidityChecker(si, space)),
+    }
     pairs = edges_of(space, ours, starts[free][:100], goals[free][:100])
-    timings = interleave({name: query_all(si.checkMotion, pairs) for name, si in asked.items()}, runs)
-    report.timings({f"{name}, one edge": timing.per(len(pairs)) for name, timing in timings.items()})
+    timings = interleave(
+        {name: query_all(si.checkMotion, pairs) for name, si in asked.items()}, runs
+    )
+    report.timings(
+        {f"{name}, one edge": timing.per(len(pairs)) for name, timing in timings.items()}
+    )
     report.ratio(f"{stepped} / ours", timings[stepped], timings["ours"], least=20.0)
-    report.check(all(all(timing.value) for timing in timings.values()), "every edge is free, by both")
+    report.check(
+        all(all(timing.value) for timing in timings.values()), "every edge is free, by both"
+    )
     pairs = edges_of(space, ours, starts[:2000], goals[:2000])
     exact, steps = (np.array(query_all(si.checkMotion, pairs)()) for si in asked.values())
-    report.check(bool((exact == free[:2000]).all()), "random edges, ours: equal to CSpace.motion_is_free")
-    report.check(not (exact & ~steps).any(), "random edges: what ours calls free, the discrete validator does too")
-    report.note(f"of {len(pairs)} random edges, {(steps & ~exact).sum()} that are not proven pass the discrete one")
+    report.check(
+        bool((exact == free[:2000]).all()), "random edges, ours: equal to CSpace.motion_is_free"
+    )
+    report.check(
+        not (exact & ~steps).any(),
+        "random edges: what ours calls free, the discrete validator does too",
+    )
+    report.note(
+        f"of {len(pairs)} random edges, {(steps & ~exact).sum()} that are not proven pass the discrete one"
+    )

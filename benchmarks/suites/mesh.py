@@ -46,28 +46,42 @@ def run(report: Report, seed: int) -> None:
     }
     for name, timing in {**timings, **peers}.items():
         rise = risen.get(name)
-        report.timing(name, timing, **({} if rise is None else {"peak_memory": f"+{rise / 2**20:.0f} MB"}))
+        report.timing(
+            name, timing, **({} if rise is None else {"peak_memory": f"+{rise / 2**20:.0f} MB"})
+        )
     solid, surface = timings.values()
     report.figure("ours, solid", solid.median, "s", most=MAX_SECONDS)
     report.ratio("trimesh voxelized / ours, surface", peers["trimesh voxelized"], surface)
-    report.ratio("trimesh voxelized and fill / ours, solid", peers["trimesh voxelized and fill"], solid)
+    report.ratio(
+        "trimesh voxelized and fill / ours, solid", peers["trimesh voxelized and fill"], solid
+    )
     _compare(report, "surface", surface.value.outer, peers["trimesh voxelized"].value)
     _compare(report, "solid", solid.value.outer, peers["trimesh voxelized and fill"].value)
     inner = solid.value.inner
-    report.check(not (inner & surface.value.outer).any(), f"none of {inner.sum()} inner cells is touched")
     report.check(
-        bool((solid.value.outer == (inner | surface.value.outer)).all()), "every outer cell is touched or inside"
+        not (inner & surface.value.outer).any(), f"none of {inner.sum()} inner cells is touched"
+    )
+    report.check(
+        bool((solid.value.outer == (inner | surface.value.outer)).all()),
+        "every outer cell is touched or inside",
     )
     volume = Mesh(vertices, faces).volume
     low, high = inner.sum() * spacing**3, solid.value.outer.sum() * spacing**3
-    report.check(low < volume < high, f"volume {volume:.5g} lies between that of the cells, {low:.5g} and {high:.5g}")
+    report.check(
+        low < volume < high,
+        f"volume {volume:.5g} lies between that of the cells, {low:.5g} and {high:.5g}",
+    )
 
 
 def _compare(report: Report, name: str, ours: Bools, theirs: Bools) -> None:
     extra = int((theirs & ~ours).sum())
-    report.check(not extra, f"{name}: {theirs.sum()} cells that trimesh marks, {extra} of them not ours")
+    report.check(
+        not extra, f"{name}: {theirs.sum()} cells that trimesh marks, {extra} of them not ours"
+    )
     missed = int((ours & ~theirs).sum())
-    report.note(f"{name}: {ours.sum()} cells are ours; trimesh misses {missed} of them, {missed / ours.sum():.1%}")
+    report.note(
+        f"{name}: {ours.sum()} cells are ours; trimesh misses {missed} of them, {missed / ours.sum():.1%}"
+    )
 
 
 def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
@@ -81,13 +95,17 @@ def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, 
     tube = 0.45 + 0.05 * np.sin(7 * u + phases[0]) * np.sin(5 * v + phases[1])
     tube += 0.02 * np.sin(23 * u + phases[2]) * np.sin(17 * v + phases[3])
     far = 1.0 + tube * np.cos(v)
-    vertices = np.stack([far * np.cos(u), far * np.sin(u), tube * np.sin(v)], axis=-1).reshape(-1, 3)
+    vertices = np.stack([far * np.cos(u), far * np.sin(u), tube * np.sin(v)], axis=-1).reshape(
+        -1, 3
+    )
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     vertices = 0.001 + 0.998 * (vertices - low) / (high - low)
     numbers = np.arange(around * across).reshape(around, across)
     right, up = np.roll(numbers, -1, axis=0), np.roll(numbers, -1, axis=1)
     both = np.roll(right, -1, axis=1)
-    faces = np.concatenate([np.stack([numbers, right, both], axis=-1), np.stack([numbers, both, up], axis=-1)])
+    faces = np.concatenate(
+        [np.stack([numbers, right, both], axis=-1), np.stack([numbers, both, up], axis=-1)]
+    )
     return vertices, faces.reshape(-1, 3)
 
 

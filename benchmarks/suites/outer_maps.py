@@ -41,15 +41,20 @@ def shape_text(cells: NDArray[Any]) -> str:
 
 
 def convolve_map(
-    convolve: Callable[..., NDArray[Any]], occupied: NDArray[Any], kernel: NDArray[Any], raster: Raster
+    convolve: Callable[..., NDArray[Any]],
+    occupied: NDArray[Any],
+    kernel: NDArray[Any],
+    raster: Raster,
 ) -> Bools:
     """Compute the map by a convolution of SciPy with the raster's flipped cells."""
     whole = convolve(occupied, kernel, mode="full")
-    window = tuple(slice(high, high + n) for high, n in zip(raster.upper, occupied.shape, strict=True))
+    window = tuple(
+        slice(high, high + n) for high, n in zip(raster.upper, occupied.shape, strict=True)
+    )
     return np.asarray(whole[window] > 0.5)
 
 
-# ---- stamping, as in ROS ---------------------------------------------------------------------------------------------
+# ---- stamping, as in ROS -------------------------------------------------------------------------
 
 
 @allocating
@@ -67,8 +72,8 @@ def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
 def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
     """Stamp each raster around the border cells of obstacles, with a thread for each raster.
 
-    A connected robot that meets obstacles meets a border cell or lies inside. Stamps cover the first case; a copy of
-    the map, shifted by one offset, covers the second.
+    A connected robot that meets obstacles meets a border cell or lies inside. Stamps cover the
+    first case; a copy of the map, shifted by one offset, covers the second.
     """
     border = border_cells(occupied)
 
@@ -102,7 +107,7 @@ def _overlap(size: int, by: int) -> tuple[slice, slice]:
     return slice(max(0, -by), size - max(0, by)), slice(max(0, by), size - max(0, -by))
 
 
-# ---- peers -----------------------------------------------------------------------------------------------------------
+# ---- peers ---------------------------------------------------------------------------------------
 
 
 class MapPeer(NamedTuple):
@@ -127,16 +132,23 @@ class MapPeer(NamedTuple):
 
 def peers(dim: int) -> list[MapPeer]:
     """Return the installed peers for a dimension."""
-    return [peer for peer in PEERS if dim in peer.dims and (is_here("cv2") or not peer.name.startswith("cv2"))]
+    return [
+        peer
+        for peer in PEERS
+        if dim in peer.dims and (is_here("cv2") or not peer.name.startswith("cv2"))
+    ]
 
 
-def _convolution(name: str, precision: type[np.floating[Any]], occupied: Bools, raster: Raster) -> Call:
+def _convolution(
+    name: str, precision: type[np.floating[Any]], occupied: Bools, raster: Raster
+) -> Call:
     kernel = np.flip(raster.cells).astype(precision)
     return partial(convolve_map, getattr(signal, name), occupied.astype(precision), kernel, raster)
 
 
 def _binary_dilation(occupied: Bools, raster: Raster) -> Call:
-    # SciPy centers the kernel on shape // 2, which is the center of a disc around the reference point.
+    # SciPy centers the kernel on shape // 2, which is the center of a disc around the reference
+    # point.
     return partial(ndimage.binary_dilation, occupied, np.flip(raster.cells))
 
 

@@ -41,7 +41,11 @@ def write(whole: Mapping[str, Any], plot: str) -> str:
     """Write the page of a report in Markdown, with the path of its plot."""
     rows: Sequence[Row] = whole["rows"]
     checks = [row["holds"] for row in rows if "holds" in row]
-    versions = ", ".join(f"{key} {value}" for key, value in whole["machine"].items() if key not in ("cores", "system"))
+    versions = ", ".join(
+        f"{key} {value}"
+        for key, value in whole["machine"].items()
+        if key not in ("cores", "system")
+    )
     parts = [
         "# Benchmarks",
         f"Made by `{whole['command']}`{', at sizes for a quick look' if whole['quick'] else ''}.",
@@ -53,7 +57,11 @@ def write(whole: Mapping[str, Any], plot: str) -> str:
         "## Against targets",
         _table(*_promises(rows)),
         f"![Cost over the size of the map and of the robot]({plot})",
-        *(part for sweep in _unique(row["sweep"] for row in rows if "size" in row) for part in _sweep(rows, sweep)),
+        *(
+            part
+            for sweep in _unique(row["sweep"] for row in rows if "size" in row)
+            for part in _sweep(rows, sweep)
+        ),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -65,13 +73,25 @@ def _promises(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
     for row in rows:
         if row.get("met") is None:
             continue
-        took = f"{time_text(row['over_s'])} / {time_text(row['under_s'])}" if "over_s" in row else ""
+        took = (
+            f"{time_text(row['over_s'])} / {time_text(row['under_s'])}" if "over_s" in row else ""
+        )
         cpu = f"{number_text(row['cpu_value'])} {row['unit']}" if "cpu_value" in row else ""
-        bound = f"at least {row['least']:g}" if row["least"] is not None else f"at most {row['most']:g}"
+        bound = (
+            f"at least {row['least']:g}" if row["least"] is not None else f"at most {row['most']:g}"
+        )
         case = "the same" if row["case"] == before else row["case"]
         verdict = "met" if row["met"] else "missed"
         body.append(
-            [case, row["name"], took, f"{number_text(row['value'])} {row['unit']}".strip(), cpu, bound, verdict]
+            [
+                case,
+                row["name"],
+                took,
+                f"{number_text(row['value'])} {row['unit']}".strip(),
+                cpu,
+                bound,
+                verdict,
+            ]
         )
         before = row["case"]
     return head, body
@@ -96,9 +116,15 @@ def _sweep(rows: Sequence[Row], sweep: str) -> list[str]:
         label = " x ".join([str(size)] * dim) if of_map else str(across)
         body.append([label, *(_cell(here, way) for way in methods), _choice(here)])
     for over in _unique(row["over"] for row in of_sweep if "exponent_of" in row):
-        slopes = {row["exponent_of"]: f"{row['value']:.2f}" for row in of_sweep if row.get("over") == over}
+        slopes = {
+            row["exponent_of"]: f"{row['value']:.2f}" for row in of_sweep if row.get("over") == over
+        }
         body.append([f"exponent, {over}", *(slopes.get(way, "") for way in methods), ""])
-    what = f"{shape} {fixed} cells across" if of_map else f"map of {' x '.join([str(fixed)] * dim)} cells"
+    what = (
+        f"{shape} {fixed} cells across"
+        if of_map
+        else f"map of {' x '.join([str(fixed)] * dim)} cells"
+    )
     place = "the plane" if dim == 2 else "space"
     parts = [
         f"## Cost in {place} over the size of the {'map' if of_map else 'robot'}",
@@ -119,7 +145,11 @@ def _cell(rows: Sequence[Row], way: str) -> str:
     """Return the time of a method at one size."""
     for row in rows:
         if row.get("way") == way:
-            return f"({time_text(row['value'])})" if row.get("left_out") else time_text(row["median_s"])
+            return (
+                f"({time_text(row['value'])})"
+                if row.get("left_out")
+                else time_text(row["median_s"])
+            )
     return ""
 
 
@@ -142,7 +172,7 @@ def _unique(values: Any) -> list[Any]:
     return list(dict.fromkeys(values))
 
 
-# ---- the plot --------------------------------------------------------------------------------------------------------
+# ---- the plot ------------------------------------------------------------------------------------
 
 
 def draw(rows: Sequence[Row]) -> bytes:
@@ -182,12 +212,19 @@ def _draw_panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
     shape = "disc" if dim == 2 else "ball"
     other = rows[0]["across"] if x == "size" else " x ".join([str(rows[0]["size"])] * dim)
     if x == "size":
-        panel.set(title=f"{sweep}: {shape} {other} cells across", xlabel="cells along each side of the map")
+        panel.set(
+            title=f"{sweep}: {shape} {other} cells across",
+            xlabel="cells along each side of the map",
+        )
     else:
         panel.set(title=f"{sweep}: {other} cells", xlabel=f"cells across the {shape}")
     panel.title.set_size(11)
-    expected = "dashed, hollow: not run, expected" if any(row.get("left_out") for row in rows) else None
-    panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False, title=expected)
+    expected = (
+        "dashed, hollow: not run, expected" if any(row.get("left_out") for row in rows) else None
+    )
+    panel.legend(
+        loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False, title=expected
+    )
 
 
 def _place(row: Row, x: str) -> tuple[float, float, bool]:
@@ -196,7 +233,9 @@ def _place(row: Row, x: str) -> tuple[float, float, bool]:
     return row[x], row["median_s"] if run else row["value"], run
 
 
-def _draw_line(panel: Any, line: Sequence[tuple[float, float, bool]], style: Mapping[str, Any]) -> None:
+def _draw_line(
+    panel: Any, line: Sequence[tuple[float, float, bool]], style: Mapping[str, Any]
+) -> None:
     """Draw a line, dashed with hollow marks for estimates."""
     run = [point for point in line if point[2]]
     panel.plot([x for x, _, _ in run], [y for _, y, _ in run], **style)

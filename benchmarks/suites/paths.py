@@ -28,7 +28,8 @@ from planners.states import kind_of
 Query = tuple[Floats, Floats]
 
 DISC_RADIUS, YAW_CELLS, GENERATED_SPACING = 0.3, 72, 0.05
-"""Radius of the disc in metres, yaw cells of footprints, and side of the cells of generated maps in metres."""
+"""Radius of the disc in metres, yaw cells of footprints, and side of the cells of generated maps in
+metres."""
 
 RECTANGLE = [(-0.45, -0.25), (0.45, -0.25), (0.45, 0.25), (-0.45, 0.25)]
 NOTCHED = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35), (-0.3, 0.35)]
@@ -44,12 +45,17 @@ MAX_RATIO = 1.05
 """Largest allowed ratio of the length of our path to the best one known."""
 
 OUR_TIME_LIMIT = 10.0
-"""Time limit of our plans by the clock, seconds; above the default, because other work may slow the machine."""
+"""Time limit of our plans by the clock, seconds; above the default, because other work may slow the
+machine."""
 
 MIN_SOLVE_SHARE = 0.5
 """Share of its time after which a planner that returns is through."""
 
-OURS, CONNECT, STEPPED = "plan, default", "RRTConnect", "RRTConnect, motions in steps of half a cell"
+OURS, CONNECT, STEPPED = (
+    "plan, default",
+    "RRTConnect",
+    "RRTConnect, motions in steps of half a cell",
+)
 """Names of methods that stop at their first path."""
 
 
@@ -62,8 +68,8 @@ class Sizes:
     queries : int
         Random queries on each map.
     limits : sequence of (float, int)
-        Seconds of CPU time that a planner of OMPL gets, and for how many of the queries. The first limit is also that
-        of RRTConnect on all queries.
+        Seconds of CPU time that a planner of OMPL gets, and for how many of the queries. The first
+        limit is also that of RRTConnect on all queries.
     drives : int
         Queries of drives.
     """
@@ -151,10 +157,13 @@ def list_problems(quick: bool, seed: int) -> list[Problem]:
         maps.append((name, workspace))
     footprints = ("rectangle", RECTANGLE), ("notched footprint", NOTCHED)
     problems = [
-        Problem(f"{name}, disc of {DISC_RADIUS:g} m", each, Robot.disc(DISC_RADIUS), None) for name, each in maps
+        Problem(f"{name}, disc of {DISC_RADIUS:g} m", each, Robot.disc(DISC_RADIUS), None)
+        for name, each in maps
     ]
     for (name, each), (title, corners) in zip(maps, footprints, strict=True):
-        problems.append(Problem(f"{name}, {title}, {YAW_CELLS} yaws", each, Robot.polygon(corners), YAW_CELLS))
+        problems.append(
+            Problem(f"{name}, {title}, {YAW_CELLS} yaws", each, Robot.polygon(corners), YAW_CELLS)
+        )
     return problems
 
 
@@ -180,7 +189,9 @@ def _compare(report: Report, problem: Problem, sizes: Sizes, seed: int) -> None:
     space = problem.build()
     queries = draw_queries(space, sizes.queries, np.random.default_rng(seed))
     shape = " x ".join(map(str, space.grid.shape))
-    report.section(f"{problem.name}: {shape} cells of {space.grid.spacing:g} m, {len(queries)} queries")
+    report.section(
+        f"{problem.name}: {shape} cells of {space.grid.spacing:g} m, {len(queries)} queries"
+    )
     (first, _), *_ = sizes.limits
     for query in queries[:2]:  # compiles, and fills caches of the map
         planners.plan(space, *query)
@@ -189,7 +200,10 @@ def _compare(report: Report, problem: Problem, sizes: Sizes, seed: int) -> None:
     for seconds, count in sizes.limits:
         names = IMPROVING_PLANNERS if seconds == first else (CONNECT, *IMPROVING_PLANNERS)
         runs |= {f"{name}, {seconds:g} s": (name, seconds, count) for name in names}
-    outcomes, bounds = {OURS: Outcome(), **{name: Outcome() for name in runs}}, np.empty(len(queries))
+    outcomes, bounds = (
+        {OURS: Outcome(), **{name: Outcome() for name in runs}},
+        np.empty(len(queries)),
+    )
     for index, query in enumerate(queries):
         outcomes[OURS].add(space, index, partial(_plan, space, query))
         bounds[index] = planners.plan(space, *query, time_limit=OUR_TIME_LIMIT).lower_bound
@@ -200,7 +214,9 @@ def _compare(report: Report, problem: Problem, sizes: Sizes, seed: int) -> None:
     best = np.full(len(queries), math.inf)
     for outcome in outcomes.values():
         certified = np.array(outcome.certified)
-        np.minimum.at(best, np.array(outcome.queries)[certified], np.array(outcome.lengths)[certified])
+        np.minimum.at(
+            best, np.array(outcome.queries)[certified], np.array(outcome.lengths)[certified]
+        )
     for name, outcome in outcomes.items():
         _report_outcome(report, name, outcome, best, bounds)
     _check_ours(report, outcomes, best, bounds)
@@ -211,7 +227,9 @@ def _plan(space: CSpace, query: Query) -> Floats:
     return planners.plan(space, *query, time_limit=OUR_TIME_LIMIT).waypoints
 
 
-def _report_outcome(report: Report, name: str, outcome: Outcome, best: Floats, bounds: Floats) -> None:
+def _report_outcome(
+    report: Report, name: str, outcome: Outcome, best: Floats, bounds: Floats
+) -> None:
     """Report a method's time, lengths, success and proofs."""
     ratios, found = outcome.ratios(best), np.isfinite(outcome.lengths)
     figures: dict[str, Any] = dict(
@@ -229,7 +247,9 @@ def _report_outcome(report: Report, name: str, outcome: Outcome, best: Floats, b
         "gap": _rounded(np.median(gaps)) if len(gaps) else math.nan,
     }
     report.timing(name, outcome.timing, **figures)
-    report.mark(method=name, ratios=[round(ratio, 5) for ratio in ratios], queries=len(set(outcome.queries)))
+    report.mark(
+        method=name, ratios=[round(ratio, 5) for ratio in ratios], queries=len(set(outcome.queries))
+    )
 
 
 def _rounded(value: Any) -> float:
@@ -244,16 +264,22 @@ def _check_ours(report: Report, outcomes: dict[str, Outcome], best: Floats, boun
         f"{len(ours.certified) - sum(ours.certified)} of our paths are missing or not certified",
     )
     worst = max(ours.ratios(best), default=math.inf)
-    report.check(worst <= MAX_RATIO, f"ours is {worst:.4f} times the best known at worst, at most {MAX_RATIO:g}")
+    report.check(
+        worst <= MAX_RATIO,
+        f"ours is {worst:.4f} times the best known at worst, at most {MAX_RATIO:g}",
+    )
     false = np.count_nonzero(bounds > best * (1.0 + 1e-9))
     report.check(not false, f"{false} lower bounds exceed a certified path")
 
 
-# ---- OMPL ------------------------------------------------------------------------------------------------------------
+# ---- OMPL ----------------------------------------------------------------------------------------
 
 
-def find_by_ompl(space: CSpace, planner: str, seconds: float, query: Query, seed: int, stepped: bool = False) -> Floats:
-    """Return the path of one of OMPL's planners, simplified, of length 0 if none is found in CPU time.
+def find_by_ompl(
+    space: CSpace, planner: str, seconds: float, query: Query, seed: int, stepped: bool = False
+) -> Floats:
+    """Return the path of one of OMPL's planners, simplified, of length 0 if none is found in CPU
+    time.
 
     Our checkers decide states and motions, or states alone if motions are ``stepped`` by OMPL.
     """

@@ -84,7 +84,9 @@ def run(report: Report, seed: int) -> None:
     _memory(report, 128 if report.quick else LARGE_MAP, rng)
     boxes = Workspace.from_array(inputs.boxes(sizes["plane"], 0.06, rng), 1.0)
     _translating(report, boxes, Robot.disc(DISC / 2), f"disc {DISC} cells across", IN_PLANE)
-    _translating(report, boxes, _horseshoe(LARGE), f"horseshoe {LARGE} cells across, not convex", NOT_CONVEX)
+    _translating(
+        report, boxes, _horseshoe(LARGE), f"horseshoe {LARGE} cells across, not convex", NOT_CONVEX
+    )
     solid = Workspace.from_array(inputs.boxes(sizes["space"], 0.06, rng, dim=3), 1.0)
     _translating(report, solid, Robot.ball(BALL / 2), f"ball {BALL} cells across", IN_SPACE)
     for workspace, robot in ((boxes, Robot.disc(DISC / 2)), (solid, Robot.ball(BALL / 2))):
@@ -121,19 +123,29 @@ def _asymmetric(length: float = LENGTH, width: float = WIDTH) -> Robot:
 
 def _rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     """Return the outer raster of each yaw cell."""
-    return [robot.rasters(spacing, rotation=turn)[0] for turn in Rotations.of(rotations).make_shape_cells(2)]
+    return [
+        robot.rasters(spacing, rotation=turn)[0]
+        for turn in Rotations.of(rotations).make_shape_cells(2)
+    ]
 
 
 def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
     """Measure peak memory of a large map in space, workspace included."""
     occupied, robot = inputs.boxes(size, 0.06, rng, dim=3), Robot.ball(LARGE_BALL / 2)
-    report.section(f"{shape_text(occupied)} cells, ball {LARGE_BALL} cells across, outer and inner map")
+    report.section(
+        f"{shape_text(occupied)} cells, ball {LARGE_BALL} cells across, outer and inner map"
+    )
     for method in ENGINES:
         rise = memory_rise(
-            lambda method=method: cspace.build(Workspace.from_array(occupied, 1.0), robot, method=method)
+            lambda method=method: cspace.build(
+                Workspace.from_array(occupied, 1.0), robot, method=method
+            )
         )
         report.figure(
-            f"{engine_label(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=MAX_MEMORY_GIB
+            f"{engine_label(method)}: peak memory, above what there was",
+            rise / 2**30,
+            "GiB",
+            most=MAX_MEMORY_GIB,
         )
 
 
@@ -143,10 +155,14 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
     pairs = zip(occupied.shape, raster.cells.shape, strict=True)
     whole = np.zeros([fft.next_fast_len(n + r - 1, real=True) for n, r in pairs], np.float32)
     whole[tuple(slice(n) for n in occupied.shape)] = occupied
-    report.section(f"{shape_text(occupied)} cells against bare float32 transforms of {shape_text(whole)}")
+    report.section(
+        f"{shape_text(occupied)} cells against bare float32 transforms of {shape_text(whole)}"
+    )
 
     def bare(workers: int) -> NDArray[np.float32]:
-        back: NDArray[np.float32] = fft.irfftn(fft.rfftn(whole, workers=workers), s=whole.shape, workers=workers)
+        back: NDArray[np.float32] = fft.irfftn(
+            fft.rfftn(whole, workers=workers), s=whole.shape, workers=workers
+        )
         return back
 
     def correlated(workers: int) -> Bools:
@@ -156,24 +172,37 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
 
     calls: dict[str, Callable[[], Any]] = {}
     for workers in sorted({1, min(2, cores())}):
-        calls |= {f"ours, {workers}": partial(correlated, workers), f"bare, {workers}": partial(bare, workers)}
+        calls |= {
+            f"ours, {workers}": partial(correlated, workers),
+            f"bare, {workers}": partial(bare, workers),
+        }
     timings = interleave(calls, _runs(report))
     for workers in sorted({1, min(2, cores())}):
         name = f"our transforms / two bare ones, workers each: {workers}"
-        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=MAX_TRANSFORM_RATIO)
+        report.ratio(
+            name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=MAX_TRANSFORM_RATIO
+        )
 
 
-def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals) -> None:
+def _translating(
+    report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals
+) -> None:
     """Compare engines, rasterization included, with peers that get the robot's cells."""
     occupied = workspace.outer
     raster = robot.rasters(workspace.grid.spacing)[0]
     report.section(f"{shape_text(occupied)} cells, {occupied.mean():.1%} occupied in boxes; {name}")
-    report.note(f"the robot's outer raster has {shape_text(raster.cells)} cells, {raster.count} of them the robot's")
+    report.note(
+        f"the robot's outer raster has {shape_text(raster.cells)} cells, {raster.count} of them the robot's"
+    )
     compared = {peer for of_engine in goals.values() for peer in of_engine}
     calls: dict[str, Callable[[], Bools]] = {
         engine_label(method): partial(ours, workspace, robot, method) for method in goals
     }
-    calls |= {peer.name: peer.ready(occupied, raster) for peer in peers(occupied.ndim) if peer.name in compared}
+    calls |= {
+        peer.name: peer.ready(occupied, raster)
+        for peer in peers(occupied.ndim)
+        if peer.name in compared
+    }
     timings = interleave(calls, _runs(report), SLOW_PEER_SECONDS)
     report.timings(timings)
     for method, of_engine in goals.items():
@@ -186,14 +215,23 @@ def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, 
             )
     expected = timings["fftconvolve float64"].value
     for call, timing in timings.items():
-        report.check(bool((timing.value == expected).all()), f"{call}: equal to fftconvolve, cell for cell")
+        report.check(
+            bool((timing.value == expected).all()), f"{call}: equal to fftconvolve, cell for cell"
+        )
 
 
 def _turning(report: Report, occupied: Bools) -> None:
     """Compare engines, rasterization included, with convolutions for each yaw."""
-    workspace, robot, rotations = Workspace.from_array(occupied, 1.0), _asymmetric(), _rotations(report)
+    workspace, robot, rotations = (
+        Workspace.from_array(occupied, 1.0),
+        _asymmetric(),
+        _rotations(report),
+    )
     rasters = _rasters_of(robot, 1.0, rotations)
-    floats, kernels = occupied.astype(np.float64), [np.flip(raster.cells).astype(np.float64) for raster in rasters]
+    floats, kernels = (
+        occupied.astype(np.float64),
+        [np.flip(raster.cells).astype(np.float64) for raster in rasters],
+    )
     report.section(
         f"{shape_text(occupied)} cells x {rotations} yaw cells, {occupied.mean():.1%} occupied in boxes; robot "
         f"{LENGTH} x {WIDTH} cells without symmetry"
@@ -201,9 +239,19 @@ def _turning(report: Report, occupied: Bools) -> None:
 
     def convolutions() -> list[Bools]:
         pairs = zip(kernels, rasters, strict=True)
-        return [convolve_map(signal.fftconvolve, floats, kernel, raster) for kernel, raster in pairs]
+        return [
+            convolve_map(signal.fftconvolve, floats, kernel, raster) for kernel, raster in pairs
+        ]
 
-    _against(report, workspace, robot, "loop of fftconvolve float64", convolutions, TURNING, _runs(report))
+    _against(
+        report,
+        workspace,
+        robot,
+        "loop of fftconvolve float64",
+        convolutions,
+        TURNING,
+        _runs(report),
+    )
 
 
 def _stamping(report: Report) -> None:
@@ -220,10 +268,14 @@ def _stamping(report: Report) -> None:
             f"{name}, {shape_text(workspace.outer)} cells x {rotations} yaw cells; robot {length} x {width} cells"
         )
         border = len(border_cells(workspace.outer))
-        report.note(f"{border} obstacle cells on a border; the peer is given the outer rasters, and {cores()} workers")
+        report.note(
+            f"{border} obstacle cells on a border; the peer is given the outer rasters, and {cores()} workers"
+        )
         call = partial(stamp, workspace.outer, _rasters_of(robot, spacing, rotations))
         goals = {"auto": STAMPING}
-        theirs, own = _against(report, workspace, robot, "stamping, compiled", call, goals, 3 * _runs(report)).values()
+        theirs, own = _against(
+            report, workspace, robot, "stamping, compiled", call, goals, 3 * _runs(report)
+        ).values()
         slower.append(theirs.median / own.median)
     report.section(f"{len(slower)} real maps x {rotations} yaw cells")
     name = f"stamping, compiled / {engine_label('auto')}, median"
@@ -243,7 +295,8 @@ def _against(
     options: dict[str, Any] = {"rotations": _rotations(report), "outside": "free", "inner": False}
     calls: dict[str, Callable[[], Any]] = {peer: call}
     calls |= {
-        engine_label(method): partial(cspace.build, workspace, robot, method=method, **options) for method in goals
+        engine_label(method): partial(cspace.build, workspace, robot, method=method, **options)
+        for method in goals
     }
     timings = interleave(calls, runs)
     report.timings(timings)
@@ -252,7 +305,8 @@ def _against(
         report.ratio(f"{peer} / {engine_label(method)}", timings[peer], own, least=least)
         slices = zip(own.value.cell_states != cspace.FREE, timings[peer].value, strict=True)
         report.check(
-            all((a == b).all() for a, b in slices), f"{engine_label(method)}: equal to the peer, cell for cell"
+            all((a == b).all() for a, b in slices),
+            f"{engine_label(method)}: equal to the peer, cell for cell",
         )
     return timings
 

@@ -19,7 +19,13 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.lookups import at_half_a_cell, states_of
-from benchmarks.suites.planning_peers import SEARCH_SECONDS, PlanningPeer, Problem, Query, plane_problems
+from benchmarks.suites.planning_peers import (
+    SEARCH_SECONDS,
+    PlanningPeer,
+    Problem,
+    Query,
+    plane_problems,
+)
 from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
@@ -46,7 +52,10 @@ def run(report: Report, seed: int) -> None:
     scenes = [*cube_tunnel(report), *building(report, rng, 3, False, "occupied")]
     for scene in scenes if report.quick else [*scenes, *building(report, rng, 3, False, "free")]:
         peer = partial(_fcl, scene=scene)
-        _compare(report, Problem(scene.name, scene.workspace, scene.robot, None, peer, scene.queries, 20.0))
+        _compare(
+            report,
+            Problem(scene.name, scene.workspace, scene.robot, None, peer, scene.queries, 20.0),
+        )
 
 
 def _fcl(report: Report, space: CSpace, scene: Scene) -> PlanningPeer:
@@ -73,12 +82,18 @@ def _compare(report: Report, problem: Problem) -> None:
         f"{len(queries)} queries, {seeds} seeds each"
     )
     ours: dict[str, Solver] = {
-        "ours, planners.simple_setup and RRTConnect": partial(solve, space, lambda: planners.simple_setup(space))
+        "ours, planners.simple_setup and RRTConnect": partial(
+            solve, space, lambda: planners.simple_setup(space)
+        )
     }
     if space.grid.dim == 3:
         names = ("Grid", "RRTConnect")
-        ours = {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | ours
-    compare(report, space, built, problem.peer(report, space), ours, queries, seeds, least=problem.least)
+        ours = {
+            f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names
+        } | ours
+    compare(
+        report, space, built, problem.peer(report, space), ours, queries, seeds, least=problem.least
+    )
 
 
 def compare(
@@ -95,7 +110,8 @@ def compare(
 ) -> None:
     """Compare our solvers with a peer's, check our paths, and report one-time costs.
 
-    Targets hold for our first solver: the ratio of the peer's time to ours, without and with one-time costs.
+    Targets hold for our first solver: the ratio of the peer's time to ours, without and with
+    one-time costs.
     """
     name = f"{peer.name}, set-up and RRTConnect"
     solvers = {**ours, name: partial(solve, space, peer_setup(space, peer.is_free))}
@@ -103,11 +119,17 @@ def compare(
     for way, timing in timings.items():
         paths = [path for path in timing.value if path is not None]
         colliding = sum(peer.collides(path) for path in paths)
-        report.timing(way, timing, solved=f"{len(paths)} of {len(timing.value)}", colliding=colliding)
+        report.timing(
+            way, timing, solved=f"{len(paths)} of {len(timing.value)}", colliding=colliding
+        )
         if way in ours:
-            report.check(not colliding, f"{way}: {colliding} of {len(paths)} paths collide, {peer.how}")
+            report.check(
+                not colliding, f"{way}: {colliding} of {len(paths)} paths collide, {peer.how}"
+            )
             if budget == math.inf:
-                report.check(len(paths) == len(timing.value), f"{way}: every search reaches the goal")
+                report.check(
+                    len(paths) == len(timing.value), f"{way}: every search reaches the goal"
+                )
     report.note(f"a search that fails counts with {SEARCH_SECONDS:g} s")
     report.note(
         f"made once for each map: ours {built.median * 1e3:.3g} ms (build), the peer {peer.made * 1e3:.3g} ms "
@@ -121,11 +143,15 @@ def compare(
             gain = (count * theirs.median + peer.made) / (count * timing.median + built.median)
             target = least_with_build if (number, count) == (0, 1) else None
             report.figure(f"  {count} on one map, with one-time costs", gain, least=target)
-            cpu = (count * theirs.median_cpu + peer.made) / (count * timing.median_cpu + built.median_cpu)
+            cpu = (count * theirs.median_cpu + peer.made) / (
+                count * timing.median_cpu + built.median_cpu
+            )
             report.figure("    the same in CPU time", cpu)
 
 
-def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget: float = math.inf) -> list[Timing]:
+def race(
+    solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget: float = math.inf
+) -> list[Timing]:
     """Solve all queries with equal seeds, alternating solvers; the values are paths or None.
 
     A solver stops after ``budget`` seconds of search.
@@ -153,7 +179,13 @@ def solve_by_plan(
     """Return the seconds to a first solution by ``plan``, and the path or None."""
     began = time.perf_counter()
     plan = planners.plan(
-        space, *query, planner=planner, time_limit=SEARCH_SECONDS, simplify=False, seed=seed, exact=exact
+        space,
+        *query,
+        planner=planner,
+        time_limit=SEARCH_SECONDS,
+        simplify=False,
+        seed=seed,
+        exact=exact,
     )
     taken = time.perf_counter() - began
     return taken, plan.path if plan.solved else None
@@ -176,7 +208,9 @@ def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], An
     return setup
 
 
-def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
+def solve(
+    space: CSpace, make: Callable[[], Any], query: Query, seed: int
+) -> tuple[float, Floats | None]:
     """Return the seconds to a first solution by RRTConnect, and the path or None."""
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed + 1)

@@ -93,15 +93,29 @@ def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem
             continue
         disc = partial(_disc, radius=radius)
         queries = far if name.endswith("yaml") else _from_scenarios
-        yield Problem(f"{name}, disc of {radius:g} m", workspace, Robot.disc(radius), None, disc, queries, 10.0)
+        yield Problem(
+            f"{name}, disc of {radius:g} m",
+            workspace,
+            Robot.disc(radius),
+            None,
+            disc,
+            queries,
+            10.0,
+        )
         if name.endswith("yaml"):
             title = f"{name}, rectangle of {RECTANGLE_LENGTH:g} m x {RECTANGLE_WIDTH:g} m"
             yield Problem(
-                title, workspace, Robot.rectangle(RECTANGLE_LENGTH, RECTANGLE_WIDTH), YAW_CELLS, _rectangle, far, 10.0
+                title,
+                workspace,
+                Robot.rectangle(RECTANGLE_LENGTH, RECTANGLE_WIDTH),
+                YAW_CELLS,
+                _rectangle,
+                far,
+                10.0,
             )
 
 
-# ---- start and goal --------------------------------------------------------------------------------------------------
+# ---- start and goal ------------------------------------------------------------------------------
 
 
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
@@ -112,7 +126,9 @@ def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Quer
     fit = np.linalg.norm((starts - goals)[:, : space.grid.dim], axis=1) >= least
     fit &= space.is_connected(starts, goals) & ~space.motion_is_free(starts, goals)
     if fit.sum() < number:
-        raise RuntimeError(f"only {fit.sum()} of {draws} random pairs are far apart, joined and out of sight")
+        raise RuntimeError(
+            f"only {fit.sum()} of {draws} random pairs are far apart, joined and out of sight"
+        )
     return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
 
 
@@ -122,7 +138,9 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
     queries: list[Query] = []
     for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
         # Rows are counted from the top of the map.
-        start, goal = (np.array([x + 0.5, space.grid.shape[1] - y - 0.5]) for x, y in ((x0, y0), (x1, y1)))
+        start, goal = (
+            np.array([x + 0.5, space.grid.shape[1] - y - 0.5]) for x, y in ((x0, y0), (x1, y1))
+        )
         if space.is_connected(start, goal) and not space.motion_is_free(start, goal):
             queries.append((start, goal))
             if len(queries) == number:
@@ -130,7 +148,7 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
     return queries
 
 
-# ---- the plane: shapely ----------------------------------------------------------------------------------------------
+# ---- the plane: shapely --------------------------------------------------------------------------
 
 
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
@@ -160,7 +178,10 @@ def _disc(report: Report, space: CSpace, radius: float) -> PlanningPeer:
 def _rectangle(report: Report, space: CSpace) -> PlanningPeer:
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [RECTANGLE_LENGTH / 2, RECTANGLE_WIDTH / 2]
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [
+        RECTANGLE_LENGTH / 2,
+        RECTANGLE_WIDTH / 2,
+    ]
     outline, footprint = corners.tolist(), shapely.Polygon(corners)
 
     def is_free(state: Any) -> bool:
@@ -181,4 +202,6 @@ def _rectangle(report: Report, space: CSpace) -> PlanningPeer:
                 return True
         return False
 
-    return PlanningPeer("OMPL with prepared shapely", is_free, collides, "tested every 2 mm", made, "polygons")
+    return PlanningPeer(
+        "OMPL with prepared shapely", is_free, collides, "tested every 2 mm", made, "polygons"
+    )

@@ -57,10 +57,12 @@ def run(report: Report, seed: int) -> None:
         _plan(report, space, drone, built, fcl, least=1.0)
 
 
-# ---- the map ---------------------------------------------------------------------------------------------------------
+# ---- the map -------------------------------------------------------------------------------------
 
 
-def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
+def _build(
+    report: Report, scene: Scene, cuts: int, rng: np.random.Generator
+) -> tuple[CSpace, Timing]:
     """Build a map, compare it with a loop of convolutions, and return its timing."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
     slice_of = rotations.assign_slices(scene.robot.shape)
@@ -85,11 +87,15 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     report.note(f"{free:.1%} FREE, {mixed:.1%} MIXED, {blocked:.1%} BLOCKED")
 
     occupied, loop = scene.workspace.outer.astype(np.float64), Timing(None)
-    chosen, equal = rng.choice(len(rotations), min(CONVOLVED_SLICES, len(rotations)), replace=False), True
+    chosen, equal = (
+        rng.choice(len(rotations), min(CONVOLVED_SLICES, len(rotations)), replace=False),
+        True,
+    )
     outer: CSpace = timings["ours, outer alone"].value
     rasters = slice_rasters(outer.robot, outer.grid.spacing, outer.margin, rotations)
     for cell in chosen.tolist():
-        # Use the bitmap of the map, because a new bitmap may be a cell tighter or looser; both are bounds.
+        # Use the bitmap of the map, because a new bitmap may be a cell tighter or looser; both are
+        # bounds.
         raster = rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
         met = loop.take(partial(convolve_map, signal.fftconvolve, occupied, kernel, raster))
@@ -97,14 +103,18 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
         equal &= bool((ours == met).all())
     report.check(equal, f"{len(chosen)} slices: equal to fftconvolve's")
     all_of = loop.per(1.0 / number)
-    report.timing(f"a loop of fftconvolve over ready bitmaps, extrapolated from {len(chosen)} slices", all_of)
+    report.timing(
+        f"a loop of fftconvolve over ready bitmaps, extrapolated from {len(chosen)} slices", all_of
+    )
     report.ratio("loop of fftconvolve / ours, outer alone", all_of, timings["ours, outer alone"])
     return space, timings["ours"]
 
 
 def _against_maps(report: Report, scene: Scene, built: Timing) -> None:
     """Compare with 18 maps of a robot without rotations."""
-    still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(1.0 / 18)
+    still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(
+        1.0 / 18
+    )
     report.timing("18 maps of R^3", still)
     report.ratio("72 yaw cells / 18 maps of R^3", built, still, most=2.0)
 
@@ -118,11 +128,17 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
     wrong = sum(fcl.meets(each) for each in free)
     report.check(not wrong, f"{wrong} of {len(free)} FREE configurations collide by FCL")
     wrong = sum(not fcl.collides(each) for each in blocked)
-    report.check(not wrong, f"{wrong} of {len(blocked)} BLOCKED configurations do not collide by FCL and insides")
+    report.check(
+        not wrong,
+        f"{wrong} of {len(blocked)} BLOCKED configurations do not collide by FCL and insides",
+    )
     mixed = few[states[:CONTAINMENT_TESTS] == cspace.MIXED]
     exact = space.is_free(mixed, exact=True) if len(mixed) else np.zeros(0, dtype=np.bool_)
     wrong = sum(bool(ours) and fcl.meets(each) for ours, each in zip(exact, mixed, strict=True))
-    report.check(not wrong, f"{wrong} of {exact.sum()} MIXED configurations that are exactly free collide by FCL")
+    report.check(
+        not wrong,
+        f"{wrong} of {exact.sum()} MIXED configurations that are exactly free collide by FCL",
+    )
     return fcl
 
 
@@ -134,10 +150,12 @@ def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> 
         fcl.seconds * cells,
         "s",
     )
-    report.figure("one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
+    report.figure(
+        "one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu
+    )
 
 
-# ---- look-ups and edges ----------------------------------------------------------------------------------------------
+# ---- look-ups and edges --------------------------------------------------------------------------
 
 
 def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator) -> None:
@@ -158,7 +176,9 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     }
     checker = planners.StateValidityChecker(space_informations["ours"], space)
     states = states_of(space, space_informations["ours"], few)
-    callback = interleave({"callback": query_all(checker.isValid, states)}, runs)["callback"].per(1000)
+    callback = interleave({"callback": query_all(checker.isValid, states)}, runs)["callback"].per(
+        1000
+    )
     report.timing("isValid of our checker, as OMPL calls it", callback)
     report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=0.6)
     asks: dict[str, Callable[[], list[bool]]] = {}
@@ -177,11 +197,22 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
         for name in ("ours", "ours, exact"):
             report.ratio(f"{what}: FCL / {name}", timings["FCL"], timings[name])
     answers = {name: np.array(timing.value) for name, timing in points.items()}
-    report.check(bool((answers["ours"] == space.is_free(few)).all()), "isValid: equal to CSpace.is_free")
-    report.check(not (answers["ours, exact"] & ~answers["FCL"]).any(), "isValid: FCL refuses none that is exactly free")
+    report.check(
+        bool((answers["ours"] == space.is_free(few)).all()), "isValid: equal to CSpace.is_free"
+    )
+    report.check(
+        not (answers["ours, exact"] & ~answers["FCL"]).any(),
+        "isValid: FCL refuses none that is exactly free",
+    )
     walked = {name: np.array(timing.value) for name, timing in edges.items()}
-    report.check(bool((walked["ours"] == space.motion_is_free(starts, goals)).all()), "checkMotion: equal to CSpace's")
-    report.check(not (walked["ours, exact"] & ~walked["FCL"]).any(), "checkMotion: FCL refuses none that is proven")
+    report.check(
+        bool((walked["ours"] == space.motion_is_free(starts, goals)).all()),
+        "checkMotion: equal to CSpace's",
+    )
+    report.check(
+        not (walked["ours, exact"] & ~walked["FCL"]).any(),
+        "checkMotion: FCL refuses none that is proven",
+    )
     shares = ", ".join(f"{name} {answer.mean():.0%}" for name, answer in walked.items())
     report.note(f"edges that are free: {shares}; FCL looks at steps of half a cell")
 
@@ -199,7 +230,12 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
     """Draw edges from FREE configurations."""
     starts, direction = space.sample_free(number, rng), rng.normal(size=(number, 3))
     goals = starts.copy()
-    goals[:, :3] += EDGE_CELLS * space.grid.spacing * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    goals[:, :3] += (
+        EDGE_CELLS
+        * space.grid.spacing
+        * direction
+        / np.linalg.norm(direction, axis=1, keepdims=True)
+    )
     goals[:, :3] = np.clip(goals[:, :3], space.grid.lower, space.grid.upper)
     goals[:, 3:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, goals[:, 3:].shape) / (
         2.0 if len(space.rotations.names) == 4 else 1.0
@@ -209,20 +245,32 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
     return starts, goals
 
 
-# ---- plans -----------------------------------------------------------------------------------------------------------
+# ---- plans ---------------------------------------------------------------------------------------
 
 
-def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, least: float | None = None) -> None:
+def _plan(
+    report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, least: float | None = None
+) -> None:
     """Compare first solutions with those of FCL."""
     exact = bool(scene.cuts[0])
     label = ", exact" if exact else ""
     ours: dict[str, planning.Solver] = {
-        f"ours, planners.plan{label}": partial(planning.solve_by_plan, space, "RRTConnect", exact=exact),
+        f"ours, planners.plan{label}": partial(
+            planning.solve_by_plan, space, "RRTConnect", exact=exact
+        ),
         f"ours, simple_setup and RRTConnect{label}": partial(
             planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
         ),
     }
     queries = scene.queries(space)
     planning.compare(
-        report, space, built, fcl.peer(), ours, queries, scene.seeds, SEARCH_BUDGET_SECONDS, least_with_build=least
+        report,
+        space,
+        built,
+        fcl.peer(),
+        ours,
+        queries,
+        scene.seeds,
+        SEARCH_BUDGET_SECONDS,
+        least_with_build=least,
     )

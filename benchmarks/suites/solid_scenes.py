@@ -35,13 +35,20 @@ POSITIONS_PER_LEG, EXACT_POSITIONS_PER_LEG = 200, 10_000
 """Number of positions on each leg of a path tested by FCL and by exact distances."""
 
 TOP = ((-0.6, -0.4, 0.3), (0.6, 0.4, 0.35))
-LEGS = [((x - 0.03, y - 0.03, -0.35), (x + 0.03, y + 0.03, 0.31)) for x in (-0.55, 0.55) for y in (-0.35, 0.35)]
+LEGS = [
+    ((x - 0.03, y - 0.03, -0.35), (x + 0.03, y + 0.03, 0.31))
+    for x in (-0.55, 0.55)
+    for y in (-0.35, 0.35)
+]
 TABLE = np.array([TOP, *LEGS])
 """Boxes of a table of 1.2 m x 0.8 m x 0.7 m around its center, metres."""
 
 ROOM_BOXES = np.array(
     [
-        ((3.9, 0.0, 0.0), (4.1, 1.6, 2.5)),  # the wall between two rooms, with a door of 0.8 m x 2 m
+        (
+            (3.9, 0.0, 0.0),
+            (4.1, 1.6, 2.5),
+        ),  # the wall between two rooms, with a door of 0.8 m x 2 m
         ((3.9, 2.4, 0.0), (4.1, 4.0, 2.5)),
         ((3.9, 1.6, 2.0), (4.1, 2.4, 2.5)),
         ((1.5, 2.5, 0.0), (2.5, 3.5, 0.5)),  # a bench and a cupboard
@@ -81,7 +88,8 @@ class Scene:
     queries : callable
         Draws starts and goals on the map.
     cuts : tuple of int
-        Cells per axis of quaternions, for plans first and look-ups last; 0 for yaw; empty without rotation.
+        Cells per axis of quaternions, for plans first and look-ups last; 0 for yaw; empty without
+        rotation.
     seeds : int
         Number of searches for each query.
     boxes : tuple of Blocks, optional
@@ -112,7 +120,10 @@ class Scene:
         """Return the scene of a translating box among boxes."""
         low, high = robot.bounds
         title = f"{name}, box of {' m x '.join(f'{side:g}' for side in high - low)} m"
-        skins, shape = (robot.to_surface(), obstacles.to_surface()), Robot.box(high - low, (low + high) / 2)
+        skins, shape = (
+            (robot.to_surface(), obstacles.to_surface()),
+            Robot.box(high - low, (low + high) / 2),
+        )
         return cls(title, workspace, shape, *skins, models, queries, boxes=(robot, obstacles))
 
     def rotations(self, cuts: int) -> Rotations:
@@ -129,7 +140,17 @@ def rooms(quick: bool) -> Scene:
     robot = Robot.from_mesh(_mesh(body), name="table")
     models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4, 12, 8)
-    return Scene("a table through a door", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 5)
+    return Scene(
+        "a table through a door",
+        workspace,
+        robot,
+        body,
+        obstacles,
+        models,
+        lambda space: [query],
+        cuts,
+        5,
+    )
 
 
 def trap(quick: bool) -> Scene:
@@ -141,10 +162,14 @@ def trap(quick: bool) -> Scene:
     robot = Robot.from_mesh(_mesh(body), name="hook")
     models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4,)
-    return Scene("a bug trap", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 6)
+    return Scene(
+        "a bug trap", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 6
+    )
 
 
-def _trap(half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequence[float] = TRAP_WIDTHS) -> Floats:
+def _trap(
+    half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequence[float] = TRAP_WIDTHS
+) -> Floats:
     """Return boxes of a hollow cube with a tube of rings that leads inward."""
     far = half + wall
     boxes = [
@@ -183,15 +208,19 @@ def cube_tunnel(report: Report) -> Iterator[Scene]:
     mesh: Any = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = Blocks.boxes([part.bounds for part in mesh.split()])
     body = Blocks.boxes([trimesh.load(folder / "robot.obj", force="mesh").bounds])
-    models = {"triangles": SolidSurface(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1)).model}
-    yield Scene.of_boxes(CUBE_TUNNEL, workspace, body, boxes, models, lambda space: [(query[0], query[1])])
+    models = {
+        "triangles": SolidSurface(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1)).model
+    }
+    yield Scene.of_boxes(
+        CUBE_TUNNEL, workspace, body, boxes, models, lambda space: [(query[0], query[1])]
+    )
 
 
 def tunnels(report: Report) -> Iterator[Scene]:
     """Yield the scenes of both L-shaped robots in a tunnel.
 
-    Start and goal are free only if their three angles are intrinsic rotations about z, y and x; the quaternions of the
-    file take them in the reverse order.
+    Start and goal are free only if their three angles are intrinsic rotations about z, y and x; the
+    quaternions of the file take them in the reverse order.
     """
     folder = _data(report, TUNNEL)
     if folder is None:
@@ -200,12 +229,16 @@ def tunnels(report: Report) -> Iterator[Scene]:
     endpoints = []
     for end in ("start", "goal"):
         angles = Rotation.from_quat(problem[end]["quaternion_xyzw"]).as_euler("xyz")
-        endpoints.append(np.array([*problem[end]["position"], *Rotation.from_euler("ZYX", angles).as_quat()]))
+        endpoints.append(
+            np.array([*problem[end]["position"], *Rotation.from_euler("ZYX", angles).as_quat()])
+        )
     workspace = Workspace.from_mesh(folder / "obstacles.obj", TUNNEL_SPACING, bounds)
     skins = {}
     for name in ("obstacles", *TUNNEL_ROBOTS):
         mesh: Any = trimesh.load(folder / f"{name}.obj", force="mesh", process=True)
-        skins[name] = SolidSurface(np.asarray(mesh.triangles), _bodies(len(mesh.vertices), np.asarray(mesh.faces)))
+        skins[name] = SolidSurface(
+            np.asarray(mesh.triangles), _bodies(len(mesh.vertices), np.asarray(mesh.faces))
+        )
     for name in TUNNEL_ROBOTS:
         yield Scene(
             f"{TUNNEL}, {name}",
@@ -216,11 +249,15 @@ def tunnels(report: Report) -> Iterator[Scene]:
             {"triangles": skins["obstacles"].model},
             lambda space: [(endpoints[0], endpoints[1])],
             (4,),
-            2 if name == TUNNEL_ROBOTS[0] else 0,  # no planner finds a path of the thick robot in time
+            2
+            if name == TUNNEL_ROBOTS[0]
+            else 0,  # no planner finds a path of the thick robot in time
         )
 
 
-def building(report: Report, rng: np.random.Generator, number: int, turns: bool, unknown: str) -> Iterator[Scene]:
+def building(
+    report: Report, rng: np.random.Generator, number: int, turns: bool, unknown: str
+) -> Iterator[Scene]:
     """Yield the scene of a flat box among voxels, yawing if ``turns``."""
     path = _data(report, BUILDING)
     if path is None:
@@ -228,7 +265,10 @@ def building(report: Report, rng: np.random.Generator, number: int, turns: bool,
     half, workspace = 0.5 * np.array(DRONE), Workspace.from_octomap(path, unknown)
     grid, body = workspace.grid, Blocks.boxes([[-half, half]])
     boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merge_cells(workspace.outer))
-    models = {"triangles of merged boxes": boxes.to_surface().model, "octree": partial(octree, workspace.outer, grid)}
+    models = {
+        "triangles of merged boxes": boxes.to_surface().model,
+        "octree": partial(octree, workspace.outer, grid),
+    }
     queries = partial(far_apart, number=number, rng=rng)
     name = f"{BUILDING}, unknown cells {unknown}"
     scene = Scene.of_boxes(name, workspace, body, boxes, models, queries)
@@ -285,7 +325,9 @@ class Fcl:
                     self.meets(each)
                 taken = (time.process_time() - began) / len(q)
                 report.note(f"FCL, {kind} against {what}: {1e6 * taken:.3g} us of CPU a query")
-                candidates.append((taken, f"{kind} against {what}", made, self.robot, self.obstacles))
+                candidates.append(
+                    (taken, f"{kind} against {what}", made, self.robot, self.obstacles)
+                )
         best = min(candidates, key=lambda each: each[0])
         self.seconds, self.what, self.made, self.robot, self.obstacles = best
 
@@ -304,7 +346,11 @@ class Fcl:
         """Return True if surfaces meet or the robot leaves the grid."""
         x, y, z, *turn = q
         if turn:
-            qx, qy, qz, qw = turn if len(turn) == 4 else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
+            qx, qy, qz, qw = (
+                turn
+                if len(turn) == 4
+                else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
+            )
             self.robot.setTransform(fcl.Transform((qw, qx, qy, qz), (x, y, z)))
         else:
             self.robot.setTranslation(np.array((x, y, z)))
@@ -330,14 +376,18 @@ class Fcl:
             return not self.meets((state[0], state[1], state[2]))
         if hasattr(state, "rotation"):
             turn = state.rotation()
-            return not self.meets((state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w))
+            return not self.meets(
+                (state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w)
+            )
         place = state[0]
         return not self.meets((place[0], place[1], place[2], state[1].value))
 
     def _path_collides(self, path: Floats) -> bool:
         legs = itertools.pairwise(path)
         return any(
-            self.meets(q) for start, end in legs for q in along(start, end, np.linspace(0.0, 1.0, POSITIONS_PER_LEG))
+            self.meets(q)
+            for start, end in legs
+            for q in along(start, end, np.linspace(0.0, 1.0, POSITIONS_PER_LEG))
         )
 
     def _boxes_collide(self, path: Floats) -> bool:
@@ -367,18 +417,24 @@ def along(start: Floats, end: Floats, t: Floats) -> Floats:
 def octree(occupied: Bools, grid: Grid) -> Any:
     """Convert cells to an octree of FCL with the largest possible leaves."""
     tree = octomap.OcTree(grid.spacing)
-    tree.updateNodes(np.asarray(grid.lower) + grid.spacing * (np.argwhere(occupied) + 0.5), True, lazy_eval=True)
+    tree.updateNodes(
+        np.asarray(grid.lower) + grid.spacing * (np.argwhere(occupied) + 0.5), True, lazy_eval=True
+    )
     tree.updateInnerOccupancy()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "cells.bt"
         tree.writeBinary(str(path).encode())
         content = path.read_bytes()
     nodes = content[content.index(b"\ndata\n") + len(b"\ndata\n") :]
-    return fcl.CollisionObject(fcl.OcTree(grid.spacing, np.frombuffer(nodes, dtype=np.int8).tolist()))
+    return fcl.CollisionObject(
+        fcl.OcTree(grid.spacing, np.frombuffer(nodes, dtype=np.int8).tolist())
+    )
 
 
 def _mesh(skin: SolidSurface) -> Any:
-    return trimesh.Trimesh(skin.triangles.reshape(-1, 3), np.arange(3 * len(skin.triangles)).reshape(-1, 3))
+    return trimesh.Trimesh(
+        skin.triangles.reshape(-1, 3), np.arange(3 * len(skin.triangles)).reshape(-1, 3)
+    )
 
 
 def _bodies(vertices: int, faces: Ints) -> Ints:

@@ -136,7 +136,9 @@ def _point(
     work = {peer.name: peer.work(occupied.shape, raster) for peer in peers(sweep.dim)}
     expected = {name: rates.get(name, 0.0) * amount for name, amount in work.items()}
     calls |= {
-        peer.name: peer.ready(occupied, raster) for peer in peers(sweep.dim) if expected[peer.name] <= MAX_PEER_SECONDS
+        peer.name: peer.ready(occupied, raster)
+        for peer in peers(sweep.dim)
+        if expected[peer.name] <= MAX_PEER_SECONDS
     }
     timings = interleave(calls, RUNS, SLOW_CALL_SECONDS)
     for name, timing in timings.items():
@@ -150,14 +152,18 @@ def _point(
             report.mark(**about, way=name, left_out=True)
     # The direct engine shares no code with any other.
     others = [
-        name for name, timing in timings.items() if not (timing.value == timings[engine_label("direct")].value).all()
+        name
+        for name, timing in timings.items()
+        if not (timing.value == timings[engine_label("direct")].value).all()
     ]
     unequal = f"; different: {', '.join(others)}" if others else ""
     report.check(not others, f"{len(timings)} results are equal, cell for cell{unequal}")
     _sample(report, workspace, radius, about, rng)
     chosen = choose_engine([raster])
     engines = {method: timings[engine_label(method)].median for method in ENGINES}
-    report.figure(f'"auto" took "{chosen}": its time / the quicker one\'s', _regret(chosen, engines))
+    report.figure(
+        f'"auto" took "{chosen}": its time / the quicker one\'s', _regret(chosen, engines)
+    )
     report.mark(**about, chosen=chosen, taken=engines)
     return timings
 
@@ -172,8 +178,12 @@ def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, 
         ):
             if len(sizes) < LARGEST_SIZES or (name != ALL and len(by_size) == LARGEST_SIZES):
                 continue  # too few sizes, or the same sizes
-            slope = float(np.polyfit(np.log(sizes), np.log([by_size[size] for size in sizes]), 1)[0])
-            report.figure(f"{way}, {name}", slope, "", most=MAX_EXPONENT if way.startswith("ours") else None)
+            slope = float(
+                np.polyfit(np.log(sizes), np.log([by_size[size] for size in sizes]), 1)[0]
+            )
+            report.figure(
+                f"{way}, {name}", slope, "", most=MAX_EXPONENT if way.startswith("ours") else None
+            )
             report.mark(sweep=sweep.name, exponent_of=way, over=name)
 
 
@@ -183,7 +193,9 @@ def _choices(report: Report) -> None:
     slower = [row for row in rows if _regret(row["chosen"], row["taken"]) > 1.0]
     report.section(f'choices of "auto" at {len(rows)} sizes')
     for row in slower:
-        report.note(f"{row['case']}: {row['chosen']} taken, {_regret(row['chosen'], row['taken']):.2f} x the other")
+        report.note(
+            f"{row['case']}: {row['chosen']} taken, {_regret(row['chosen'], row['taken']):.2f} x the other"
+        )
     report.figure("times that it picked the slower engine", len(slower), f"of {len(rows)}")
     worst = max(_regret(row["chosen"], row["taken"]) for row in rows)
     report.figure("largest time of the engine picked / the quicker one's", worst, most=MAX_REGRET)
@@ -194,34 +206,50 @@ def _regret(chosen: str, seconds: Mapping[str, float]) -> float:
     return seconds[chosen] / min(seconds.values())
 
 
-# ---- collision checks of one configuration at a time -----------------------------------------------------------------
+# ---- collision checks of one configuration at a time ---------------------------------------------
 
 
 def _sample(
-    report: Report, workspace: Workspace, radius: float, about: Mapping[str, Any], rng: np.random.Generator
+    report: Report,
+    workspace: Workspace,
+    radius: float,
+    about: Mapping[str, Any],
+    rng: np.random.Generator,
 ) -> None:
     """Time checkers on a sample of cells, and compare them with the map."""
     robot = Robot.disc(radius) if workspace.grid.dim == 2 else Robot.ball(radius)
     occupied = workspace.outer
     boxes = merge_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
     ready = {
-        name: make(boxes) for name, (package, make, dims) in LIBRARIES.items() if _is_used(package, dims, occupied)
+        name: make(boxes)
+        for name, (package, make, dims) in LIBRARIES.items()
+        if _is_used(package, dims, occupied)
     }
     if not ready:
         return
     state = cspace.build(workspace, robot, outside="free").cell_states
-    cells = np.concatenate([rng.integers(0, state.shape, (SAMPLE, state.ndim)), _beside_others(state, rng)])
+    cells = np.concatenate(
+        [rng.integers(0, state.shape, (SAMPLE, state.ndim)), _beside_others(state, rng)]
+    )
     q = cells + rng.random(cells.shape)
     expected = state[tuple(cells.T)]
     answers = {name: checker(q, radius) for name, checker in ready.items()}
-    timings = interleave({name: partial(checker, q[:SAMPLE], radius) for name, checker in ready.items()}, RUNS)
+    timings = interleave(
+        {name: partial(checker, q[:SAMPLE], radius) for name, checker in ready.items()}, RUNS
+    )
     for name, timing in timings.items():
-        report.timing(f"{name}, extrapolated from {SAMPLE} cells", timing.per(SAMPLE / math.prod(state.shape)))
+        report.timing(
+            f"{name}, extrapolated from {SAMPLE} cells", timing.per(SAMPLE / math.prod(state.shape))
+        )
         report.mark(**about, way=name, extrapolated_from=SAMPLE)
     for name, hits in answers.items():
-        wrong = int(((expected == cspace.FREE) & hits).sum() + ((expected == cspace.BLOCKED) & ~hits).sum())
+        wrong = int(
+            ((expected == cspace.FREE) & hits).sum() + ((expected == cspace.BLOCKED) & ~hits).sum()
+        )
         counts = f"{(expected == cspace.FREE).sum()} FREE and {(expected == cspace.BLOCKED).sum()} BLOCKED"
-        report.check(not wrong, f"{name}: of {counts} cells, {wrong} are not so at a configuration in them")
+        report.check(
+            not wrong, f"{name}: of {counts} cells, {wrong} are not so at a configuration in them"
+        )
 
 
 def _is_used(package: str, dims: tuple[int, ...], occupied: Bools) -> bool:
@@ -238,7 +266,9 @@ def _beside_others(state: States, rng: np.random.Generator) -> Ints:
 
 
 def _shapely(boxes: Ints) -> Checker:
-    tree = shapely.STRtree(shapely.box(boxes[:, 0, 0], boxes[:, 0, 1], boxes[:, 1, 0], boxes[:, 1, 1]))
+    tree = shapely.STRtree(
+        shapely.box(boxes[:, 0, 0], boxes[:, 0, 1], boxes[:, 1, 0], boxes[:, 1, 1])
+    )
 
     def check(q: Floats, radius: float) -> Bools:
         hit = np.zeros(len(q), dtype=np.bool_)
@@ -252,9 +282,14 @@ def _tree(package: str, boxes: Ints) -> Checker:
     """Return a checker of FCL or coal, whose trees have one interface."""
     library = import_module(package)
     transform = library.Transform if package == "fcl" else partial(library.Transform3s, np.eye(3))
-    tree, sizes = library.DynamicAABBTreeCollisionManager(), (boxes[:, 1] - boxes[:, 0]).astype(np.float64)
+    tree, sizes = (
+        library.DynamicAABBTreeCollisionManager(),
+        (boxes[:, 1] - boxes[:, 0]).astype(np.float64),
+    )
     pairs = zip(sizes, boxes.mean(axis=1), strict=True)
-    obstacles = [library.CollisionObject(library.Box(*size), transform(middle)) for size, middle in pairs]
+    obstacles = [
+        library.CollisionObject(library.Box(*size), transform(middle)) for size, middle in pairs
+    ]
     for each in obstacles:
         tree.registerObject(each)
     tree.setup()
@@ -262,7 +297,10 @@ def _tree(package: str, boxes: Ints) -> Checker:
     def check(
         q: Floats, radius: float, kept: Any = obstacles
     ) -> Bools:  # coal's tree keeps no references to its objects
-        ball, hit = library.CollisionObject(library.Sphere(radius)), np.empty(len(q), dtype=np.bool_)
+        ball, hit = (
+            library.CollisionObject(library.Sphere(radius)),
+            np.empty(len(q), dtype=np.bool_),
+        )
         for number, position in enumerate(q):
             ball.setTranslation(position)
             if package == "fcl":

@@ -58,11 +58,18 @@ def run(report: Report, seed: int) -> None:
 def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
     size, tile = (4096, 1024) if report.quick else (16_384, TILE_CELLS)
     workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng), CITY_SPACING)
-    for name, robot, rotations in (("disc of 2 m", Robot.disc(1.0), None), ("car, 8 yaws", CITY_CAR, 8)):
-        report.section(f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {tile}")
+    for name, robot, rotations in (
+        ("disc of 2 m", Robot.disc(1.0), None),
+        ("car, 8 yaws", CITY_CAR, 8),
+    ):
+        report.section(
+            f"{size} x {size} cells, {name}: one thread, in memory and into a store of tiles of {tile}"
+        )
         options: dict[str, Any] = {"rotations": rotations, "workers": 1}
         calls = {
-            "build in memory": lambda options=options, robot=robot: cspace.build(workspace, robot, **options),
+            "build in memory": lambda options=options, robot=robot: cspace.build(
+                workspace, robot, **options
+            ),
             "build into a store": partial(_stored, workspace, robot, folder / "one", tile, options),
         }
         timings = interleave(calls, 3)
@@ -75,10 +82,14 @@ def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
         whole = inside.value
         equal = all(np.array_equal(window.states_at(turn), whole.states_at(turn)) for turn in turns)
         report.check(equal, "states are equal")
-        report.figure("bytes a cell on disk", _bytes(folder / "one") / (len(turns) * space.grid.size), "B")
+        report.figure(
+            "bytes a cell on disk", _bytes(folder / "one") / (len(turns) * space.grid.size), "B"
+        )
 
 
-def _stored(workspace: Workspace, robot: Robot, path: Path, tile: int, options: dict[str, Any]) -> Any:
+def _stored(
+    workspace: Workspace, robot: Robot, path: Path, tile: int, options: dict[str, Any]
+) -> Any:
     shutil.rmtree(path, ignore_errors=True)
     return cspace.build(workspace, robot, store=path, tile=tile, **options)
 
@@ -87,12 +98,21 @@ def _workers(report: Report, rng: np.random.Generator, folder: Path) -> None:
     from distributed import Client, LocalCluster
 
     size = 4096 if report.quick else 16_384
-    report.section(f"{size} x {size} cells, car, 8 yaws, tiles of {size // 8}: one worker of a cluster, and two")
+    report.section(
+        f"{size} x {size} cells, car, 8 yaws, tiles of {size // 8}: one worker of a cluster, and two"
+    )
     source = _city(folder / "small.zarr", size, rng)
     timings = []
     for workers in (1, 2):
         with LocalCluster(n_workers=workers, **WORKERS) as cluster, Client(cluster) as client:
-            work = partial(_stored, source, CITY_CAR, folder / "two", size // 8, {"rotations": 8, "client": client})
+            work = partial(
+                _stored,
+                source,
+                CITY_CAR,
+                folder / "two",
+                size // 8,
+                {"rotations": 8, "client": client},
+            )
             timing = Timing(None)
             work()  # compiles
             for _ in range(3):
@@ -104,12 +124,19 @@ def _workers(report: Report, rng: np.random.Generator, folder: Path) -> None:
 
 
 def _large(
-    report: Report, rng: np.random.Generator, folder: Path, size: int, robot: Robot, rotations: int | None
+    report: Report,
+    rng: np.random.Generator,
+    folder: Path,
+    size: int,
+    robot: Robot,
+    rotations: int | None,
 ) -> None:
     from distributed import Client, LocalCluster
 
     turns = f" x {rotations} yaws" if rotations else ""
-    report.section(f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE_CELLS}, two workers of 2 GB")
+    report.section(
+        f"a city of {size} x {size} cells{turns}, {robot.name}, tiles of {TILE_CELLS}, two workers of 2 GB"
+    )
     source, path = _city(folder / "city.zarr", size, rng), folder / "map.zarr"
     shutil.rmtree(path, ignore_errors=True)
     with (
@@ -118,7 +145,9 @@ def _large(
         _PeakMemory() as peak,
     ):
         began = time.perf_counter()
-        space = cspace.build(source, robot, rotations=rotations, store=path, tile=TILE_CELLS, client=client)
+        space = cspace.build(
+            source, robot, rotations=rotations, store=path, tile=TILE_CELLS, client=client
+        )
         seconds = time.perf_counter() - began
     cells = sum(space.count())
     report.figure("cells, of all rotations", cells / 1e9, "10^9")
@@ -131,19 +160,34 @@ def _large(
     space.classify(q[:1])
     space.motion_is_free(q[0], q[0])
     states = _timed(report, "10^6 look-ups at random", lambda: space.classify(q))
-    near = q[: 10**4] + rng.normal(size=(10**4, space.size)) * ([20.0, 20.0] + [0.3] * bool(rotations))
+    near = q[: 10**4] + rng.normal(size=(10**4, space.size)) * (
+        [20.0, 20.0] + [0.3] * bool(rotations)
+    )
     free = _timed(report, "10^4 edges of some 25 m", lambda: space.motion_is_free(q[: 10**4], near))
-    report.check(not (free & (states[: 10**4] != cspace.FREE)).any(), "no free edge begins in a cell that is not FREE")
+    report.check(
+        not (free & (states[: 10**4] != cspace.FREE)).any(),
+        "no free edge begins in a cell that is not FREE",
+    )
     window = space.window(q[0, :2] - 20.0, q[0, :2] + 20.0)
     here = window.grid.contains(q[:, :2])
     report.check(np.array_equal(window.classify(q[here]), states[here]), "a window answers alike")
     _timed(report, "components of all tiles, labelled and joined", space.compute_components)
     free_q = q[states == cspace.FREE]
     endpoints = [
-        free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * CITY_SPACING - 50.0)
+        free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))]
+        for corner in (50.0, size * CITY_SPACING - 50.0)
     ]
-    report.figure("cells from start to goal", float(np.abs(endpoints[1] - endpoints[0])[:2].max() / CITY_SPACING), "")
-    plan = _timed(report, "a plan", lambda: planners.plan(space, *endpoints, seed=0, time_limit=10.0), most=60.0)
+    report.figure(
+        "cells from start to goal",
+        float(np.abs(endpoints[1] - endpoints[0])[:2].max() / CITY_SPACING),
+        "",
+    )
+    plan = _timed(
+        report,
+        "a plan",
+        lambda: planners.plan(space, *endpoints, seed=0, time_limit=10.0),
+        most=60.0,
+    )
     report.note(f"{plan.status}; a path exists: {plan.is_connected}; {plan.length:.0f} m")
     report.check(plan.certified or not plan.solved, "the path is certified, where one was found")
     report.figure("this process", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "GB")

@@ -1,17 +1,19 @@
 """Compiled proofs about boxes of configurations, in which each joint varies within an interval.
 
-*FREE.* The straight motion from the center of a box to any configuration in it moves each joint by at most half its
-interval. So the bounds of such a motion (:mod:`cspace.arms.chain`) hold for the whole box: if two solids are farther
-apart at the center than one can move against the other, they touch nowhere in the box.
+*FREE.* The straight motion from the center of a box to any configuration in it moves each joint by
+at most half its interval. So the bounds of such a motion (:mod:`cspace.arms.chain`) hold for the
+whole box: if two solids are farther apart at the center than one can move against the other, they
+touch nowhere in the box.
 
-*BLOCKED.* A ball inside one solid moves by at most the same bound. If the ball is shrunk by the bound, the remaining
-ball, where it is, lies in the solid at every configuration of the box. If the other solid meets the remaining ball,
-both collide in the whole box. If nothing remains, the center of the ball must lie in the other solid deeper than the
-missing radius.
+*BLOCKED.* A ball inside one solid moves by at most the same bound. If the ball is shrunk by the
+bound, the remaining ball, where it is, lies in the solid at every configuration of the box. If the
+other solid meets the remaining ball, both collide in the whole box. If nothing remains, the center
+of the ball must lie in the other solid deeper than the missing radius.
 
-*Blocks.* All cells are tested together first. A pair of solids that is proven apart is not tested again. If pairs are
-left, the block is halved along the joint that moves the arm farthest, down to single cells, which are then MIXED. So
-the work grows with the boundary of the C-obstacle, not with the number of cells.
+*Blocks.* All cells are tested together first. A pair of solids that is proven apart is not tested
+again. If pairs are left, the block is halved along the joint that moves the arm farthest, down to
+single cells, which are then MIXED. So the work grows with the boundary of the C-obstacle, not with
+the number of cells.
 """
 
 from __future__ import annotations
@@ -22,7 +24,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arms.chain import FIXED, REVOLUTE, Chain, column, forward_kinematics, pose_rotation, relative_pose
+from cspace.arms.chain import (
+    FIXED,
+    REVOLUTE,
+    Chain,
+    column,
+    forward_kinematics,
+    pose_rotation,
+    relative_pose,
+)
 from cspace.arms.hulls import joint_displacement
 from cspace.arms.proofs import (
     Scene,
@@ -45,7 +55,8 @@ from cspace.grid import SLACK
 from cspace.kernels import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
-"""Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their parts, and some spare."""
+"""Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their
+parts, and some spare."""
 
 
 JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
@@ -58,7 +69,8 @@ class JointCells(NamedTuple):
     Attributes
     ----------
     lower : ndarray of float64, shape (3,)
-        Start of the first cell along three axes; a map of two joints has one cell along the first axis.
+        Start of the first cell along three axes; a map of two joints has one cell along the first
+        axis.
     spacing : float
     joint_indices : ndarray of int64, shape (3,)
         Index of the joint of each axis; -1 for the added axis.
@@ -125,7 +137,10 @@ def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
 
     The block has shape (6,), in cells.
     """
-    blocks, counts = np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64), np.empty(MAX_PENDING_BLOCKS, dtype=np.int64)
+    blocks, counts = (
+        np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64),
+        np.empty(MAX_PENDING_BLOCKS, dtype=np.int64),
+    )
     pair_lists = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64)
     blocks[0], pair_lists[0], counts[0] = block * cells.parts, np.arange(pairs), pairs
     return PendingBlocks(blocks, pair_lists, counts, cells.held.copy(), np.zeros(len(cells.held)))
@@ -177,7 +192,9 @@ def classify_block(
                 top += 2
                 continue
             state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
-        write_block(out, cells, pending.blocks[top], state, pair_numbers[pair] if state == MIXED else -1)
+        write_block(
+            out, cells, pending.blocks[top], state, pair_numbers[pair] if state == MIXED else -1
+        )
 
 
 @kernel
@@ -192,7 +209,8 @@ def prove_block(
 ) -> tuple[int, int]:
     """Return the state of a pending block; MIXED if unproven.
 
-    Also returns a pair that proves BLOCKED, or that is open. Pairs proven apart are dropped from the block's list.
+    Also returns a pair that proves BLOCKED, or that is open. Pairs proven apart are dropped from
+    the block's list.
     """
     block, is_smallest = pending.blocks[row], cells.parts > 1
     for axis in range(3):
@@ -200,9 +218,13 @@ def prove_block(
         is_smallest = is_smallest and (number < 0 or block[axis + 3] - block[axis] == 1)
         if number >= 0:
             part = cells.spacing / cells.parts
-            pending.center[number] = cells.lower[axis] + 0.5 * part * (block[axis] + block[axis + 3])
+            pending.center[number] = cells.lower[axis] + 0.5 * part * (
+                block[axis] + block[axis + 3]
+            )
             # The box includes the rounding of queries.
-            pending.halves[number] = 0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
+            pending.halves[number] = (
+                0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
+            )
     if open_pairs(scene, pending, row, scratch) == 0:
         return FREE, -1
     # Only small boxes leave triangles crossed, and the search for crossings is slow.
@@ -212,7 +234,12 @@ def prove_block(
 
 @kernel
 def refine_cell(
-    scene: Scene, inside: InnerScene, cells: JointCells, pending: PendingBlocks, base: int, scratch: SceneScratch
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    pending: PendingBlocks,
+    base: int,
+    scratch: SceneScratch,
 ) -> tuple[int, int]:
     """Return the state of a cell by its parts, and a pair that keeps it MIXED or -1.
 
@@ -262,7 +289,10 @@ def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
 
 @kernel
 def halve_block(pending: PendingBlocks, row: int, axis: int, parts: int) -> None:
-    """Replace a pending block by its halves, in this row and the next; whole multiples of ``parts`` stay together."""
+    """Replace a pending block by its halves, in this row and the next.
+
+    Whole multiples of ``parts`` stay together.
+    """
     copy_block(pending, row, row + 1)
     block = pending.blocks[row]
     cut = parts * ((block[axis] + block[axis + 3]) // (2 * parts))
@@ -278,27 +308,38 @@ def longest_axis(cells: JointCells, block: Ints, parts: int) -> int:
     chosen, farthest = -1, 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
-        if count > parts and cells.joint_indices[axis] >= 0 and count * cells.levers[axis] > farthest:
+        if (
+            count > parts
+            and cells.joint_indices[axis] >= 0
+            and count * cells.levers[axis] > farthest
+        ):
             chosen, farthest = axis, count * cells.levers[axis]
     return chosen
 
 
 @kernel
 def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScratch) -> int:
-    """Drop the pairs of a pending block that are apart in the current box; return the number of those left.
+    """Drop the pairs of a pending block that are apart in the current box.
 
-    The proof compares the distance of the boundaries at the center with the displacement in the box.
+    Return the number of those left.
+
+    The proof compares the distance of the boundaries at the center with the displacement in the
+    box.
     """
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
-    bodies, required, count = scene.solids.bodies, required_distance(scene, pending.center, pending.center), 0
+    bodies, required, count = (
+        scene.solids.bodies,
+        required_distance(scene, pending.center, pending.center),
+        0,
+    )
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
         moved = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         # While the boundaries stay apart, containment is the same in the whole box.
-        if pair_slack(scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch) < 0.0 or is_nested(
-            scene, pair, scratch, -1.0
-        ):
+        if pair_slack(
+            scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch
+        ) < 0.0 or is_nested(scene, pair, scratch, -1.0):
             pending.pair_lists[row, count] = pair
             count += 1
     pending.counts[row] = count
@@ -306,11 +347,14 @@ def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScr
 
 
 @kernel
-def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch) -> int:
+def box_axes(
+    chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
+) -> int:
     """Write the joints that move body a relative to body b.
 
-    Returns their number. The rows of ``scratch.axes`` are those of :func:`cspace.arms.hulls.joint_displacement`, in the
-    frame of b. They include the rounding of points, ``required``.
+    Returns their number. The rows of ``scratch.axes`` are those of
+    :func:`cspace.arms.hulls.joint_displacement`, in the frame of b. They include the rounding of
+    points, ``required``.
     """
     base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0
     frame = pose_rotation(base)
@@ -334,11 +378,16 @@ def box_axes(chain: Chain, a: int, b: int, halves: Floats, required: float, scra
 
 @kernel
 def blocked_pair(
-    inside: InnerScene, pending: PendingBlocks, row: int, with_crossings: bool, scratch: SceneScratch
+    inside: InnerScene,
+    pending: PendingBlocks,
+    row: int,
+    with_crossings: bool,
+    scratch: SceneScratch,
 ) -> int:
     """Return an open pair proven BLOCKED in the current box, or -1.
 
-    The poses must be those of the center of the box. Triangles that cross are sought only ``with_crossings``.
+    The poses must be those of the center of the box. Triangles that cross are sought only
+    ``with_crossings``.
     """
     scene = inside.scene
     bodies, required = scene.solids.bodies, required_distance(scene, pending.center, pending.center)
@@ -351,13 +400,17 @@ def blocked_pair(
         count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         if ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
             return int(pair)
-        if with_crossings and boundaries_cross(scene, pair, scratch.axes[:count], required, scratch):
+        if with_crossings and boundaries_cross(
+            scene, pair, scratch.axes[:count], required, scratch
+        ):
             return int(pair)
     return -1
 
 
 @kernel
-def ball_collides(inside: InnerScene, i: int, j: int, axes: Floats, required: float, scratch: SceneScratch) -> bool:
+def ball_collides(
+    inside: InnerScene, i: int, j: int, axes: Floats, required: float, scratch: SceneScratch
+) -> bool:
     """Return True if a ball in solid i provably meets solid j.
 
     The proof holds in a whole box, in which ``axes`` move solid i as seen from solid j.
@@ -379,7 +432,9 @@ def ball_collides(inside: InnerScene, i: int, j: int, axes: Floats, required: fl
             # A point is no deeper in a surface than in its box, which decides for most balls.
             if abs(x - whole[0]) >= whole[3] + rest or abs(y - whole[1]) >= whole[4] + rest:
                 continue
-            if abs(z - whole[2]) < whole[5] + rest and lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
+            if abs(z - whole[2]) < whole[5] + rest and lies_deep(
+                solids.surfaces, root, point, -rest, scratch.nodes
+            ):
                 return True
     return False
 
@@ -397,7 +452,11 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
             top -= 1
             b = nodes[top, 0]
             box, (row, m) = trees.boxes[b], trees.spans[b]
-            if abs(x - box[0]) > near + box[3] or abs(y - box[1]) > near + box[4] or abs(z - box[2]) > near + box[5]:
+            if (
+                abs(x - box[0]) > near + box[3]
+                or abs(y - box[1]) > near + box[4]
+                or abs(z - box[2]) > near + box[5]
+            ):
                 continue
             if m == 1:
                 if piece_depth(trees.triangles[row], point) + rest > 0.0:
@@ -431,8 +490,8 @@ def piece_depth(row: Floats, point: Row) -> float:
 def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point is deeper than ``min_depth`` in a surface.
 
-    A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is scratch, shape
-    (MAX_PENDING_PAIRS, 2).
+    A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is
+    scratch, shape (MAX_PENDING_PAIRS, 2).
     """
     if min_depth >= 0.0:
         return encloses(surfaces, root, point, min_depth, nodes)
@@ -445,7 +504,9 @@ def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, no
 
 
 @kernel
-def surface_depths(surfaces: SurfaceTree, root: int, points: Floats, out: Floats, nodes: Ints) -> None:
+def surface_depths(
+    surfaces: SurfaceTree, root: int, points: Floats, out: Floats, nodes: Ints
+) -> None:
     """Compute depths of points, shape (n, 3); negative outside the surface."""
     for n in range(len(points)):
         point = row_at(points[n], 0)

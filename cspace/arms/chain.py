@@ -1,22 +1,25 @@
 """Kinematics of an arm: the poses of its bodies, and bounds of their motions.
 
-A body consists of links held together by fixed joints. Each body but the base hangs on its parent by a joint, whose
-axis passes through the origin of the body.
+A body consists of links held together by fixed joints. Each body but the base hangs on its parent
+by a joint, whose axis passes through the origin of the body.
 
-*How a body moves.* At any moment, the motion of a body is the sum of the motions of its joints. As seen from another
-body, it is the difference of both: a rigid motion, so that the velocity of a point p is ``velocity + spin x p``. Over a
-time h, p deviates from that by at most half the square of h times its largest acceleration. Let u be the axes, o points
-on them, and joint i nearer to the observing body than joint j. The second derivative of p is ``u_i x (u_j x (p -
-o_j))`` if both are revolute, ``u_i x u_j`` if j is prismatic, and zero if i is. So at the joint rates r, the
-acceleration is at most the sum over the joints between of ``r_j (r_j + 2 sum of the revolute r_i) D_j``, or ``2 r_j sum
-of the revolute r_i`` if j is prismatic. D_j bounds the distance of a point of the body from the origin of j: the
-lengths between the two origins, plus the reach of the body. No point moves farther than the sum of ``r_j D_j``, or
-``r_j`` if j is prismatic (for chains: F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for
-single and multiple articulated robots in complex environments", 2005).
+*How a body moves.* At any moment, the motion of a body is the sum of the motions of its joints. As
+seen from another body, it is the difference of both: a rigid motion, so that the velocity of a
+point p is ``velocity + spin x p``. Over a time h, p deviates from that by at most half the square
+of h times its largest acceleration. Let u be the axes, o points on them, and joint i nearer to the
+observing body than joint j. The second derivative of p is ``u_i x (u_j x (p - o_j))`` if both are
+revolute, ``u_i x u_j`` if j is prismatic, and zero if i is. So at the joint rates r, the
+acceleration is at most the sum over the joints between of ``r_j (r_j + 2 sum of the revolute r_i)
+D_j``, or ``2 r_j sum of the revolute r_i`` if j is prismatic. D_j bounds the distance of a point of
+the body from the origin of j: the lengths between the two origins, plus the reach of the body. No
+point moves farther than the sum of ``r_j D_j``, or ``r_j`` if j is prismatic (for chains: F.
+Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
+articulated robots in complex environments", 2005).
 
-*Rounding.* The pose of a body is the product of at most :data:`MAX_BODIES` rotations and translations. Each adds less
-than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of that reach: less than a quarter of
-:data:`cspace.exact.DISTANCE_ROUNDING`. A pose as seen from another body is one more product.
+*Rounding.* The pose of a body is the product of at most :data:`MAX_BODIES` rotations and
+translations. Each adds less than 2^-48 of the arm's reach, so that a point is off by less than
+2^-42 of that reach: less than a quarter of :data:`cspace.exact.DISTANCE_ROUNDING`. A pose as seen
+from another body is one more product.
 """
 
 from __future__ import annotations
@@ -57,7 +60,8 @@ class Chain(NamedTuple):
         Index of the configuration entry that moves the body, as ``factors * q + offsets``.
     factors, offsets : ndarray of float64, shape (b,)
     between : ndarray of bool, shape (b, b, b)
-        ``between[a, b]`` marks the bodies whose joints move a against b; the base stands for the world.
+        ``between[a, b]`` marks the bodies whose joints move a against b; the base stands for the
+        world.
     lengths : ndarray of float64, shape (b, b)
         Largest distance between the origins of two bodies.
     """
@@ -77,8 +81,9 @@ class Chain(NamedTuple):
 def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
     """Write poses and velocities of all bodies into ``poses``.
 
-    ``poses`` has shape (b, 3, 6); ``t`` is the time of the motion, from 0 to 1. The columns are the rotation, the
-    translation, the angular velocity, and the velocity of the body's point at the origin of the base.
+    ``poses`` has shape (b, 3, 6); ``t`` is the time of the motion, from 0 to 1. The columns are the
+    rotation, the translation, the angular velocity, and the velocity of the body's point at the
+    origin of the base.
     """
     for b in range(len(chain.parents)):
         frame, out = chain.frames[b], poses[b]
@@ -97,16 +102,39 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             sine, versine, along = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2, 0.0
         # Rodrigues' formula, row by row.
         rotation = (
-            (1.0 - versine * (y * y + z * z), versine * x * y - sine * z, versine * x * z + sine * y),
-            (versine * x * y + sine * z, 1.0 - versine * (x * x + z * z), versine * y * z - sine * x),
-            (versine * x * z - sine * y, versine * y * z + sine * x, 1.0 - versine * (x * x + y * y)),
+            (
+                1.0 - versine * (y * y + z * z),
+                versine * x * y - sine * z,
+                versine * x * z + sine * y,
+            ),
+            (
+                versine * x * y + sine * z,
+                1.0 - versine * (x * x + z * z),
+                versine * y * z - sine * x,
+            ),
+            (
+                versine * x * z - sine * y,
+                versine * y * z + sine * x,
+                1.0 - versine * (x * x + y * y),
+            ),
         )
         parent = poses[chain.parents[b]]
         for i in range(3):
-            a0 = parent[i, 0] * frame[0, 0] + parent[i, 1] * frame[1, 0] + parent[i, 2] * frame[2, 0]
-            a1 = parent[i, 0] * frame[0, 1] + parent[i, 1] * frame[1, 1] + parent[i, 2] * frame[2, 1]
-            a2 = parent[i, 0] * frame[0, 2] + parent[i, 1] * frame[1, 2] + parent[i, 2] * frame[2, 2]
-            a3 = parent[i, 0] * frame[0, 3] + parent[i, 1] * frame[1, 3] + parent[i, 2] * frame[2, 3] + parent[i, 3]
+            a0 = (
+                parent[i, 0] * frame[0, 0] + parent[i, 1] * frame[1, 0] + parent[i, 2] * frame[2, 0]
+            )
+            a1 = (
+                parent[i, 0] * frame[0, 1] + parent[i, 1] * frame[1, 1] + parent[i, 2] * frame[2, 1]
+            )
+            a2 = (
+                parent[i, 0] * frame[0, 2] + parent[i, 1] * frame[1, 2] + parent[i, 2] * frame[2, 2]
+            )
+            a3 = (
+                parent[i, 0] * frame[0, 3]
+                + parent[i, 1] * frame[1, 3]
+                + parent[i, 2] * frame[2, 3]
+                + parent[i, 3]
+            )
             out[i, 0] = a0 * rotation[0][0] + a1 * rotation[1][0] + a2 * rotation[2][0]
             out[i, 1] = a0 * rotation[0][1] + a1 * rotation[1][1] + a2 * rotation[2][1]
             out[i, 2] = a0 * rotation[0][2] + a1 * rotation[1][2] + a2 * rotation[2][2]
@@ -132,13 +160,22 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     x, y, z = transposed = column(base_pose, 0), column(base_pose, 1), column(base_pose, 2)
     offset = minus(column(pose, 3), column(base_pose, 3))
     u, v, w = column(pose, 0), column(pose, 1), column(pose, 2)
-    matrix = (dot(x, u), dot(x, v), dot(x, w)), (dot(y, u), dot(y, v), dot(y, w)), (dot(z, u), dot(z, v), dot(z, w))
+    matrix = (
+        (dot(x, u), dot(x, v), dot(x, w)),
+        (dot(y, u), dot(y, v), dot(y, w)),
+        (dot(z, u), dot(z, v), dot(z, w)),
+    )
     return matrix, rotate(transposed, offset)
 
 
 @kernel
 def relative_motion(
-    pose: Floats, base_pose: Floats, half: float, curvature_bound: float, max_displacement: float, required: float
+    pose: Floats,
+    base_pose: Floats,
+    half: float,
+    curvature_bound: float,
+    max_displacement: float,
+    required: float,
 ) -> RelativeMotion:
     """Return the motion of a body as seen from another body."""
     spin, transposed = (
@@ -173,18 +210,20 @@ def column(pose: Floats, k: int) -> Row:
 
 
 @kernel
-def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: Floats) -> tuple[float, float, float]:
+def motion_bounds(
+    chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: Floats
+) -> tuple[float, float, float]:
     """Bound the motion of body a as seen from body b.
 
-    The bounds hold for points up to ``radius`` from the origin of a. Returns the largest displacement, half the largest
-    acceleration, and the sum of the rotations between them.
+    The bounds hold for points up to ``radius`` from the origin of a. Returns the largest
+    displacement, half the largest acceleration, and the sum of the rotations between them.
     """
     displacement = curvature = rotation = 0.0
     between, above, lengths = chain.between[a, b], chain.between[b, 0], chain.lengths[a]
     count = len(chain.parents)
     for k in range(2 * count):
-        # First the joints of b, up to the common ancestor, then the joints of a, because the order matters for
-        # curvature.
+        # First the joints of b, up to the common ancestor, then the joints of a, because the order
+        # matters for curvature.
         j = count - 1 - k if k < count else k - count
         if not between[j] or above[j] != (k < count):
             continue
@@ -202,10 +241,13 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
 
 
 @kernel
-def place_bodies(chain: Chain, points: Floats, bodies: Ints, scratch: Floats, poses: Floats) -> None:
+def place_bodies(
+    chain: Chain, points: Floats, bodies: Ints, scratch: Floats, poses: Floats
+) -> None:
     """Write the poses of some bodies.
 
-    They have shape (n, k, 4, 4), at configurations of shape (n, dof). ``scratch`` has shape (b, 3, 6).
+    They have shape (n, k, 4, 4), at configurations of shape (n, dof). ``scratch`` has shape (b, 3,
+    6).
     """
     for n in range(len(points)):
         forward_kinematics(chain, points[n], points[n], 0.0, scratch)
@@ -220,7 +262,8 @@ def place_bodies(chain: Chain, points: Floats, bodies: Ints, scratch: Floats, po
 def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | None = None) -> Floats:
     """Return the poses of bodies.
 
-    They have shape (..., b, 4, 4), for all bodies or for some. The configurations have shape (..., dof).
+    They have shape (..., b, 4, 4), for all bodies or for some. The configurations have shape (...,
+    dof).
     """
     chosen = np.arange(len(chain.parents)) if bodies is None else np.array(bodies, dtype=np.int64)
     points = as_contiguous(q.reshape(-1, q.shape[-1]))

@@ -1,26 +1,29 @@
-"""Trees of convex hulls around the triangles of solids, and compiled proofs that two trees stay apart.
+"""Trees of convex hulls around triangles, and proofs that two trees stay apart.
 
-Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a convex hull, grown by
-a radius: whole parts and their large pieces, with enough corners to show their shape; a few neighbouring triangles; and
-single triangles. A convex part, such as a box or a cylinder, is one node.
+Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a
+convex hull, grown by a radius: whole parts and their large pieces, with enough corners to show
+their shape; a few neighbouring triangles; and single triangles. A convex part, such as a box or a
+cylinder, is one node.
 
-*Bound.* For any vector n, the distance of two sets is at least the gap between their projections onto a line along n.
-The projection of a hull is the projection of its corners, grown by its radius. The bound holds for every n, such as the
-vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D. W. Johnson
-and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional space",
-1988).
+*Bound.* For any vector n, the distance of two sets is at least the gap between their projections
+onto a line along n. The projection of a hull is the projection of its corners, grown by its radius.
+The bound holds for every n, such as the vector between the nearest points of two hulls, found by
+the corners of their difference (E. G. Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure
+for computing the distance between complex objects in three-dimensional space", 1988).
 
-*Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``, whose component along n
-is ``n.v + (n x w).p``. Let h be the time to either side, and let ``curvature_bound`` be half the square of h times a
-bound of all accelerations. Then the position of p along n stays within h times that velocity of its central position,
-up to ``curvature_bound``. This is linear in p, so two more projections, along ``n + h (n x w)`` and ``n - h (n x w)``,
-bound the whole motion. A cheaper bound is tried first: the speed of the node's center, and of its ball about the
-center.
+*Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``,
+whose component along n is ``n.v + (n x w).p``. Let h be the time to either side, and let
+``curvature_bound`` be half the square of h times a bound of all accelerations. Then the position of
+p along n stays within h times that velocity of its central position, up to ``curvature_bound``.
+This is linear in p, so two more projections, along ``n + h (n x w)`` and ``n - h (n x w)``, bound
+the whole motion. A cheaper bound is tried first: the speed of the node's center, and of its ball
+about the center.
 
-*Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar product. With u = 2^-53,
-it is off by less than 16 u times the coordinates and the length of n, which is 1 up to 4 u. The total is below 2^-48 of
-the coordinates; the allowance :data:`cspace.exact.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms.chain` bounds the
-rounding of poses.
+*Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar
+product. With u = 2^-53, it is off by less than 16 u times the coordinates and the length of n,
+which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance
+:data:`cspace.exact.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms.chain` bounds the rounding of
+poses.
 """
 
 from __future__ import annotations
@@ -58,7 +61,8 @@ HULL_BRANCHING: Final = 16
 
 
 MAX_WHOLE_HULL_CORNERS: Final = 192
-"""Corners up to which the hull of a convex part stays exact; larger hulls use as many extreme corners."""
+"""Corners up to which the hull of a convex part stays exact; larger hulls use as many extreme
+corners."""
 
 
 MAX_HULL_CORNERS: Final = 48
@@ -66,7 +70,8 @@ MAX_HULL_CORNERS: Final = 48
 
 
 HULL_ROUNDING: Final = 2.0**-37
-"""Growth of a hull without some of its corners, relative to its size: the rounding of :func:`point_triangle`."""
+"""Growth of a hull without some of its corners, relative to its size: the rounding of
+:func:`point_triangle`."""
 
 
 MAX_GJK_STEPS: Final = 40
@@ -79,13 +84,14 @@ class Hulls(NamedTuple):
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 9)
-        Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its ball about that
-        center ([6]), distance by which its hull is grown ([7]), and about how much the hull exceeds its contents
-        ([8]).
+        Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its
+        ball about that center ([6]), distance by which its hull is grown ([7]), and about how much
+        the hull exceeds its contents ([8]).
     nodes : ndarray of int64, shape (m, 5)
-        The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull: 0, 0 without a hull,
-        and start = stop for a leaf that fills its box. Then 1 if the node contains whole connected parts only. Last,
-        the first child, or 0 for a leaf; in a part it is the next node.
+        The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull:
+        0, 0 without a hull, and start = stop for a leaf that fills its box. Then 1 if the node
+        contains whole connected parts only. Last, the first child, or 0 for a leaf; in a part it is
+        the next node.
     corners : ndarray of float64, shape (3, n)
         Corners of all hulls.
     """
@@ -135,7 +141,12 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
     starts, counts = spans.T
     boxes = np.column_stack(
-        [box, np.linalg.norm(box[:, 3:], axis=1), node_maxima(np.maximum(rows[:, 9], 0.0), spans), 0.0 * starts]
+        [
+            box,
+            np.linalg.norm(box[:, 3:], axis=1),
+            node_maxima(np.maximum(rows[:, 9], 0.0), spans),
+            0.0 * starts,
+        ]
     )
     nodes, leaf = np.zeros((len(box), 5), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
@@ -156,23 +167,37 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     parts, stop = [corners], len(corners)
     large = np.flatnonzero(has_hull & ((ranks > 0) | (parents == np.arange(len(box))))).tolist()
     for node in [] if rows[:, 9].any() else large:
-        node_points = points[np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])]
+        node_points = points[
+            np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])
+        ]
         hull, grown, depth, is_whole = _fit_hull(node_points, -1.0 if node else volume)
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
         if is_whole and grown <= 2.0 * HULL_ROUNDING * np.ptp(points, axis=0).max():
             boxes[0, 8] = 0.0
-            return Hulls(boxes[:1], np.array([[0, 0, len(hull), 1, 0]]), np.ascontiguousarray(hull.T))
+            return Hulls(
+                boxes[:1], np.array([[0, 0, len(hull), 1, 0]]), np.ascontiguousarray(hull.T)
+            )
         nodes[node, 1], nodes[node, 2], stop = stop, stop + len(hull), stop + len(hull)
         parts.append(hull)
     tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
     tile_corners = np.concatenate(
         [np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())]
     )
-    tile = np.repeat(np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]])
+    tile = np.repeat(
+        np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]]
+    )
     tile_points = np.unique(tile * len(points) + which.ravel()[tile_corners])
     stops = stop + np.searchsorted(tile_points, len(points) * np.arange(len(tiles) + 1))
-    nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = stops[:-1], stops[1:], boxes[tiles, 3:6].min(axis=1)
-    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[tile_points % len(points)]]).T))
+    nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = (
+        stops[:-1],
+        stops[1:],
+        boxes[tiles, 3:6].min(axis=1),
+    )
+    return Hulls(
+        boxes,
+        nodes,
+        np.ascontiguousarray(np.concatenate([*parts, points[tile_points % len(points)]]).T),
+    )
 
 
 def _are_balls(rows: Floats) -> Bools:
@@ -215,8 +240,9 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
 def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
     """Choose corners whose hull, grown, contains all points.
 
-    Returns the corners, the growth, the depth of the deepest point in the hull, metres, and whether the part is convex:
-    whether it encloses ``volume``, which is negative for pieces. A flat set keeps all points.
+    Returns the corners, the growth, the depth of the deepest point in the hull, metres, and whether
+    the part is convex: whether it encloses ``volume``, which is negative for pieces. A flat set
+    keeps all points.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -225,22 +251,33 @@ def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool
     except QhullError:
         return points, 0.0, 0.0, False
     corners, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
-    count = MAX_WHOLE_HULL_CORNERS if is_whole or (volume >= 0.0 and len(corners) == len(points)) else MAX_HULL_CORNERS
+    count = (
+        MAX_WHOLE_HULL_CORNERS
+        if is_whole or (volume >= 0.0 and len(corners) == len(points))
+        else MAX_HULL_CORNERS
+    )
     if len(corners) > count:
         # A Fibonacci spiral spreads directions evenly over a sphere.
         k = np.arange(count) + 0.5
         z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
-        directions = np.stack([np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z])
+        directions = np.stack(
+            [np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z]
+        )
         corners = corners[np.unique((corners @ directions).argmax(axis=0))]
         hull = ConvexHull(corners)
     if len(corners) == len(points):
         return corners, 0.0, 0.0, is_whole
-    parts = np.array_split(points, len(points) // 4096 + 1)  # their heights above all planes fit a cache
-    heights = np.concatenate([(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts])
+    parts = np.array_split(
+        points, len(points) // 4096 + 1
+    )  # their heights above all planes fit a cache
+    heights = np.concatenate(
+        [(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts]
+    )
     size = float(np.ptp(points, axis=0).max())
     outside = points[heights > -1e-9 * size]
     sides = hull.points[hull.simplices]
-    # Distances from thin triangles may be too small. Without these triangles they can only be too large, which is safe.
+    # Distances from thin triangles may be too small. Without these triangles they can only be too
+    # large, which is safe.
     edges = np.roll(sides, -1, axis=1) - sides
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     thin = areas <= 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)
@@ -266,14 +303,19 @@ def largest_distance(points: Floats, triangles: Floats) -> float:
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     """Build the nodes above several roots, whose boxes have shape (n, 9).
 
-    Returns rows of :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the root.
+    Returns rows of :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the
+    first is the root.
     """
     box, order, spans = build_boxes(boxes[:, :3] - boxes[:, 3:6], boxes[:, :3] + boxes[:, 3:6])
     inner = np.flatnonzero(spans[:, 1] > 1)
     numbers = roots[order[spans[:, 0]]]  # of leaves; the first root of other nodes is replaced
     numbers[inner] = start + np.arange(len(inner))
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
-    nodes[:, 0], nodes[:, 3], nodes[:, 4] = numbers[inner + 2 * (spans[inner, 1] // 2)], 1, numbers[inner + 1]
+    nodes[:, 0], nodes[:, 3], nodes[:, 4] = (
+        numbers[inner + 2 * (spans[inner, 1] // 2)],
+        1,
+        numbers[inner + 1],
+    )
     rows = np.zeros((len(inner), 9))
     rows[:, :6], rows[:, 6] = box[inner], np.linalg.norm(box[inner, 3:], axis=1)
     return rows, nodes
@@ -293,15 +335,22 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 @kernel
 def tree_slack(
-    hulls: Hulls, one: int, other: int, motion: RelativeMotion, axes: Floats, enough: float, scratch: Ints
+    hulls: Hulls,
+    one: int,
+    other: int,
+    motion: RelativeMotion,
+    axes: Floats,
+    enough: float,
+    scratch: Ints,
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
-    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For a box of
-    configurations, ``axes`` are the joints that move the first tree (:func:`joint_displacement`); a motion has none,
-    and for a box the motion has ``half_time`` 0. The result is negative if a pair of nodes is not proven to stay apart,
-    and -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
-    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
+    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
+    a box of configurations, ``axes`` are the joints that move the first tree
+    (:func:`joint_displacement`); a motion has none, and for a box the motion has ``half_time`` 0.
+    The result is negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not
+    apart at the central moment. That pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS,
+    2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
     apart separately.
     """
     best, partial, moves, joint_turn = enough, False, False, 0.0
@@ -316,7 +365,9 @@ def tree_slack(
         apart = True
         with_hulls = has_hull(hulls, a) and has_hull(hulls, b)
         if slack <= best and with_hulls:
-            slack, apart = hull_slack(hulls, a, b, motion, speed, best, minus(row_at(hulls.boxes[b], 0), center))
+            slack, apart = hull_slack(
+                hulls, a, b, motion, speed, best, minus(row_at(hulls.boxes[b], 0), center)
+            )
         if slack > best:
             partial = partial or hulls.nodes[a, 3] + hulls.nodes[b, 3] < 2
             continue
@@ -329,7 +380,8 @@ def tree_slack(
             continue
         scratch[0, 0], scratch[0, 1] = a, b
         if apart and motion.half_time > 0.0:
-            # The caller halves the motion next unless its central moment is blocked, so test only that now.
+            # The caller halves the motion next unless its central moment is blocked, so test only
+            # that now.
             motion, moves = without_motion(motion), True
             continue
         best = min(slack, best - 1e-300) if apart else -math.inf
@@ -343,7 +395,9 @@ def tree_slack(
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
-    """Return the slack of two nodes by their boxes, or by the first one's ball if that is below ``enough``.
+    """Return the slack of two nodes by their boxes, or by the first one's ball.
+
+    The ball counts if its slack is below ``enough``.
 
     Also returns a bound of the displacement of the first node, and its center.
     """
@@ -377,7 +431,8 @@ def has_hull(hulls: Hulls, node: int) -> bool:
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
     """Write the two pairs of a node and the children of the other node to ``scratch``.
 
-    A node without a hull is split first, then the larger node. ``center`` is that of node a, as seen from node b.
+    A node without a hull is split first, then the larger node. ``center`` is that of node a, as
+    seen from node b.
     """
     a_is_plain, b_is_plain = not has_hull(hulls, a), not has_hull(hulls, b)
     splits_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6] if a_is_plain == b_is_plain else a_is_plain
@@ -399,10 +454,11 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
     """Bound the displacement of a ball's points in a box of configurations.
 
-    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction and a point of its
-    axis at the center of the box, its rotation as a chord of the unit circle, and a translation. Move the joints one
-    after another, beginning at the observer. Each moves the ball and the axes of all later joints together, so the
-    distances of the ball from these axes are still those at the center.
+    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
+    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
+    and a translation. Move the joints one after another, beginning at the observer. Each moves the
+    ball and the axes of all later joints together, so the distances of the ball from these axes are
+    still those at the center.
     """
     total = 0.0
     for k in range(len(axes)):
@@ -414,7 +470,9 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
 @kernel
 def without_motion(motion: RelativeMotion) -> RelativeMotion:
     """Return the motion restricted to its central moment, when nothing moves."""
-    return RelativeMotion(motion.matrix, motion.position, motion.spin, motion.velocity, 0.0, 0.0, 0.0, motion.required)
+    return RelativeMotion(
+        motion.matrix, motion.position, motion.spin, motion.velocity, 0.0, 0.0, 0.0, motion.required
+    )
 
 
 @kernel
@@ -423,7 +481,8 @@ def hull_slack(
 ) -> tuple[float, bool]:
     """Return :func:`tree_slack` of two hulls, and whether they are apart at the central moment.
 
-    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first direction tried.
+    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first
+    direction tried.
     """
     required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
     best, gap, length, count = -math.inf, -math.inf, math.inf, 0
@@ -444,12 +503,15 @@ def hull_slack(
             # Along n the motion may be shorter than ``speed``.
             if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
                 least = min(
-                    gap_along, moved_gap(hulls, a, motion, n, low, 1.0), moved_gap(hulls, a, motion, n, low, -1.0)
+                    gap_along,
+                    moved_gap(hulls, a, motion, n, low, 1.0),
+                    moved_gap(hulls, a, motion, n, low, -1.0),
                 )
                 best = max(best, least - required - motion.curvature_bound)
             if best > enough:
                 break
-        # The distance is at least any gap between projections, and at most the length of the vector found.
+        # The distance is at least any gap between projections, and at most the length of the vector
+        # found.
         if length <= required:
             break
         hoped = best + length - required - gap
@@ -468,8 +530,10 @@ def hull_slack(
 
 
 @kernel
-def moved_gap(hulls: Hulls, a: int, motion: RelativeMotion, n: Row, low: float, sign: float) -> float:
-    """Return the gap along n at an end of the linear motion: the last for ``sign`` 1, the first for -1.
+def moved_gap(
+    hulls: Hulls, a: int, motion: RelativeMotion, n: Row, low: float, sign: float
+) -> float:
+    """Return the gap along n at the end (``sign`` 1) or start (-1) of the linear motion.
 
     ``low`` is the coordinate of the second hull along -n.
     """
@@ -505,18 +569,22 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
 
 @kernel
-def nearest_in_simplex(new: Row, a: Row, b: Row, c: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
+def nearest_in_simplex(
+    new: Row, a: Row, b: Row, c: Row, count: int
+) -> tuple[Row, Row, Row, Row, int]:
     """Add a corner to a simplex; find its point nearest the origin.
 
-    The simplex has ``count`` corners, from 0 to 3, among ``a``, ``b`` and ``c``; unused places repeat a corner. Returns
-    the nearest point, three corners of its face, padded likewise, and their number. The number is 4 if the tetrahedron
-    contains the origin; the point then has no meaning. E. G. Gilbert, D. W. Johnson and S. S. Keerthi, 1988 (GJK).
+    The simplex has ``count`` corners, from 0 to 3, among ``a``, ``b`` and ``c``; unused places
+    repeat a corner. Returns the nearest point, three corners of its face, padded likewise, and
+    their number. The number is 4 if the tetrahedron contains the origin; the point then has no
+    meaning. E. G. Gilbert, D. W. Johnson and S. S. Keerthi, 1988 (GJK).
     """
     if count < 2:
         return nearest_in_triangle(new, a if count else new, a if count else new)
     if count == 2:
         return nearest_in_triangle(new, a, c)  # b repeats a or c
-    # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining weight.
+    # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining
+    # weight.
     origin = scale_vector(new, -1.0)
     to_a, to_b, to_c = minus(a, new), minus(b, new), minus(c, new)
     volume = dot(to_a, cross(to_b, to_c))
@@ -533,7 +601,8 @@ def nearest_in_simplex(new: Row, a: Row, b: Row, c: Row, count: int) -> tuple[Ro
         and weight_a + weight_b + weight_c <= 1.0
     ):
         return origin, a, b, c, 4
-    # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is on another face.
+    # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is
+    # on another face.
     best = nearest_in_triangle(new, a, b)
     for first, second in ((b, c), (c, a)):
         other = nearest_in_triangle(new, first, second)

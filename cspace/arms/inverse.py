@@ -1,15 +1,17 @@
 """Inverse kinematics: configurations of an arm that bring a frame to a pose.
 
-Damped least squares from several starts. A step minimises ``|J s + e|^2 + damping |s|^2``, where the rows of the error
-e and of its Jacobian J are the distance, divided by the arm's reach, and the rotation vector. The damping follows the
-error (N. Yamashita and M. Fukushima, "On the rate of convergence of the Levenberg-Marquardt method", 2001). Joints stop
-at their limits, and leave a step that would push them further (D. P. Bertsekas, "Projected Newton methods for
-optimization problems with simple constraints", 1982).
+Damped least squares from several starts. A step minimises ``|J s + e|^2 + damping |s|^2``, where
+the rows of the error e and of its Jacobian J are the distance, divided by the arm's reach, and the
+rotation vector. The damping follows the error (N. Yamashita and M. Fukushima, "On the rate of
+convergence of the Levenberg-Marquardt method", 2001). Joints stop at their limits, and leave a step
+that would push them further (D. P. Bertsekas, "Projected Newton methods for optimization problems
+with simple constraints", 1982).
 """
 
-# Libraries were considered (2026) and do not fit. pink and placo need pinocchio, mink needs MuJoCo, each with its own
-# reading of the URDF, and they solve a quadratic program for each step, from one start. ikpy takes 7 to 50 ms a pose,
-# by its own page. All leave restarts, joints that mimic others, and whole turns to the caller.
+# Libraries were considered (2026) and do not fit. pink and placo need pinocchio, mink needs MuJoCo,
+# each with its own reading of the URDF, and they solve a quadratic program for each step, from one
+# start. ikpy takes 7 to 50 ms a pose, by its own page. All leave restarts, joints that mimic
+# others, and whole turns to the caller.
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 """Distance in metres and angle in radians within which a pose counts as reached."""
 
 POLISHED_SHARE: Final = 1e-3
-"""Share of the tolerance at which a solution is good enough; the last steps converge quadratically."""
+"""Share of the tolerance at which a solution is good enough; the last steps converge quadratically.
+"""
 
 STARTS_PER_BATCH: Final = 32
 """Starts between two looks at what they found."""
@@ -52,7 +55,8 @@ MAX_GAP: Final = 1e-5
 """Largest part of a turn, radians, that the limits of a joint may lack if it counts as a circle."""
 
 MIN_JOINT_DISTANCE: Final = 0.01
-"""Largest difference of a joint between configurations that count as the same, radians or metres."""
+"""Largest difference of a joint between configurations that count as the same, radians or metres.
+"""
 
 FIRST_DAMPING: Final = 0.1
 """Damping of the first step, divided by the squared error."""
@@ -96,14 +100,14 @@ class PoseGoal:
     pose : ndarray of float64, shape (4, 4)
         From the frame to that of the arm's base, metres, as :meth:`Arm.pose` returns it.
     tolerance : tuple of float
-        Largest distance in metres, and largest angle in radians, from the pose. ``(1e-3, math.inf)`` asks for the
-        position alone.
+        Largest distance in metres, and largest angle in radians, from the pose. ``(1e-3,
+        math.inf)`` asks for the position alone.
 
     Raises
     ------
     InputError
-        If the frame is no string, the pose is no rigid motion, or the tolerance is not two numbers above zero, of which
-        one may be infinite.
+        If the frame is no string, the pose is no rigid motion, or the tolerance is not two numbers
+        above zero, of which one may be infinite.
 
     Examples
     --------
@@ -121,7 +125,11 @@ class PoseGoal:
         """Check the fields, and replace pose and tolerance by floats."""
         if not isinstance(self.frame, str):
             raise InputError(
-                "frame", f"is {self.frame!r}", "it must be a string", "pass e.g. 'tool0'", value=self.frame
+                "frame",
+                f"is {self.frame!r}",
+                "it must be a string",
+                "pass e.g. 'tool0'",
+                value=self.frame,
             )
         tolerance = check_pose_tolerance(self.tolerance)
         object.__setattr__(self, "pose", frozen(check_rigid(self.pose, "pose")))
@@ -129,7 +137,10 @@ class PoseGoal:
 
 
 def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
-    """Return the tolerance of a pose, shape (2,); raise InputError unless both are above zero and one is finite."""
+    """Return the tolerance of a pose, shape (2,).
+
+    Raise InputError unless both are above zero and one is finite.
+    """
     pair = np.asarray(check_real(tolerance, "tolerance"), dtype=np.float64)
     if pair.shape != (2,) or not (pair > 0.0).all() or np.isinf(pair).all():
         rule = "it must be two numbers above zero, metres and radians, of which one may be infinite"
@@ -196,7 +207,8 @@ class PoseScratch(NamedTuple):
     tip : ndarray of float64, shape (3, 4)
         Pose of the frame.
     errors : ndarray of float64, shape (2, 6)
-        Error of the best configuration and of a trial: three rows of the distance, three of the rotation vector.
+        Error of the best configuration and of a trial: three rows of the distance, three of the
+        rotation vector.
     jacobian : ndarray of float64, shape (6, k)
     system : ndarray of float64, shape (6, 7)
         Matrix and right side of a step.
@@ -231,19 +243,28 @@ class PoseSolutions(NamedTuple):
 
 
 @kernel
-def measure_pose(problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
+def measure_pose(
+    problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats
+) -> tuple[float, float, float]:
     """Write the weighted error of the pose; see :func:`compare_pose`."""
     forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     return compare_pose(problem, scratch, error)
 
 
 @kernel
-def compare_pose(problem: PoseProblem, scratch: PoseScratch, error: Floats) -> tuple[float, float, float]:
+def compare_pose(
+    problem: PoseProblem, scratch: PoseScratch, error: Floats
+) -> tuple[float, float, float]:
     """Write the weighted error of the frame's pose from body poses.
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
-    body, tip, tool, target = scratch.poses[len(scratch.poses) - 1], scratch.tip, problem.tool, problem.target
+    body, tip, tool, target = (
+        scratch.poses[len(scratch.poses) - 1],
+        scratch.tip,
+        problem.tool,
+        problem.target,
+    )
     square = 0.0
     for i in range(3):
         for j in range(4):
@@ -304,7 +325,9 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
         slope = 0.0
         for i in range(6):
             slope += jacobian[i, k] * error[i]
-        stuck = (q[k] <= problem.lower[k] and slope > 0.0) or (q[k] >= problem.upper[k] and slope < 0.0)
+        stuck = (q[k] <= problem.lower[k] and slope > 0.0) or (
+            q[k] >= problem.upper[k] and slope < 0.0
+        )
         for i in range(6):
             if stuck:
                 jacobian[i, k] = 0.0
@@ -320,7 +343,9 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
 
 @kernel
 def solve_system(system: Floats) -> None:
-    """Solve a symmetric, positive definite system, shape (6, 7), in place; its last column becomes the solution.
+    """Solve a symmetric, positive definite system, shape (6, 7), in place.
+
+    Its last column becomes the solution.
 
     Only the lower half is read. Cholesky factors come first, then the two triangular systems.
     """
@@ -357,7 +382,9 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         better, new_distance, new_angle, new_cost = False, distance, angle, cost
         for _ in range(MAX_REJECTED_STEPS):
             take_step(problem, q, scratch, factor * cost + 1e-14)
-            new_distance, new_angle, new_cost = measure_pose(problem, scratch.trial, scratch, scratch.errors[1])
+            new_distance, new_angle, new_cost = measure_pose(
+                problem, scratch.trial, scratch, scratch.errors[1]
+            )
             better = new_cost < cost
             if better:
                 break
@@ -377,10 +404,13 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
 
 
 @kernel
-def descend_from(problem: PoseProblem, starts: Floats, scratch: PoseScratch, errors: Floats, wanted: int) -> int:
+def descend_from(
+    problem: PoseProblem, starts: Floats, scratch: PoseScratch, errors: Floats, wanted: int
+) -> int:
     """Move starts, shape (n, k), until ``wanted`` reach the pose.
 
-    ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of starts used.
+    ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of
+    starts used.
     """
     for n in range(len(starts)):
         distance, angle, cost = descend(problem, starts[n], scratch)
@@ -417,7 +447,9 @@ def make_pose_problem(
 ) -> PoseProblem:
     """Return a :class:`PoseProblem`, which explains the arguments."""
     chain = branch.chain
-    reach = float(np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3]))
+    reach = float(
+        np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3])
+    )
     return PoseProblem(
         chain,
         as_contiguous(tool),
@@ -487,7 +519,8 @@ def solve_pose(
     nearest = _turn_towards(near, starts[best], limits, whole_turns)
     distance, angle, _ = errors[best].tolist()
     if not len(solutions):
-        # The pose itself may be out of reach and poses within the tolerance not; and some valleys are long.
+        # The pose itself may be out of reach and poses within the tolerance not; and some valleys
+        # are long.
         loose = np.where(np.isfinite(tolerance), IGNORED_SHARE * tolerance, 0.0)
         patient = problem._replace(ignored=loose, enough=tolerance, max_slow_steps=MAX_STEPS)
         starts = starts[np.argsort(errors[:, 2], kind="stable")[:RETRIED_STARTS]]
@@ -521,7 +554,9 @@ def _add_distinct(solutions: Floats, found: Floats) -> Floats:
     return np.array(kept).reshape(-1, found.shape[1])
 
 
-def _turn_towards(near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools) -> Floats:
+def _turn_towards(
+    near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools
+) -> Floats:
     """Move configurations, shape (n, k), by whole turns towards another."""
     fewest, most = np.ceil((limits[0] - others) / TWO_PI), np.floor((limits[1] - others) / TWO_PI)
     turns = np.clip(np.rint((near - others) / TWO_PI), fewest, most)

@@ -1,7 +1,8 @@
 """Certified maps of two or three joints of an arm among obstacles.
 
-In the space of its joints an arm is a point, and its obstacles are the cells that are not FREE. So the map is a
-:class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`) whose workspace consists of these cells.
+In the space of its joints an arm is a point, and its obstacles are the cells that are not FREE. So
+the map is a :class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`) whose workspace
+consists of these cells.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
 _BYTES_PER_JOINT_CELL: Final = 5
-"""Memory per cell, bytes: its state, whether it meets an obstacle or lies in one, and a pair while it is built."""
+"""Memory per cell, bytes: its state, whether it meets an obstacle or lies in one, and a pair while
+it is built."""
 
 
 _BLOCK_CELLS_PER_AXIS: Final = 32
@@ -60,7 +62,8 @@ _BLOCK_CELLS_PER_AXIS: Final = 32
 
 
 _PARTS_PER_CELL: Final = {2: 4, 3: 1}
-"""Parts into which each side of a cell is divided at most, by the number of joints; powers of two."""
+"""Parts into which each side of a cell is divided at most, by the number of joints; powers of two.
+"""
 
 
 _LATTICE_POINTS_PER_SURFACE: Final = 1000
@@ -97,9 +100,11 @@ def build_joint_map(
     joints : sequence of str, optional
         The joints of the map, in the order of its axes; by default all joints of the arm.
     held_joints : array-like, shape (arm.dof,), optional
-        A configuration of the arm, at which the other joints are held; required if there are others.
+        A configuration of the arm, at which the other joints are held; required if there are
+        others.
     limits : mapping of str to (float, float), optional
-        The mapped part of a joint's range. The default is the whole range, for continuous joints from -pi to pi.
+        The mapped part of a joint's range. The default is the whole range, for continuous joints
+        from -pi to pi.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
@@ -108,17 +113,19 @@ def build_joint_map(
     Returns
     -------
     JointMap
-        Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED cells, until cells
-        are changed; files do not store it. The robot is a point, and the workspace the cells that are not FREE. All
-        beyond a joint's own limits is BLOCKED. All beyond the mapped part of a range is MIXED, so that no path crosses
-        its ends, and paths around a continuous joint are not excluded. If the ends are not a whole number of cells
-        apart, the last cells exceed the upper end, and are never FREE if that is a limit of the joint.
+        Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED
+        cells, until cells are changed; files do not store it. The robot is a point, and the
+        workspace the cells that are not FREE. All beyond a joint's own limits is BLOCKED. All
+        beyond the mapped part of a range is MIXED, so that no path crosses its ends, and paths
+        around a continuous joint are not excluded. If the ends are not a whole number of cells
+        apart, the last cells exceed the upper end, and are never FREE if that is a limit of the
+        joint.
 
     Raises
     ------
     InputError
-        If a joint is unknown, there are not two or three joints, ``held_joints`` is missing, limits are missing or
-        exceed the joint's, or the map does not fit into memory.
+        If a joint is unknown, there are not two or three joints, ``held_joints`` is missing, limits
+        are missing or exceed the joint's, or the map does not fit into memory.
     ConfigurationError
         If links touch that the joints do not move against each other.
 
@@ -145,7 +152,9 @@ def build_joint_map(
     moving = _moving_pairs(space, joint_indices)
     _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    states, deciding_pairs = _classify_cells(space, grid, joint_indices, held, moving, workers or cores(), progress)
+    states, deciding_pairs = _classify_cells(
+        space, grid, joint_indices, held, moving, workers or cores(), progress
+    )
     for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
@@ -154,9 +163,17 @@ def build_joint_map(
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
-    part_names = tuple(each.name for group in space._snapshot.groups for each in group.members for _ in each.parts)
+    part_names = tuple(
+        each.name for group in space._snapshot.groups for each in group.members for _ in each.parts
+    )
     geometry = JointGeometry(
-        space._outer_scene, joint_indices, held, joint_limits, part_names, mixed, deciding_pairs.ravel()[mixed]
+        space._outer_scene,
+        joint_indices,
+        held,
+        joint_limits,
+        part_names,
+        mixed,
+        deciding_pairs.ravel()[mixed],
     )
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
@@ -172,9 +189,14 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
             raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
         if name in Rotations.all_names() or name.split() != [name]:
             rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
-            raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
+            raise InputError(
+                "joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name
+            )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
+        rule, hint = (
+            "a map has two or three different joints",
+            "name them, and pass held_joints= for the others",
+        )
         raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
     return names
 
@@ -190,9 +212,13 @@ def _classify_cells(
 ) -> tuple[States, NDArray[np.int16]]:
     """Return the states of all cells, and a pair that keeps each MIXED cell so, -1 for other cells.
 
-    ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one cell represents all.
+    ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one
+    cell represents all.
     """
-    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space._snapshot.inner.solids)
+    cells, balls = (
+        _joint_cells(space, grid, joint_indices, held),
+        _inner_balls(space._snapshot.inner.solids),
+    )
     shape, added = grid.shape, [1] * (3 - grid.dim)
     parts, work = list[CellStates](), []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
@@ -205,7 +231,9 @@ def _classify_cells(
         counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
         for start in _BLOCK_CELLS_PER_AXIS * np.indices(tuple(counts.tolist())).reshape(3, -1).T:
             block = np.concatenate([start, np.minimum(start + _BLOCK_CELLS_PER_AXIS, sides)])
-            work.append(partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), part))
+            work.append(
+                partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), part)
+            )
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers, tell)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is.
@@ -222,7 +250,10 @@ class JointMap(CSpace):
     """A map whose exact proofs use the geometry of an arm, until its cells change."""
 
     def __init__(
-        self, contents: Contents, geometry: JointGeometry | None, layers: ObstacleLayers | None = None
+        self,
+        contents: Contents,
+        geometry: JointGeometry | None,
+        layers: ObstacleLayers | None = None,
     ) -> None:
         super().__init__(contents, None, layers)
         self._geometry = geometry
@@ -240,7 +271,11 @@ class JointMap(CSpace):
 
     def _make_proofs(self, problem: Problem) -> Proofs:
         """Return proofs by the arm, or by the cells once they changed."""
-        return BoundaryProofs(problem) if self._geometry is None else JointProofs(self._geometry, problem)
+        return (
+            BoundaryProofs(problem)
+            if self._geometry is None
+            else JointProofs(self._geometry, problem)
+        )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop the geometry too, which belongs to the cells before the update."""
@@ -261,8 +296,9 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     Returns
     -------
     dict of (str, str) to int
-        The number of MIXED cells of each pair, the largest first. A cell counts for one pair, even if several keep it
-        MIXED. Cells that are MIXED only because they exceed a limit do not count.
+        The number of MIXED cells of each pair, the largest first. A cell counts for one pair, even
+        if several keep it MIXED. Cells that are MIXED only because they exceed a limit do not
+        count.
 
     Raises
     ------
@@ -272,35 +308,51 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     Examples
     --------
     >>> import cspace, tempfile, pathlib
-    >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
-    >>> turn = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    >>> box = '<geometry><box size="1 0.1 0.1"/></geometry>'
+    >>> bar = f'<collision><origin xyz="0.5 0 0"/>{box}</collision>'
+    >>> turn = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>'
+    >>> turn += '<origin xyz="{} 0 0"/>'
     >>> turn += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.urdf"
     >>> links = f'<link name="foot"/><link name="upper">{bar}</link><link name="fore">{bar}</link>'
-    >>> joints = turn.format("shoulder", "foot", "upper", 0) + turn.format("elbow", "upper", "fore", 1)
+    >>> joints = turn.format("shoulder", "foot", "upper", 0)
+    >>> joints += turn.format("elbow", "upper", "fore", 1)
     >>> _ = path.write_text(f'<robot name="two">{links}{joints}</robot>')
     >>> post = cspace.Robot.box((0.2, 0.2, 0.2), (1.5, 0.8, 0.0)).shape
-    >>> joint_map = cspace.build_joint_map(cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(path)), 0.1)
+    >>> space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(path))
+    >>> joint_map = cspace.build_joint_map(space, 0.1)
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
     geometry = joint_map._geometry if isinstance(joint_map, JointMap) else None
     if geometry is None:
-        rule, hint = "maps from files and maps with changed cells have none", "pass the map that build_joint_map made"
+        rule, hint = (
+            "maps from files and maps with changed cells have none",
+            "pass the map that build_joint_map made",
+        )
         raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
     cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
     if q is not None:
-        places = joint_map._cells_of(joint_map._check_configurations(q, "q").reshape(-1, grid.dim))[:, -grid.dim :]
+        places = joint_map._cells_of(joint_map._check_configurations(q, "q").reshape(-1, grid.dim))[
+            :, -grid.dim :
+        ]
         inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
         chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
         cells, pairs = cells[chosen], pairs[chosen]
-    centers = grid.lower + grid.spacing * (np.stack(np.unravel_index(cells, grid.shape), axis=1) + 0.5)
+    centers = grid.lower + grid.spacing * (
+        np.stack(np.unravel_index(cells, grid.shape), axis=1) + 0.5
+    )
     found = Counter[tuple[str, str]]()
     for pair in np.unique(pairs).tolist():
-        scene, rows = geometry.scene.select_pairs(np.array([pair])), geometry.configurations(centers[pairs == pair])
+        scene, rows = (
+            geometry.scene.select_pairs(np.array([pair])),
+            geometry.configurations(centers[pairs == pair]),
+        )
         distances, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
         pair_distances(scene, rows, distances, nearest, make_scene_scratch(scene))
-        for nodes, count in zip(*np.unique(nearest[:, 1:], axis=0, return_counts=True), strict=True):
+        for nodes, count in zip(
+            *np.unique(nearest[:, 1:], axis=0, return_counts=True), strict=True
+        ):
             link, other = (
                 geometry.part_names[scene.solids.part_at(solid, node)]
                 for solid, node in zip(scene.pairs[0].tolist(), nodes.tolist(), strict=True)
@@ -310,14 +362,21 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
 
 
 def _classify_block(
-    scene: Scene, inside: InnerScene, cells: JointCells, block: Ints, pair_numbers: Ints, out: CellStates
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    block: Ints,
+    pair_numbers: Ints,
+    out: CellStates,
 ) -> None:
     """Classify a block of cells, with fresh scratch memory."""
     pending, scratch = make_pending(block, cells, len(scene.pairs)), make_scene_scratch(scene)
     classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
-def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
+def _held_configuration(
+    space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None
+) -> Floats:
     """Return the configuration with the values of the held joints.
 
     The others do not matter.
@@ -325,7 +384,10 @@ def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: Arra
     others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
         if others:
-            rule, hint = f"the map holds {', '.join(others)} still", f"pass the arm's {space.arm.dof} joint values"
+            rule, hint = (
+                f"the map holds {', '.join(others)} still",
+                f"pass the arm's {space.arm.dof} joint values",
+            )
             raise InputError("held_joints", "is missing", rule, hint)
         return np.zeros(space.arm.dof)
     held = space.arm._check_configurations(held_joints, "held_joints")
@@ -339,25 +401,42 @@ def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: Arra
     return held.copy()
 
 
-def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None) -> tuple[float, float]:
+def _joint_range(
+    space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
+) -> tuple[float, float]:
     """Return the mapped part of a joint's range."""
     number = space.arm.joints.index(name)
     full_range = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
         if math.isinf(full_range[0]) and not space.periodic_axes[number]:
-            problem = f"are missing for {name!r}, which is continuous but moves other joints by another angle"
-            rule, hint = "a turn does not restore the arm", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+            problem = (
+                f"are missing for {name!r}, which is continuous but moves other joints by another "
+                "angle"
+            )
+            rule, hint = (
+                "a turn does not restore the arm",
+                f"pass limits={{{name!r}: (-3.14, 3.14)}}",
+            )
             raise InputError("limits", problem, rule, hint, value=limits)
         if full_range[0] == full_range[1]:
             hint = "name the other joints; held_joints= says where it is held"
             raise InputError(
-                "joints", f"name {name!r}, which stays at {full_range[0]:g}", "a map is of what moves", hint, value=name
+                "joints",
+                f"name {name!r}, which stays at {full_range[0]:g}",
+                "a map is of what moves",
+                hint,
+                value=name,
             )
         return (-math.pi, math.pi) if math.isinf(full_range[0]) else full_range
     given = check_finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not full_range[0] <= given[0] < given[1] <= full_range[1]:
-        rule = f"they must be two ascending numbers within {full_range[0]:.12g} and {full_range[1]:.12g}"
-        raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])
+        rule = (
+            f"they must be two ascending numbers within {full_range[0]:.12g} and "
+            f"{full_range[1]:.12g}"
+        )
+        raise InputError(
+            f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name]
+        )
     return float(given[0]), float(given[1])
 
 
@@ -379,7 +458,9 @@ def _count_cells(intervals: Floats, side: float) -> Ints:
     """
     exact = (intervals[:, 1] - intervals[:, 0]) / side
     nearest = np.rint(exact)
-    return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
+    return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(
+        np.int64
+    )
 
 
 def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
@@ -387,7 +468,9 @@ def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
     chain, scene = space.arm.chain, space._outer_scene
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
-    return np.stack([between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices], axis=1)
+    return np.stack(
+        [between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices], axis=1
+    )
 
 
 def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, still: Ints) -> None:
@@ -402,8 +485,13 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
     if not are_free(scene, q, q)[0]:
         link, other, *_ = space._snapshot.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
-        rule = f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them apart"
-        raise ConfigurationError("held_joints", problem, rule, "hold the other joints elsewhere", value=held)
+        rule = (
+            f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them "
+            "apart"
+        )
+        raise ConfigurationError(
+            "held_joints", problem, rule, "hold the other joints elsewhere", value=held
+        )
 
 
 def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
@@ -440,7 +528,10 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         spans = solids.trees.spans[roots[roots >= 0]].tolist()
         parts = [solids.trees.triangles[first : first + count] for first, count in spans]
         found = [_solid_balls(np.concatenate([np.empty((0, 10)), *parts]))]
-        found += [_pick_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]
+        found += [
+            _pick_balls(*surfaces[k])
+            for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])
+        ]
         corners = solids.anchors[solids.starts[number, 1] : solids.starts[number + 1, 1]]
         corners = corners[:: -(-len(corners) // _MAX_CORNERS_PER_SOLID) or 1]
         found.append(np.column_stack([corners, np.zeros(len(corners))]))
@@ -451,14 +542,21 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
         starts=np.cumsum([0, *counts]),
-        deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
+        deepest=np.array(
+            [
+                max(radii, default=0.0)
+                for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])
+            ]
+        ),
     )
 
 
 def _solid_balls(rows: Floats) -> Floats:
     """Return the largest balls in boxes and balls, shape (n, 4)."""
     first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
-    radii = np.where(rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9])
+    radii = np.where(
+        rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9]
+    )
     largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
     largest = largest[radii[largest] > 0.0]
     return np.column_stack([rows[largest, :3], radii[largest]])
@@ -473,7 +571,9 @@ def _sample_depths(surfaces: SurfaceTree, root: int) -> tuple[Floats, Floats]:
     sides = 2.0 * half
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
-    counts = np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64)
+    counts = np.minimum(
+        2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4
+    ).astype(np.int64)
     lattice = np.indices(tuple(counts.tolist())).reshape(3, -1).T
     points = center - half + (lattice + 0.5) * sides / counts
     depth = np.empty(len(points))

@@ -1,19 +1,21 @@
 """Motions of an arm that bring a frame along straight lines, and the proof of how near they stay.
 
-A line leads from pose to pose. While its parameter grows from 0 to 1, its target moves straight and turns about one
-axis (K. Shoemake, "Animating rotation with quaternion curves", 1985). Inverse kinematics gives the configuration at the
-next parameter, starting from the one before, so that a redundant arm moves its joints little. A straight motion of the
-joints leads there, if it is proven free and within the tolerance. Otherwise the step shrinks.
+A line leads from pose to pose. While its parameter grows from 0 to 1, its target moves straight and
+turns about one axis (K. Shoemake, "Animating rotation with quaternion curves", 1985). Inverse
+kinematics gives the configuration at the next parameter, starting from the one before, so that a
+redundant arm moves its joints little. A straight motion of the joints leads there, if it is proven
+free and within the tolerance. Otherwise the step shrinks.
 
-*Deviation.* Let a motion last from time 0 to 1, while the parameter grows at a constant rate. Cut it into parts. Let e
-be the vector from the target to the frame's origin, halfway through a part that lasts from h before to h after, and e'
-its derivative. The target does not accelerate, so e'' is the acceleration of the frame's origin, at most 2 c by
-:func:`cspace.arms.chain.motion_bounds`. By Taylor's theorem, ``|e| <= max |e +- h e'| + c h^2`` during the part.
+*Deviation.* Let a motion last from time 0 to 1, while the parameter grows at a constant rate. Cut
+it into parts. Let e be the vector from the target to the frame's origin, halfway through a part
+that lasts from h before to h after, and e' its derivative. The target does not accelerate, so e''
+is the acceleration of the frame's origin, at most 2 c by :func:`cspace.arms.chain.motion_bounds`.
+By Taylor's theorem, ``|e| <= max |e +- h e'| + c h^2`` during the part.
 
-*Angle.* Let w and v be the angular velocities of the frame and of the target. The angle between frame and target
-changes at most at the rate |w - v|. The axis of a joint turns with the joints before it. So with the sum R of the
-joints' rates, ``|w'| <= R^2 / 2``, and v is constant. During the part, the angle is at most the angle halfway plus
-``h |w - v| + R^2 h^2 / 4``.
+*Angle.* Let w and v be the angular velocities of the frame and of the target. The angle between
+frame and target changes at most at the rate |w - v|. The axis of a joint turns with the joints
+before it. So with the sum R of the joints' rates, ``|w'| <= R^2 / 2``, and v is constant. During
+the part, the angle is at most the angle halfway plus ``h |w - v| + R^2 h^2 / 4``.
 """
 
 from __future__ import annotations
@@ -52,7 +54,8 @@ DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""
 
 MIN_LINE_STEP: Final = 2.0**-14
-"""Smallest step, as a fraction of a line between two poses; a motion that needs smaller steps stops."""
+"""Smallest step, as a fraction of a line between two poses; a motion that needs smaller steps
+stops."""
 
 MIN_LINE_PARTS, MAX_LINE_PARTS = 8, 64
 """Parts into which the proof cuts a motion, at first and at last."""
@@ -67,7 +70,8 @@ HALF_TURN_SLACK: Final = 1e-6
 """Radians; a rotation nearer to half a turn has no shorter way round."""
 
 LINE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
-"""Rounding allowance of a deviation, relative to the largest coordinate, and of an angle, radians."""
+"""Rounding allowance of a deviation, relative to the largest coordinate, and of an angle, radians.
+"""
 
 MAX_LINE_COORDINATE: Final = 1e100
 """Largest coordinate of a pose, metres; squares of much larger ones overflow."""
@@ -164,9 +168,9 @@ class LineRows(NamedTuple):
 class LineMotion:
     """A motion that brings a frame along straight lines.
 
-    :meth:`cspace.ArmSpace.follow_line` makes it. Between two waypoints all joints move in step. All motions between the
-    waypoints are proven free, and proven to stay near the line as ``deviation`` and ``angle`` say. If the motion stops
-    early, so do the waypoints: test ``certified``.
+    :meth:`cspace.ArmSpace.follow_line` makes it. Between two waypoints all joints move in step. All
+    motions between the waypoints are proven free, and proven to stay near the line as ``deviation``
+    and ``angle`` say. If the motion stops early, so do the waypoints: test ``certified``.
 
     Attributes
     ----------
@@ -178,23 +182,26 @@ class LineMotion:
     waypoints : ndarray of float64, shape (n, dof), read-only
         Configurations from the start on, radians and metres.
     parameters : ndarray of float64, shape (n,), read-only
-        Target of each waypoint on the line: 1.25 is a quarter of the way from ``poses[1]`` to ``poses[2]``. Between two
-        waypoints, the target moves evenly.
+        Target of each waypoint on the line: 1.25 is a quarter of the way from ``poses[1]`` to
+        ``poses[2]``. Between two waypoints, the target moves evenly.
     certified : bool
         Whether the motion reaches the last pose, so that all of the line is proven.
     fraction : float
         Share of the line that the waypoints follow; a radian of rotation counts as half a metre.
     deviation : float
-        Proven upper bound of the distance between the frame's origin and its target, in metres, along the whole motion.
-        So the frame's origin is never farther from the line.
+        Proven upper bound of the distance between the frame's origin and its target, in metres,
+        along the whole motion. So the frame's origin is never farther from the line.
     angle : float
-        Proven upper bound of the angle between the rotations of frame and target, in radians; at most pi.
+        Proven upper bound of the angle between the rotations of frame and target, in radians; at
+        most pi.
     stopped_by : str
-        Why the motion ends early: ``"collision"``, ``"limit"`` (a joint is at its limit), ``"reach"`` (no configuration
-        near the last one reaches farther), or ``"jump"`` (the joints would leave the line on the way to the next
-        configuration, as at a singularity); empty if certified.
+        Why the motion ends early: ``"collision"``, ``"limit"`` (a joint is at its limit),
+        ``"reach"`` (no configuration near the last one reaches farther), or ``"jump"`` (the joints
+        would leave the line on the way to the next configuration, as at a singularity); empty if
+        certified.
     status : str
-        The result in a line, with what touches, which joint is at its limit, and how near the pose came.
+        The result in a line, with what touches, which joint is at its limit, and how near the pose
+        came.
     """
 
     frame: str
@@ -230,12 +237,16 @@ def check_corners(poses: ArrayLike) -> Floats:
         rule, hint = "it must be one pose, shape (4, 4), or several", "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
     names = ["poses"] if given.ndim == 2 else [f"poses[{k}]" for k in range(len(given))]
-    corners = np.stack([check_rigid(pose, name) for name, pose in zip(names, given.reshape(-1, 4, 4), strict=True)])
+    corners = np.stack(
+        [check_rigid(pose, name) for name, pose in zip(names, given.reshape(-1, 4, 4), strict=True)]
+    )
     for name, pose in zip(names, corners, strict=True):
         largest = float(np.abs(pose[:3, 3]).max())
         if largest > MAX_LINE_COORDINATE:
             rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-            raise InputError(name, f"has the coordinate {largest:g} m", rule, "check its unit", value=pose)
+            raise InputError(
+                name, f"has the coordinate {largest:g} m", rule, "check its unit", value=pose
+            )
     return corners
 
 
@@ -256,19 +267,28 @@ def make_lines(corners: Floats) -> list[Line]:
         if angle > math.pi - HALF_TURN_SLACK:
             before = f"poses[{number - 1}]" if number else "the pose at q0"
             problem, rule = f"is half a turn from {before}", "both ways round are as short"
-            raise InputError(f"poses[{number}]", problem, rule, "pass a pose between them", value=last)
+            raise InputError(
+                f"poses[{number}]", problem, rule, "pass a pose between them", value=last
+            )
         axis = vector / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
-        lines.append(Line(first[:3, 3].copy(), last[:3, 3] - first[:3, 3], first[:3, :3].copy(), axis, angle))
+        lines.append(
+            Line(first[:3, 3].copy(), last[:3, 3] - first[:3, 3], first[:3, :3].copy(), axis, angle)
+        )
     return lines
 
 
 def follow_lines(
-    snapshot: Snapshot, start: Floats, frame: str, corners: Floats, lines: Sequence[Line], tolerance: Floats
+    snapshot: Snapshot,
+    start: Floats,
+    frame: str,
+    corners: Floats,
+    lines: Sequence[Line],
+    tolerance: Floats,
 ) -> LineMotion:
     """Follow lines one after the other from a FREE configuration, shape (dof,).
 
-    ``corners`` are the poses between which the lines lead, shape (m + 1, 4, 4). Raises InputError if rounding exceeds
-    the tolerance.
+    ``corners`` are the poses between which the lines lead, shape (m + 1, 4, 4). Raises InputError
+    if rounding exceeds the tolerance.
     """
     arm, scene = snapshot.arm, snapshot.outer
     branch, tool = arm._branch_to(frame)
@@ -278,11 +298,15 @@ def follow_lines(
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
     radius = float(np.linalg.norm(tool[:3, 3]))
     size = float(branch.chain.lengths[-1, 0]) + radius + float(np.abs(corners[:, :3, 3]).max())
-    for given, rounding, unit in zip(tolerance, (LINE_ROUNDING * size, LINE_ROUNDING), ("m", "rad"), strict=True):
+    for given, rounding, unit in zip(
+        tolerance, (LINE_ROUNDING * size, LINE_ROUNDING), ("m", "rad"), strict=True
+    ):
         if given < rounding:
             rule = f"its proof allows for rounding errors of up to {rounding:.2g} {unit}"
             hint = "pass a larger tolerance" + ", or nearer poses" * (unit == "m")
-            raise InputError("tolerance", f"is {given:g} {unit}", rule, hint, value=tuple(tolerance.tolist()))
+            raise InputError(
+                "tolerance", f"is {given:g} {unit}", rule, hint, value=tuple(tolerance.tolist())
+            )
     found = [LineRows(start[np.newaxis], np.zeros(1), DISTANCE_ROUNDING * np.array([[size, 1.0]]))]
     outcome, failed = REACHED, start
     for number, line in enumerate(lines):
@@ -292,16 +316,27 @@ def follow_lines(
         if outcome != REACHED:
             break
     joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
-    stopped_by, status, fraction = "", "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached", 1.0
+    stopped_by, status, fraction = (
+        "",
+        "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached",
+        1.0,
+    )
     if outcome != REACHED:
         lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
-        weights = lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
+        weights = (
+            lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
+        )
         fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ weights)
-        fraction = min(fraction, math.nextafter(1.0, 0.0))  # only a motion that is certified has all of the line
+        fraction = min(
+            fraction, math.nextafter(1.0, 0.0)
+        )  # only a motion that is certified has all of the line
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
         number = min(int(parameter), len(lines) - 1)
         left, line = number + 1 - parameter, lines[number]
-        ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before poses[{number}]"
+        ahead = (
+            f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before "
+            f"poses[{number}]"
+        )
         status = f"stopped after {100.0 * fraction:.3g} %, {ahead}: {reason}"
     deviation, angle = bounds.max(axis=0).tolist()
     return LineMotion(
@@ -322,13 +357,18 @@ def follow_lines(
 def _follow_line(
     scene: Scene, problem: LineProblem, start: Floats, scratch: LineScratch
 ) -> tuple[LineRows, int, Floats]:
-    """Follow one line; return the new rows, why they end, and the configuration of the step that failed.
+    """Follow one line.
 
-    Kernels that also prove motions free would take twice as long to compile. So many rows are made at once, and then
-    proven. Where a motion is not free, the next step is half as long, and the number of rows grows again from one.
+    Return the new rows, why they end, and the configuration of the step that failed.
+
+    Kernels that also prove motions free would take twice as long to compile. So many rows are made
+    at once, and then proven. Where a motion is not free, the next step is half as long, and the
+    number of rows grows again from one.
     """
     capacity, size = MAX_ROWS_PER_CALL, len(start)
-    rows = LineRows(np.empty((capacity + 1, size)), np.empty(capacity + 1), np.empty((capacity + 1, 2)))
+    rows = LineRows(
+        np.empty((capacity + 1, size)), np.empty(capacity + 1), np.empty((capacity + 1, 2))
+    )
     found: list[LineRows] = []
     rows.joints[0], rows.parameters[0], step, outcome = start, 0.0, 1.0, FULL
     while outcome == FULL:
@@ -339,17 +379,31 @@ def _follow_line(
         capacity = min(2 * capacity, MAX_ROWS_PER_CALL)
         if not free.all():
             count = 1 + int(free.argmin())
-            failed, taken = rows.joints[count].copy(), rows.parameters[count] - rows.parameters[count - 1]
-            outcome, capacity, step = COLLISION if is_shortest(taken) else FULL, 1, max(0.5 * taken, MIN_LINE_STEP)
+            failed, taken = (
+                rows.joints[count].copy(),
+                rows.parameters[count] - rows.parameters[count - 1],
+            )
+            outcome, capacity, step = (
+                COLLISION if is_shortest(taken) else FULL,
+                1,
+                max(0.5 * taken, MIN_LINE_STEP),
+            )
         found.append(LineRows(*(column[1:count].copy() for column in rows)))
         rows.joints[0], rows.parameters[0] = rows.joints[count - 1], rows.parameters[count - 1]
-    return LineRows(*(np.concatenate(column) for column in zip(*found, strict=True))), outcome, failed
+    return (
+        LineRows(*(np.concatenate(column) for column in zip(*found, strict=True))),
+        outcome,
+        failed,
+    )
 
 
-def _explain_stop(snapshot: Snapshot, branch: Branch, outcome: int, last: Floats, failed: Floats) -> tuple[str, str]:
+def _explain_stop(
+    snapshot: Snapshot, branch: Branch, outcome: int, last: Floats, failed: Floats
+) -> tuple[str, str]:
     """Return the name and the reason of a stop.
 
-    ``last`` is the last waypoint, ``failed`` the configuration that could not be reached from it, shapes (dof,).
+    ``last`` is the last waypoint, ``failed`` the configuration that could not be reached from it,
+    shapes (dof,).
     """
     arm = snapshot.arm
     if outcome == COLLISION:
@@ -399,8 +453,9 @@ def bound_deviation(
 ) -> tuple[float, float, float, float]:
     """Bound a frame's deviation from a line on a motion.
 
-    The motion leads from ``scratch.first`` to ``scratch.last``, the parameter from ``start`` to ``stop``. Returns the
-    proven bounds of deviation and angle, and the largest deviation and angle halfway through the parts.
+    The motion leads from ``scratch.first`` to ``scratch.last``, the parameter from ``start`` to
+    ``stop``. Returns the proven bounds of deviation and angle, and the largest deviation and angle
+    halfway through the parts.
     """
     pose, line, q0, q1 = problem.pose, problem.line, scratch.first, scratch.last
     chain, poses, tip, target = pose.chain, scratch.pose.poses, scratch.pose.tip, pose.target
@@ -432,13 +487,21 @@ def bound_deviation(
     rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * size
     # The comparison is False for NaN, which then remains.
     if deviation + angle < np.inf:
-        return deviation + rounding * problem.max_coordinate, angle + rounding, sampled, sampled_angle
+        return (
+            deviation + rounding * problem.max_coordinate,
+            angle + rounding,
+            sampled,
+            sampled_angle,
+        )
     return np.nan, np.nan, sampled, sampled_angle
 
 
 @kernel
 def is_shortest(step: float) -> bool:
-    """Return True if a step is not cut any more; rounding may have made it a little longer than the shortest."""
+    """Return True if a step is not cut any more.
+
+    Rounding may have made it a little longer than the shortest.
+    """
     return step < 1.5 * MIN_LINE_STEP
 
 
@@ -448,8 +511,8 @@ def try_step(
 ) -> tuple[int, float, float, float]:
     """Try to move the frame from row n - 1 to ``stop``.
 
-    Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the tolerance, and the
-    proven bounds of both.
+    Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the
+    tolerance, and the proven bounds of both.
     """
     pose, tolerance, start = problem.pose, problem.pose.tolerance, rows.parameters[n - 1]
     for k in range(len(problem.joints)):
@@ -460,11 +523,16 @@ def try_step(
         return OUT_OF_REACH, np.inf, np.inf, np.inf
     for b in range(1, len(pose.chain.parents)):
         k = pose.chain.joint_indices[b]
-        if pose.chain.kinds[b] == REVOLUTE and not abs(scratch.last[k] - scratch.first[k]) < math.pi:
+        if (
+            pose.chain.kinds[b] == REVOLUTE
+            and not abs(scratch.last[k] - scratch.first[k]) < math.pi
+        ):
             return JUMP, np.inf, np.inf, np.inf
     parts, share, deviation, angle = MIN_LINE_PARTS, 0.0, np.inf, np.inf
     while True:
-        deviation, angle, sampled, sampled_angle = bound_deviation(problem, start, stop, parts, scratch)
+        deviation, angle, sampled, sampled_angle = bound_deviation(
+            problem, start, stop, parts, scratch
+        )
         share = max(sampled / tolerance[0], sampled_angle / tolerance[1])
         if deviation <= tolerance[0] and angle <= tolerance[1]:
             break
@@ -476,11 +544,15 @@ def try_step(
 
 
 @kernel
-def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScratch) -> tuple[int, int, float]:
-    """Follow a line from the first row, writing rows until the line ends, a step fails, or the rows are full.
+def add_rows(
+    problem: LineProblem, rows: LineRows, step: float, scratch: LineScratch
+) -> tuple[int, int, float]:
+    """Follow a line from the first row, and write rows.
 
-    Returns the number of rows, why it ended, and the length of the next step. Row 0 is given; a row beyond the last one
-    has the configuration of the step that failed.
+    It ends with the line, with a step that fails, or with the last row.
+
+    Returns the number of rows, why it ended, and the length of the next step. Row 0 is given; a row
+    beyond the last one has the configuration of the step that failed.
     """
     n = 1
     while n < len(rows.parameters):
@@ -499,8 +571,8 @@ def add_rows(problem: LineProblem, rows: LineRows, step: float, scratch: LineScr
         if outcome == REACHED:
             rows.parameters[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
             n += 1
-            # The deviation grows with the square of the step. Steps shrink only when one fails, so that their number
-            # stays bounded where the deviation approaches the tolerance slowly.
+            # The deviation grows with the square of the step. Steps shrink only when one fails, so
+            # that their number stays bounded where the deviation approaches the tolerance slowly.
             step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
         elif is_shortest(taken):
             return n, outcome, step

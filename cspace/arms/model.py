@@ -33,7 +33,12 @@ Names = tuple[str, str]
 SolidMode: TypeAlias = Literal["auto", "surface"]
 """Parts of a link's mesh that are solid: its closed bodies, or none."""
 
-_JOINT_KINDS: Final = {"fixed": FIXED, "revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
+_JOINT_KINDS: Final = {
+    "fixed": FIXED,
+    "revolute": REVOLUTE,
+    "continuous": REVOLUTE,
+    "prismatic": PRISMATIC,
+}
 """Kind of each URDF joint type."""
 
 
@@ -42,8 +47,8 @@ CONTACT_SAMPLES: Final = 1000
 
 
 LIMIT_SLACK: Final = 1e-5
-"""Largest accepted excess over a joint limit, radians or metres, because files round limits and configurations
-differently."""
+"""Largest accepted excess over a joint limit, radians or metres, because files round limits and
+configurations differently."""
 
 
 _FIRST_SAMPLES: Final = 4
@@ -53,8 +58,9 @@ _FIRST_SAMPLES: Final = 4
 class JointValues(dict[str, float]):
     """Values of a robot's joints by name, radians or metres.
 
-    :meth:`cspace.Arm.configuration` takes those of joints that move, and ``Arm.from_urdf(held_joints=)`` those of
-    others. Both skip joints that mimic others, and refuse unknown joints.
+    :meth:`cspace.Arm.configuration` takes those of joints that move, and
+    ``Arm.from_urdf(held_joints=)`` those of others. Both skip joints that mimic others, and refuse
+    unknown joints.
     """
 
 
@@ -114,27 +120,29 @@ class Joint(NamedTuple):
 class Arm:
     """A robot with joints: a tree of links, moved by configurations.
 
-    Read one with :meth:`from_urdf`. A configuration has one number for each of :attr:`joints`, radians or metres.
+    Read one with :meth:`from_urdf`. A configuration has one number for each of :attr:`joints`,
+    radians or metres.
 
     Attributes
     ----------
     name : str
     joints : tuple of str
-        The joints of a configuration, in its order: depth-first from the base, and by name where the tree branches, as
-        MoveIt and pinocchio order them.
+        The joints of a configuration, in its order: depth-first from the base, and by name where
+        the tree branches, as MoveIt and pinocchio order them.
     lower, upper : ndarray of float64, shape (dof,)
         Their limits; infinite for continuous joints.
     links : tuple of Solid
         Links with a collision geometry, each on the body that it moves with.
     allowed_collisions : dict of pairs of str to str
-        Alphabetical pairs of links that may touch, and the reason: ``"adjacent"``, ``"one body"``, ``"always"`` if they
-        touch in each of 100 random configurations, ``"held"``, or the reason of the SRDF.
+        Alphabetical pairs of links that may touch, and the reason: ``"adjacent"``, ``"one body"``,
+        ``"always"`` if they touch in each of 100 random configurations, ``"held"``, or the reason
+        of the SRDF.
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
     max_velocity : ndarray of float64, shape (dof,)
-        Largest speed of each joint, rad/s or m/s, at which neither it nor a joint that mimics it exceeds the velocity
-        limit of the URDF; infinite if the URDF has none, or zero.
+        Largest speed of each joint, rad/s or m/s, at which neither it nor a joint that mimics it
+        exceeds the velocity limit of the URDF; infinite if the URDF has none, or zero.
     groups : dict of str to tuple of str
         Joints of each group of the SRDF, in the order of a configuration.
     end_effectors : dict of str to EndEffector
@@ -177,31 +185,35 @@ class Arm:
     ) -> Arm:
         """Read an arm from a URDF file with collision geometry.
 
-        Revolute, continuous and prismatic joints move, together with the joints that mimic them. Fixed joints merge
-        their links into one body.
+        Revolute, continuous and prismatic joints move, together with the joints that mimic them.
+        Fixed joints merge their links into one body.
 
         Parameters
         ----------
         path : path-like
             The URDF. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
         srdf : path-like, optional
-            An SRDF file with groups, group states, end effectors, and the links that may touch: pairs of
-            ``disable_collisions``, and all of a link of ``disable_default_collisions`` except those of
-            ``enable_collisions``. Links and joints missing from the URDF are skipped with one warning. Without an SRDF,
-            links may touch if they belong to one body, if a joint connects them, directly or over links without
-            geometry, or if they touch in each of 100 fixed random configurations.
+            An SRDF file with groups, group states, end effectors, and the links that may touch:
+            pairs of ``disable_collisions``, and all of a link of ``disable_default_collisions``
+            except those of ``enable_collisions``. Links and joints missing from the URDF are
+            skipped with one warning. Without an SRDF, links may touch if they belong to one body,
+            if a joint connects them, directly or over links without geometry, or if they touch in
+            each of 100 fixed random configurations.
         tip : str, optional
             Only the joints between the base and this link move. By default all move.
         base : str, optional
-            The link in whose frame obstacles are given; only links below it are read. By default the root.
+            The link in whose frame obstacles are given; only links below it are read. By default
+            the root.
         joints : str or iterable of str, optional
-            Only these joints move: a group of the SRDF, or names of joints. Not together with ``tip``.
+            Only these joints move: a group of the SRDF, or names of joints. Not together with
+            ``tip``.
         held_joints : mapping of str to float, optional
-            Values of joints that do not move, radians or metres. By default they are at zero, or at their nearest
-            limit. Of :class:`cspace.arms.JointValues`, those of other joints are skipped.
+            Values of joints that do not move, radians or metres. By default they are at zero, or at
+            their nearest limit. Of :class:`cspace.arms.JointValues`, those of other joints are
+            skipped.
         solid : {"auto", "surface"}
-            Parts of the meshes that are solid: their closed bodies, or none. ``"fill"`` needs a spacing, which arms do
-            not have.
+            Parts of the meshes that are solid: their closed bodies, or none. ``"fill"`` needs a
+            spacing, which arms do not have.
         package_dirs : path-like or sequence of path-like, optional
             Folders that contain the folders of ROS packages.
 
@@ -210,8 +222,9 @@ class Arm:
         FileError
             If a file is missing or malformed, or a mesh name matches several files.
         InputError
-            If a folder, link, joint or group does not exist, no joint moves, limits are missing, reversed or exceeded
-            by a held joint, an axis is zero, a joint has another type, or no link has a collision geometry.
+            If a folder, link, joint or group does not exist, no joint moves, limits are missing,
+            reversed or exceeded by a held joint, an axis is zero, a joint has another type, or no
+            link has a collision geometry.
         MissingPackageError
             If yourdfpy is not installed.
         """
@@ -228,10 +241,20 @@ class Arm:
                 rule = f"{file} has {', '.join(urdf.link_map)}"
                 raise InputError(name, f"is {link!r}", rule, "name one of these", value=link)
         if tip is not None and joints is not None:
-            raise InputError("joints", "is given with tip", "both say which joints move", "leave one out", value=joints)
+            raise InputError(
+                "joints",
+                "is given with tip",
+                "both say which joints move",
+                "leave one out",
+                value=joints,
+            )
         tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
         read = None if srdf is None else read_srdf(srdf, urdf)
-        chosen = None if joints is None else _choose_joints(joints, {} if read is None else read.groups, tree)
+        chosen = (
+            None
+            if joints is None
+            else _choose_joints(joints, {} if read is None else read.groups, tree)
+        )
         assembly = _Assembly(file, urdf, tree, base or root_link(urdf), tip, chosen)
         assembly.hold({} if held_joints is None else held_joints)
         return assembly.arm(read, folders, solid)
@@ -286,7 +309,9 @@ class Arm:
         dict of str to ndarray of float64, shape (..., 4, 4)
         """
         poses = body_poses(self.chain, self._check_configurations(q, "q"))
-        return {name: poses[..., frame.body, :, :] @ frame.pose for name, frame in self._frames.items()}
+        return {
+            name: poses[..., frame.body, :, :] @ frame.pose for name, frame in self._frames.items()
+        }
 
     def inverse(
         self,
@@ -316,11 +341,11 @@ class Arm:
         pose : array-like, shape (4, 4)
             From the frame to that of the base, metres, as :meth:`pose` returns it.
         tolerance : pair of float
-            Largest distance in metres, and largest angle in radians, from the pose. One may be infinite:
-            ``(1e-3, math.inf)`` asks for the position alone.
+            Largest distance in metres, and largest angle in radians, from the pose. One may be
+            infinite: ``(1e-3, math.inf)`` asks for the position alone.
         near : array-like, shape (dof,), optional
-            Configuration that gives the values of all joints that do not move the frame. By default they are at zero,
-            or at their nearest limit.
+            Configuration that gives the values of all joints that do not move the frame. By default
+            they are at zero, or at their nearest limit.
         max_solutions : int
             Largest number of configurations. A 6-joint arm has up to 16 for each pose, a ur5 up to
             8, a 7-joint arm infinitely many.
@@ -330,47 +355,69 @@ class Arm:
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Distinct configurations within the limits, n from 1 to ``max_solutions``; the nearest to ``near`` in the
-            joints is the first. Joints of which a whole turn changes nothing are within half a turn of ``near``, or as
-            near as their limits allow.
+            Distinct configurations within the limits, n from 1 to ``max_solutions``; the nearest to
+            ``near`` in the joints is the first. Joints of which a whole turn changes nothing are
+            within half a turn of ``near``, or as near as their limits allow.
 
         Raises
         ------
         ConfigurationError
-            If no start reaches the pose. The message names the distance and angle of the nearest pose reached, and
-            ``nearest`` is its configuration. Also if ``near`` is more than 1e-5 rad (m) beyond the limits.
+            If no start reaches the pose. The message names the distance and angle of the nearest
+            pose reached, and ``nearest`` is its configuration. Also if ``near`` is more than 1e-5
+            rad (m) beyond the limits.
         InputError
-            If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number is out of range.
+            If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number
+            is out of range.
         """
         return self._solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
 
     def _solve_pose(
-        self, goal: PoseGoal, name: str, near: ArrayLike | None = None, max_solutions: int = 16, seed: int = 0
+        self,
+        goal: PoseGoal,
+        name: str,
+        near: ArrayLike | None = None,
+        max_solutions: int = 16,
+        seed: int = 0,
     ) -> Floats:
         """Return :meth:`inverse` of a pose from the argument ``name``."""
         branch, tool = self._branch_to(goal.frame)
         q = self._rest if near is None else self._check_configurations(near, "near")
         if q.ndim != 1:
             rule = "it must be one configuration"
-            raise InputError("near", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=near)
+            raise InputError(
+                "near", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=near
+            )
         self._check_limits(q, "near")
         q = self._clamp(q)
-        count, rng = check_count(max_solutions, "max_solutions", 1), np.random.default_rng(check_count(seed, "seed"))
+        count, rng = (
+            check_count(max_solutions, "max_solutions", 1),
+            np.random.default_rng(check_count(seed, "seed")),
+        )
         rows = branch.joints
         limits = self.lower[rows], self.upper[rows]
         lowest, highest = self._ranges(q)
         ranges = lowest[rows], highest[rows]
-        found = solve_pose(branch, tool, goal, limits, ranges, q[rows], self._whole_turns[rows], count, rng)
+        found = solve_pose(
+            branch, tool, goal, limits, ranges, q[rows], self._whole_turns[rows], count, rng
+        )
         if not len(found.joints):
             nearest = q.copy()
             nearest[rows] = found.nearest
             apart = zip((found.distance, found.angle), goal.tolerance, ("m", "rad"), strict=True)
-            parts = [(f"{value:.3g} {unit}", f"{most:g} {unit}") for value, most, unit in apart if math.isfinite(most)]
+            parts = [
+                (f"{value:.3g} {unit}", f"{most:g} {unit}")
+                for value, most, unit in apart
+                if math.isfinite(most)
+            ]
             far, within = (" and ".join(texts) for texts in zip(*parts, strict=True))
-            problem = f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
+            problem = (
+                f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
+            )
             hint = "move the pose, or pass a larger tolerance"
             point = tuple(nearest.tolist())
-            raise ConfigurationError(name, problem, f"it must be within {within}", hint, value=goal.pose, nearest=point)
+            raise ConfigurationError(
+                name, problem, f"it must be within {within}", hint, value=goal.pose, nearest=point
+            )
         solutions = np.tile(q, (len(found.joints), 1))
         solutions[:, rows] = found.joints
         return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
@@ -380,7 +427,9 @@ class Arm:
         body, tool = self._frames[self._check_frame(frame, "frame")]
         if body == 0:
             rule = "no joint of the arm moves it"
-            raise InputError("frame", f"is {frame!r}", rule, "name a frame beyond a joint", value=frame)
+            raise InputError(
+                "frame", f"is {frame!r}", rule, "name a frame beyond a joint", value=frame
+            )
         if body not in self._branches:
             self._branches[body] = branch_to(self.chain, body)
         return self._branches[body], tool
@@ -405,10 +454,13 @@ class Arm:
     def named_configurations(self) -> dict[str, Floats]:
         """Group states of the SRDF, each shape (dof,), read-only.
 
-        They are named ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; ``"STATE"`` if one has no group. Joints missing
-        from a state are at zero, or at their nearest limit.
+        They are named ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; ``"STATE"`` if one has no
+        group. Joints missing from a state are at zero, or at their nearest limit.
         """
-        return {name: frozen(self._move_joints(self._rest, self._state(name, "name"))) for name in self._states}
+        return {
+            name: frozen(self._move_joints(self._rest, self._state(name, "name")))
+            for name in self._states
+        }
 
     def configuration(
         self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
@@ -418,12 +470,12 @@ class Arm:
         Parameters
         ----------
         values : mapping of str to float, or str, optional
-            Values of joints, radians or metres, such as ``{"elbow": 1.0}``; or a group state of the SRDF, such as
-            ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of that name. Of
-            :class:`cspace.arms.JointValues`, those of other joints are skipped.
+            Values of joints, radians or metres, such as ``{"elbow": 1.0}``; or a group state of the
+            SRDF, such as ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of
+            that name. Of :class:`cspace.arms.JointValues`, those of other joints are skipped.
         base : array-like, shape (dof,), or str, optional
-            Configuration that gives the values of all other joints; or a group state. By default they are at zero, or
-            at their nearest limit.
+            Configuration that gives the values of all other joints; or a group state. By default
+            they are at zero, or at their nearest limit.
 
         Returns
         -------
@@ -432,8 +484,9 @@ class Arm:
         Raises
         ------
         InputError
-            If a joint or state is unknown, or a value is not one finite number. If :class:`cspace.arms.JointValues`
-            have a joint elsewhere than the arm holds it, or lack one of :attr:`joints` without a ``base``.
+            If a joint or state is unknown, or a value is not one finite number. If
+            :class:`cspace.arms.JointValues` have a joint elsewhere than the arm holds it, or lack
+            one of :attr:`joints` without a ``base``.
         ConfigurationError
             If a value is more than 1e-5 rad (m) beyond the joint's limits.
         """
@@ -443,9 +496,17 @@ class Arm:
             q = self._rest if base is None else self._check_configurations(base, "base")
         if q.ndim != 1:
             rule = "it must be one configuration"
-            raise InputError("base", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=base)
+            raise InputError(
+                "base", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=base
+            )
         self._check_limits(q, "base")
-        given = self._state(values, "values") if isinstance(values, str) else {} if values is None else values
+        given = (
+            self._state(values, "values")
+            if isinstance(values, str)
+            else {}
+            if values is None
+            else values
+        )
         if isinstance(given, JointValues):
             given = self._select(given, base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
@@ -453,18 +514,32 @@ class Arm:
         return moved
 
     def _select(self, values: JointValues, all_joints: bool) -> dict[str, float]:
-        """Return the values of joints that move; raise InputError if the others are unknown or held elsewhere."""
+        """Return the values of joints that move.
+
+        Raise InputError if the others are unknown or held elsewhere.
+        """
         known = *self.joints, *self.held_joints, *sorted(self._passive)
         checked = check_joint_values(values, "values", known)
         for joint, held in self.held_joints.items():
             value = checked.get(joint, held)
             if abs(value - held) > LIMIT_SLACK:
-                problem, hint = f"has {joint} at {value:.12g}", "pass these values as held_joints= to Arm.from_urdf"
-                raise InputError("values", problem, f"the arm holds it at {held:.12g}", hint, value=value)
+                problem, hint = (
+                    f"has {joint} at {value:.12g}",
+                    "pass these values as held_joints= to Arm.from_urdf",
+                )
+                raise InputError(
+                    "values", problem, f"the arm holds it at {held:.12g}", hint, value=value
+                )
         missing = [joint for joint in self.joints if joint not in checked]
         if missing and all_joints:
             rule = "they are values of all joints of a robot"
-            raise InputError("values", f"lack {', '.join(missing)}", rule, "pass base= with the others", value=values)
+            raise InputError(
+                "values",
+                f"lack {', '.join(missing)}",
+                rule,
+                "pass base= with the others",
+                value=values,
+            )
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
@@ -478,16 +553,37 @@ class Arm:
 
     def _state(self, name: str, argument: str) -> dict[str, float]:
         """Return the values of the arm's joints in a group state."""
-        own = [key for key, state in self._states.items() if not state.keys().isdisjoint(self.joints)]
-        names = [name] if name in self._states else [key for key in own if key.partition("/")[2] == name]
+        own = [
+            key for key, state in self._states.items() if not state.keys().isdisjoint(self.joints)
+        ]
+        names = (
+            [name]
+            if name in self._states
+            else [key for key in own if key.partition("/")[2] == name]
+        )
         if len(names) != 1:
-            rule = f"the group states are {', '.join(names or self._states)}" if self._states else "the arm has none"
-            hint = "name one of these" if self._states else "pass srdf= to Arm.from_urdf, or values by joint"
+            rule = (
+                f"the group states are {', '.join(names or self._states)}"
+                if self._states
+                else "the arm has none"
+            )
+            hint = (
+                "name one of these"
+                if self._states
+                else "pass srdf= to Arm.from_urdf, or values by joint"
+            )
             raise InputError(argument, f"is {name!r}", rule, hint, value=name)
-        return {joint: value for joint, value in self._states[names[0]].items() if joint in self.joints}
+        return {
+            joint: value for joint, value in self._states[names[0]].items() if joint in self.joints
+        }
 
     def attach(
-        self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch_links: Iterable[str] = ()
+        self,
+        name: str,
+        shape: ShapeLike,
+        link: str,
+        pose: ArrayLike | None = None,
+        touch_links: Iterable[str] = (),
     ) -> Arm:
         """Return the arm with an attached object, such as a tool.
 
@@ -495,10 +591,12 @@ class Arm:
         ----------
         name : str
             A name that no frame has. It becomes that of the object's own frame.
-        shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.add_obstacle` takes
+        shape : Shape, trimesh.Trimesh, path-like, or anything else that
+        :meth:`cspace.CSpace.add_obstacle` takes
             In space, metres, e.g. ``trimesh.creation.box((0.1, 0.1, 0.2))``.
         link : str
-            The link that carries the object and may touch it; any of :attr:`frames`, such as ``"tool0"``.
+            The link that carries the object and may touch it; any of :attr:`frames`, such as
+            ``"tool0"``.
         pose : array-like, shape (4, 4), optional
             From the object's frame to that of the link; the identity by default.
         touch_links : str or iterable of str
@@ -507,21 +605,29 @@ class Arm:
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, the shape is invalid or in the plane, or the pose is no rigid
-            motion.
+            If the name is taken, a link is unknown, the shape is invalid or in the plane, or the
+            pose is no rigid motion.
         """
         solid = as_shape(shape)
         if solid.dim != 3:
-            raise InputError("shape", "is in the plane", "arms are in space", "pass a solid", value=shape)
+            raise InputError(
+                "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
+            )
         if not isinstance(name, str):
-            raise InputError("name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name)
+            raise InputError(
+                "name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name
+            )
         try:
             others = [touch_links] if isinstance(touch_links, str) else list(touch_links)
         except TypeError as error:
             problem, rule = f"is {touch_links!r}", "it must be names of links"
-            raise InputError("touch_links", problem, rule, "pass a list of strings", value=touch_links) from error
+            raise InputError(
+                "touch_links", problem, rule, "pass a list of strings", value=touch_links
+            ) from error
         if name in self._frames:
-            raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
+            raise InputError(
+                "name", f"is {name!r}", "a link has it", "choose another one", value=name
+            )
         for each in (link, *others):
             self._check_frame(each, "link")
         body, to_body = self._frames[link]
@@ -531,7 +637,13 @@ class Arm:
         allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in touching}
         frames = self._frames | {name: frame}
         carriers = self._carriers | {name: link}
-        return replace(self, links=(*self.links, held), allowed_collisions=allowed, _frames=frames, _carriers=carriers)
+        return replace(
+            self,
+            links=(*self.links, held),
+            allowed_collisions=allowed,
+            _frames=frames,
+            _carriers=carriers,
+        )
 
     def detach(self, name: str) -> Arm:
         """Return the arm without an attached object.
@@ -549,7 +661,9 @@ class Arm:
         return replace(
             self,
             links=tuple(link for link in self.links if link.name != name),
-            allowed_collisions={pair: why for pair, why in self.allowed_collisions.items() if name not in pair},
+            allowed_collisions={
+                pair: why for pair, why in self.allowed_collisions.items() if name not in pair
+            },
             _frames={frame: pose for frame, pose in self._frames.items() if frame != name},
             _carriers={each: link for each, link in self._carriers.items() if each != name},
         )
@@ -558,17 +672,22 @@ class Arm:
     def pairs(self) -> dict[Names, str]:
         """Every two links with geometry, and whether they may or do touch.
 
-        The value is the reason why they may touch, as in :attr:`allowed_collisions`. Otherwise it says how often they
-        touch in 1000 fixed random configurations: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all
-        other pairs, because sampling proves nothing.
+        The value is the reason why they may touch, as in :attr:`allowed_collisions`. Otherwise it
+        says how often they touch in 1000 fixed random configurations: ``"never"``, ``"sometimes"``
+        or ``"always"``. Every proof checks all other pairs, because sampling proves nothing.
         """
         moving = _moving(self.links)
         scene = make_scene(self.chain, self.links, moving)
         shares = sample_apart(scene, self._contact_samples).mean(axis=1)
-        labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
+        labels = [
+            "never" if share == 1.0 else "sometimes" if share else "always"
+            for share in shares.tolist()
+        ]
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
-        return reasons | {pair: why for pair, why in self.allowed_collisions.items() if pair in reasons}
+        return reasons | {
+            pair: why for pair, why in self.allowed_collisions.items() if pair in reasons
+        }
 
     @cached_property
     def _contact_samples(self) -> Floats:
@@ -586,7 +705,9 @@ class Arm:
         """
         q = np.atleast_2d(around)
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
-        return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
+        return np.where(np.isinf(self.lower), low, self.lower), np.where(
+            np.isinf(self.upper), high, self.upper
+        )
 
     def _check_frame(self, name: object, argument: str) -> str:
         """Return a frame's name; raise InputError if it is unknown."""
@@ -624,7 +745,9 @@ class Arm:
         array = check_finite(q, name)
         if array.ndim == 0 or array.shape[-1] != self.dof:
             rule = f"the last axis must hold one number for each of {', '.join(self.joints)}"
-            raise InputError(name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q)
+            raise InputError(
+                name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q
+            )
         return array
 
 
@@ -640,7 +763,9 @@ def check_joint_values(values: object, argument: str, joints: Iterable[str]) -> 
     """
     if not isinstance(values, Mapping):
         hint = f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}"
-        raise InputError(argument, f"is {values!r}", "it must map names of joints to numbers", hint, value=values)
+        raise InputError(
+            argument, f"is {values!r}", "it must map names of joints to numbers", hint, value=values
+        )
     checked = {}
     for joint, value in values.items():
         if joint not in joints:
@@ -649,23 +774,46 @@ def check_joint_values(values: object, argument: str, joints: Iterable[str]) -> 
         number = check_finite(value, f"{argument}[{joint!r}]")
         if number.ndim:
             rule = "a joint has one number"
-            raise InputError(f"{argument}[{joint!r}]", f"has shape {number.shape}", rule, "pass a float", value=value)
+            raise InputError(
+                f"{argument}[{joint!r}]",
+                f"has shape {number.shape}",
+                rule,
+                "pass a float",
+                value=value,
+            )
         checked[joint] = float(number)
     return checked
 
 
-def _choose_joints(joints: str | Iterable[str], groups: Mapping[str, Set[str]], tree: Mapping[str, Joint]) -> Set[str]:
-    """Return the joints of an SRDF group, or those named; raise InputError if one cannot move by itself."""
+def _choose_joints(
+    joints: str | Iterable[str], groups: Mapping[str, Set[str]], tree: Mapping[str, Joint]
+) -> Set[str]:
+    """Return the joints of an SRDF group, or those named.
+
+    Raise InputError if one cannot move by itself.
+    """
     if isinstance(joints, str):
         if joints not in groups:
-            rule = f"the groups of the SRDF are {', '.join(groups)}" if groups else "no SRDF gives groups"
-            raise InputError("joints", f"is {joints!r}", rule, "name a group, or pass a list of joints", value=joints)
+            rule = (
+                f"the groups of the SRDF are {', '.join(groups)}"
+                if groups
+                else "no SRDF gives groups"
+            )
+            raise InputError(
+                "joints",
+                f"is {joints!r}",
+                rule,
+                "name a group, or pass a list of joints",
+                value=joints,
+            )
         return groups[joints]
     try:
         names = list(joints)
     except TypeError as error:
         rule = "it must be a group of the SRDF, or names of joints"
-        raise InputError("joints", f"is {joints!r}", rule, "pass a list of strings", value=joints) from error
+        raise InputError(
+            "joints", f"is {joints!r}", rule, "pass a list of strings", value=joints
+        ) from error
     for name in names:
         rule = _why_immobile(name, tree)
         if rule:
@@ -688,7 +836,9 @@ def _read_joint(joint: Any, file: str) -> Joint:
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _JOINT_KINDS:
         rule = f"it must be one of {', '.join(_JOINT_KINDS)}"
-        raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type)
+        raise InputError(
+            where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type
+        )
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = check_finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
@@ -704,21 +854,41 @@ def _read_joint(joint: Any, file: str) -> Joint:
     leader, factor, offset = joint.name, 1.0, 0.0
     if mimic is not None and kind != FIXED:
         leader = mimic.joint
-        factor = 1.0 if mimic.multiplier is None else float(check_finite(mimic.multiplier, f"{where}: multiplier"))
-        offset = 0.0 if mimic.offset is None else float(check_finite(mimic.offset, f"{where}: offset"))
+        factor = (
+            1.0
+            if mimic.multiplier is None
+            else float(check_finite(mimic.multiplier, f"{where}: multiplier"))
+        )
+        offset = (
+            0.0 if mimic.offset is None else float(check_finite(mimic.offset, f"{where}: offset"))
+        )
     unit = axis / length if length > 0.0 else axis
     ends = joint.parent, joint.child
-    return Joint(joint.name, kind, *ends, frame, unit, lower, upper, leader, factor, offset, max_velocity)
+    return Joint(
+        joint.name, kind, *ends, frame, unit, lower, upper, leader, factor, offset, max_velocity
+    )
 
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return the limits of a joint of yourdfpy."""
     limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
     if None in limits:
-        raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
-    lower, upper = (float(check_finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
+        raise InputError(
+            where,
+            "has no limits",
+            "revolute and prismatic joints have",
+            "add <limit lower= upper=>",
+        )
+    lower, upper = (
+        float(check_finite(float(limit), f"{where}: limit"))
+        for limit in limits
+        if limit is not None
+    )
     if lower > upper:
-        problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
+        problem, rule = (
+            f"are {lower:.12g} and {upper:.12g}",
+            "the lower one must not be above the upper one",
+        )
         raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
     return lower, upper
 
@@ -738,7 +908,8 @@ class _Assembly:
         self._file, self._urdf, self._joints, self._base = file, urdf, joints, base
         self._held: dict[str, float] = {}
         below: dict[str, list[Joint]] = {}
-        # Depth-first order puts every body after its parent, and branches by name, as urdfdom does for MoveIt.
+        # Depth-first order puts every body after its parent, and branches by name, as urdfdom does
+        # for MoveIt.
         for joint in sorted(joints.values(), key=lambda joint: joint.name, reverse=True):
             below.setdefault(joint.parent, []).append(joint)
         self._order: list[Joint] = []
@@ -771,7 +942,11 @@ class _Assembly:
             rule = f"that joint is not below the base {self._base!r}"
         elif joints[joint.leader].leader != joint.leader:
             rule = "that joint mimics another one itself"
-        elif joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(joints[joint.leader].upper):
+        elif (
+            joint.kind == PRISMATIC
+            and self._is_moved(joint)
+            and math.isinf(joints[joint.leader].upper)
+        ):
             rule = "that joint is continuous, so a prismatic joint would slide without end"
         else:
             return
@@ -800,7 +975,13 @@ class _Assembly:
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
                 rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
-                raise InputError("held_joints", f"has {name} at {value:.12g}", rule, "stay within them", value=value)
+                raise InputError(
+                    "held_joints",
+                    f"has {name} at {value:.12g}",
+                    rule,
+                    "stay within them",
+                    value=value,
+                )
 
     def _refuse_joints_not_held(self, names: Iterable[str], held: Sequence[str]) -> None:
         """Raise InputError, with the reason, if one of the named joints is not held."""
@@ -828,12 +1009,22 @@ class _Assembly:
             else:
                 bodies[joint.child] = (body, frame @ self._fixed_pose(joint))
         if len(rows) > MAX_BODIES:
-            problem, rule = f"has {len(rows)} bodies that move against each other", f"at most {MAX_BODIES} are allowed"
+            problem, rule = (
+                f"has {len(rows)} bodies that move against each other",
+                f"at most {MAX_BODIES} are allowed",
+            )
             raise InputError(self._file, problem, rule, "name a base or a tip", value=len(rows))
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
-            raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
-        limits = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
+            raise InputError(
+                self._file,
+                "has no collision geometry",
+                "an arm's links need some",
+                "add <collision>",
+            )
+        limits = np.array(
+            [(self._joints[name].lower, self._joints[name].upper) for name in self._moving]
+        )
         arm = Arm(
             str(self._urdf.robot.name),
             tuple(self._moving),
@@ -854,7 +1045,10 @@ class _Assembly:
         return replace(
             arm,
             allowed_collisions=srdf.allowed,
-            groups={name: tuple(joint for joint in arm.joints if joint in each) for name, each in srdf.groups.items()},
+            groups={
+                name: tuple(joint for joint in arm.joints if joint in each)
+                for name, each in srdf.groups.items()
+            },
             end_effectors=srdf.end_effectors,
             _states=srdf.states,
         )
@@ -869,7 +1063,10 @@ class _Assembly:
             for one, other in combinations(arm.links, 2)
             if one.body == other.body
         }
-        above, filled = {joint.child: joint.parent for joint in self._order}, {link.name for link in arm.links}
+        above, filled = (
+            {joint.child: joint.parent for joint in self._order},
+            {link.name for link in arm.links},
+        )
         for link in arm.links:
             other = above.get(link.name)
             while other is not None and other not in filled:
@@ -879,11 +1076,19 @@ class _Assembly:
         pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in allowed]
         scene = make_scene(arm.chain, arm.links, pairs)
         touching = always_touch(scene, draw_configurations(arm._ranges(), 100))
-        return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
+        return allowed | {
+            arm._names(pair): "always"
+            for pair, always in zip(pairs, touching, strict=True)
+            if always
+        }
 
     def _max_velocity(self, leader: str) -> float:
-        """Return the largest speed of a joint at which it and the joints that mimic it stay within their limits."""
-        followers = [joint for joint in self._order if joint.leader == leader and joint.factor and joint.kind != FIXED]
+        """Return the largest speed of a joint within the limits of itself and its mimics."""
+        followers = [
+            joint
+            for joint in self._order
+            if joint.leader == leader and joint.factor and joint.kind != FIXED
+        ]
         return min(joint.max_velocity / abs(joint.factor) for joint in followers)
 
     def _fixed_pose(self, joint: Joint) -> Floats:
@@ -901,7 +1106,10 @@ class _Assembly:
         return pose
 
     def _links(
-        self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: SolidMode
+        self,
+        bodies: Mapping[str, tuple[int, Floats]],
+        package_dirs: Sequence[Path],
+        inside: SolidMode,
     ) -> Iterable[Solid]:
         """Yield the links with collision geometry."""
         from cspace.files.urdf import find_meshes
@@ -919,8 +1127,16 @@ class _Assembly:
         count = len(rows)
         parents = np.array([row[0] for row in rows], dtype=np.int64)
         frames = np.stack([row[1][:3] for row in rows])
-        axes, kinds, numbers = np.zeros((count, 3)), np.zeros(count, np.int64), np.zeros(count, np.int64)
-        factors, offsets, link_lengths = np.zeros(count), np.zeros(count), np.linalg.norm(frames[..., 3], axis=1)
+        axes, kinds, numbers = (
+            np.zeros((count, 3)),
+            np.zeros(count, np.int64),
+            np.zeros(count, np.int64),
+        )
+        factors, offsets, link_lengths = (
+            np.zeros(count),
+            np.zeros(count),
+            np.linalg.norm(frames[..., 3], axis=1),
+        )
         above = np.zeros((count, count), dtype=np.bool_)
         for b, (parent, _, joint) in enumerate(rows):
             if joint is None:
@@ -934,7 +1150,15 @@ class _Assembly:
             above[b], above[b, b] = above[parent], True
         between = above[:, np.newaxis] ^ above[np.newaxis]
         return Chain(
-            parents, frames, axes, kinds, numbers, factors, offsets, between, (between * link_lengths).sum(axis=2)
+            parents,
+            frames,
+            axes,
+            kinds,
+            numbers,
+            factors,
+            offsets,
+            between,
+            (between * link_lengths).sum(axis=2),
         )
 
 
@@ -975,7 +1199,10 @@ def sample_apart(scene: Scene, points: Floats) -> Bools:
 
     There are n configurations.
     """
-    proven = [are_free(scene.select_pairs(slice(n, n + 1)), points, points) for n in range(len(scene.pairs))]
+    proven = [
+        are_free(scene.select_pairs(slice(n, n + 1)), points, points)
+        for n in range(len(scene.pairs))
+    ]
     return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
 
 

@@ -73,8 +73,8 @@ class PlanningScene:
     frame : str
         Frame of the obstacles; ``"world"`` if the file names none.
     obstacles : dict of str to PosedShape
-        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are named
-        ``id/0``, ``id/1`` and so on.
+        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one
+        object are named ``id/0``, ``id/1`` and so on.
     attached : dict of str to AttachedObject
         Shapes that links carry, named as the obstacles.
     robot_state : JointValues
@@ -91,13 +91,14 @@ class PlanningScene:
 
     def __repr__(self) -> str:
         """Return the file and the number of objects."""
-        return f"PlanningScene({self.source}: {len(self.obstacles)} obstacles, {len(self.attached)} attached)"
+        counts = f"{len(self.obstacles)} obstacles, {len(self.attached)} attached"
+        return f"PlanningScene({self.source}: {counts})"
 
     def may_touch(self, one: str, other: str) -> bool:
         """Return True if the matrix lets two links or objects touch.
 
-        Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree. The pair may touch
-        only if they agree. Without a matrix, no pair may.
+        Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree.
+        The pair may touch only if they agree. Without a matrix, no pair may.
         """
         return self._contacts is not None and self._contacts.may_touch(
             self._ids.get(one, one), self._ids.get(other, other)
@@ -106,8 +107,8 @@ class PlanningScene:
     def _place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
 
-        ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If there is a matrix, it
-        replaces the pairs of links that the SRDF lets touch, as in MoveIt.
+        ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If
+        there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
         self._check_arm(arm)
         bare, links = arm, [frame for frame in arm.frames if frame not in arm._carriers]
@@ -119,13 +120,20 @@ class PlanningScene:
         if self._contacts is None:
             return arm, set()
         names = [link.name for link in arm.links]
-        kept = {pair: why for pair, why in arm.allowed_collisions.items() if why in ("held", "one body")}
+        kept = {
+            pair: why for pair, why in arm.allowed_collisions.items() if why in ("held", "one body")
+        }
         pairs = (sort_pair(*pair) for pair in combinations(names, 2) if self.may_touch(*pair))
         arm = replace(arm, allowed_collisions=dict.fromkeys(pairs, "scene") | kept)
-        return arm, {sort_pair(*pair) for pair in product(names, self.obstacles) if self.may_touch(*pair)}
+        return arm, {
+            sort_pair(*pair) for pair in product(names, self.obstacles) if self.may_touch(*pair)
+        }
 
     def _check_arm(self, arm: Arm) -> None:
-        """Raise InputError if an object has the name of a frame, or the arm holds a joint elsewhere."""
+        """Raise InputError if names collide or the arm holds a joint elsewhere.
+
+        An object may not have the name of a frame.
+        """
         for name in dict.fromkeys([*self._ids.values(), *self._ids]):
             if name in arm.frames:
                 problem, rule = f"has the object {name!r}", "the arm has a frame of that name"
@@ -154,16 +162,20 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     Raises
     ------
     InputError
-        If it is neither ``"world"``, which is the root of the URDF, nor a frame of the arm that no joint moves; or if
-        it is ``"world"``, and the base is not the root.
+        If it is neither ``"world"``, which is the root of the URDF, nor a frame of the arm that no
+        joint moves; or if it is ``"world"``, and the base is not the root.
     """
     hint = "pass base_pose=, the pose of the arm's base in that frame"
     if frame in arm.frames:
         body, pose = arm._frames[frame]
         if body:
-            raise InputError(source, f"has poses in the frame {frame!r}", "a joint of the arm moves it", hint)
+            raise InputError(
+                source, f"has poses in the frame {frame!r}", "a joint of the arm moves it", hint
+            )
         return np.linalg.inv(pose).astype(np.float64)
-    if frame != WORLD or arm._left_out:  # the base is not the root, which MoveIt takes for the world
+    if (
+        frame != WORLD or arm._left_out
+    ):  # the base is not the root, which MoveIt takes for the world
         rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
         raise InputError(source, f"has poses in the frame {frame!r}", rule, hint, value=frame)
     return np.eye(4)
@@ -172,21 +184,22 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
 def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> PlanningScene:
     """Read a MoveIt planning scene, for :func:`cspace.build_arm_space`.
 
-    Collision objects are read in one frame, the planning frame, and attached objects in that frame or in the frame of
-    the link that carries them.
+    Collision objects are read in one frame, the planning frame, and attached objects in that frame
+    or in the frame of the link that carries them.
 
     Parameters
     ----------
     path : path-like
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     package_dirs : path-like, or sequence of path-like
-        Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
+        Folders that contain the folders of packages, for meshes, as for
+        :meth:`cspace.Robot.from_urdf`.
 
     Raises
     ------
     FileError, GeometryError
-        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its base, or only changes
-        another state.
+        As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
+        base, or only changes another state.
     """
     from cspace.shapes.scenes import SCENE_KIND, read_scene
 
@@ -208,7 +221,9 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
             problem, rule = "has is_diff: true at robot_state", "it only changes another state"
             raise ContentError(problem, rule, "write the whole state")
         contacts = parse_contacts(table.get("allowed_collision_matrix"))
-    return PlanningScene(source, content.frame, obstacles, attached, JointValues(state.joints), contacts, ids)
+    return PlanningScene(
+        source, content.frame, obstacles, attached, JointValues(state.joints), contacts, ids
+    )
 
 
 class JointGoal(NamedTuple):
@@ -257,18 +272,20 @@ class MotionPlanRequest:
         """Return the file, the group and the number of goals."""
         return f"MotionPlanRequest({self.source}: {self.group}, {len(self.goals)} goals)"
 
-    def make_goals(self, arm: Arm, *, base_pose: ArrayLike | None = None) -> list[Floats | PoseGoal]:
+    def make_goals(
+        self, arm: Arm, *, base_pose: ArrayLike | None = None
+    ) -> list[Floats | PoseGoal]:
         """Return the goals for an arm, as :func:`planners.plan` takes them.
 
-        A joint that a goal does not constrain stays where it is at the start. A value beyond a limit, within its
-        tolerance, is moved onto the limit.
+        A joint that a goal does not constrain stays where it is at the start. A value beyond a
+        limit, within its tolerance, is moved onto the limit.
 
         Parameters
         ----------
         arm : Arm
         base_pose : array-like, shape (4, 4), optional
-            Pose of the arm's base in the frame of the poses. By default the arm knows the frame, or it is ``"world"``
-            and that of the base.
+            Pose of the arm's base in the frame of the poses. By default the arm knows the frame, or
+            it is ``"world"`` and that of the base.
 
         Returns
         -------
@@ -297,8 +314,13 @@ class MotionPlanRequest:
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
                 if not lower - LIMIT_SLACK <= held <= upper + LIMIT_SLACK:
-                    problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
-                    raise InputError(argument, problem, rule, "pass other joints= to Arm.from_urdf", value=value)
+                    problem, rule = (
+                        f"has {joint} at {value:.12g}",
+                        f"the arm holds it at {held:.12g}",
+                    )
+                    raise InputError(
+                        argument, problem, rule, "pass other joints= to Arm.from_urdf", value=value
+                    )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))
             limit = float(np.clip(value, arm.lower[index], arm.upper[index]))
@@ -319,25 +341,28 @@ class MotionPlanRequest:
 def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     """Read a MoveIt motion plan request.
 
-    Goals may be joint constraints with tolerances, or a position constraint, an orientation constraint, or both, of one
-    link. Several goals, and several shapes of a position, are a choice. A pose goal is a ball within the shape of the
-    position, and an angle within the tolerances of the orientation, so that what reaches it satisfies the constraints.
+    Goals may be joint constraints with tolerances, or a position constraint, an orientation
+    constraint, or both, of one link. Several goals, and several shapes of a position, are a choice.
+    A pose goal is a ball within the shape of the position, and an angle within the tolerances of
+    the orientation, so that what reaches it satisfies the constraints.
 
-    The planner, the number of attempts, the bounds of the workspace, which concern mobile bases, and factors of speed
-    are not used.
+    The planner, the number of attempts, the bounds of the workspace, which concern mobile bases,
+    and factors of speed are not used.
 
     Parameters
     ----------
     path : path-like
-        YAML of a ``moveit_msgs/MotionPlanRequest``: as ROS prints it, or as MotionBenchMaker and robowflex write it. It
-        may be the field ``request`` or ``motion_plan_request`` of a larger message.
+        YAML of a ``moveit_msgs/MotionPlanRequest``: as ROS prints it, or as MotionBenchMaker and
+        robowflex write it. It may be the field ``request`` or ``motion_plan_request`` of a larger
+        message.
 
     Raises
     ------
     FileError
-        If the file is missing or malformed, has no goal or an unknown field, changes the scene in ``planning_options``,
-        or constrains paths, visibility, or joints and poses in one goal; if objects are attached, which belong to the
-        scene; or if a region of positions is a cone or a mesh.
+        If the file is missing or malformed, has no goal or an unknown field, changes the scene in
+        ``planning_options``, or constrains paths, visibility, or joints and poses in one goal; if
+        objects are attached, which belong to the scene; or if a region of positions is a cone or a
+        mesh.
 
     Examples
     --------
@@ -346,7 +371,8 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     >>> path = pathlib.Path(tempfile.mkdtemp(), "request.yaml")
     >>> goal = "{joint_constraints: [{joint_name: elbow, position: 1.0, tolerance_above: 0.01}]}"
     >>> start = "{joint_state: {name: [elbow], position: [0.5]}}"
-    >>> _ = path.write_text(f"{{group_name: arm, start_state: {start}, goal_constraints: [{goal}]}}")
+    >>> text = f"group_name: arm, start_state: {start}, goal_constraints: [{goal}]"
+    >>> _ = path.write_text(f"{{{text}}}")
     >>> request = read_moveit_request(path)
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
@@ -356,7 +382,10 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
         message = check_table(content, "the file")
         options = check_table(message.get("planning_options"), "planning_options")
         if _holds_entries(options.get("planning_scene_diff")):
-            problem, rule = "has changes in planning_options.planning_scene_diff", "a scene is read from its own file"
+            problem, rule = (
+                "has changes in planning_options.planning_scene_diff",
+                "a scene is read from its own file",
+            )
             raise ContentError(problem, rule, "write them into the scene")
         for name in ("request", "motion_plan_request"):
             message = message.get(name, message)
@@ -366,16 +395,24 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
                 raise ContentError(f"has {name}", "plans would not obey them", f"remove {name}")
         group, seconds = table.get("group_name") or "", table.get("allowed_planning_time")
         if not isinstance(group, str):
-            raise ContentError(f"has {str(group)[:40]} as group_name", "it must be a name", "correct it")
+            raise ContentError(
+                f"has {str(group)[:40]} as group_name", "it must be a name", "correct it"
+            )
         state = parse_robot_state(table.get("start_state"), "start_state")
         if state.attached:
             hint = "write them as attached_collision_objects of the scene's robot_state"
-            raise ContentError("has attached objects in start_state", "an arm space holds them", hint)
+            raise ContentError(
+                "has attached objects in start_state", "an arm space holds them", hint
+            )
         goals, frames = list[JointGoal | PoseGoal](), dict[str, None]()
-        for number, item in enumerate(check_list(table.get("goal_constraints"), "goal_constraints")):
+        for number, item in enumerate(
+            check_list(table.get("goal_constraints"), "goal_constraints")
+        ):
             goals += _parse_goal(item, f"goal_constraints[{number}]", frames)
             if len(goals) > MAX_GOALS:
-                raise ContentError(f"has more than {MAX_GOALS} goals", "the rest is not read", "remove some")
+                raise ContentError(
+                    f"has more than {MAX_GOALS} goals", "the rest is not read", "remove some"
+                )
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
         if len(frames) > 1:
@@ -383,11 +420,19 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
             raise ContentError(problem, "they must be in one frame", "write all in one frame")
         limit = parse_number(seconds, "allowed_planning_time", 0.0)
         values = JointValues(state.joints)
-        return MotionPlanRequest(str(path), group, values, tuple(goals), next(iter(frames), WORLD), limit or None)
+        return MotionPlanRequest(
+            str(path), group, values, tuple(goals), next(iter(frames), WORLD), limit or None
+        )
 
 
 _REQUEST_FIELDS: Final = (
-    *("workspace_parameters", "start_state", "goal_constraints", "path_constraints", "trajectory_constraints"),
+    *(
+        "workspace_parameters",
+        "start_state",
+        "goal_constraints",
+        "path_constraints",
+        "trajectory_constraints",
+    ),
     *("reference_trajectories", "pipeline_id", "planner_id", "group_name", "num_planning_attempts"),
     *("allowed_planning_time", "max_velocity_scaling_factor", "max_acceleration_scaling_factor"),
     *("cartesian_speed_end_effector_link", "cartesian_speed_limited_link", "max_cartesian_speed"),
@@ -402,7 +447,9 @@ _NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
 def _holds_entries(value: Any) -> bool:
     """Return True if a message holds more than neutral fields and empty lists."""
     if isinstance(value, Mapping):
-        return any(_holds_entries(each) for name, each in value.items() if name not in _NEUTRAL_FIELDS)
+        return any(
+            _holds_entries(each) for name, each in value.items() if name not in _NEUTRAL_FIELDS
+        )
     return bool(value)
 
 
@@ -411,9 +458,16 @@ def _parse_goal(item: Any, place: str, frames: dict[str, None]) -> Sequence[Join
 
     Frames of poses are added to ``frames``.
     """
-    kinds = ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints")
+    kinds = (
+        "joint_constraints",
+        "position_constraints",
+        "orientation_constraints",
+        "visibility_constraints",
+    )
     table = check_table(item, place, ("name", *kinds))
-    joints, positions, orientations, views = (check_list(table.get(kind), f"{kind} of {place}") for kind in kinds)
+    joints, positions, orientations, views = (
+        check_list(table.get(kind), f"{kind} of {place}") for kind in kinds
+    )
     if views:
         problem = f"has visibility_constraints at {place}"
         raise ContentError(problem, "a goal is a pose or values of joints", "remove them")
@@ -424,7 +478,10 @@ def _parse_goal(item: Any, place: str, frames: dict[str, None]) -> Sequence[Join
         return [_parse_joint_goal(joints, place)]
     counts = len(positions), len(orientations)
     if max(counts) != 1:
-        problem = f"has {counts[0]} position_constraints and {counts[1]} orientation_constraints at {place}"
+        problem = (
+            f"has {counts[0]} position_constraints and {counts[1]} orientation_constraints at "
+            f"{place}"
+        )
         raise ContentError(problem, "a goal must have one, or one of each", "add or remove some")
     return _parse_pose_goals(positions, orientations, place, frames)
 
@@ -439,11 +496,15 @@ def _parse_joint_goal(items: Sequence[Any], place: str) -> JointGoal:
         name = entry.get("joint_name")
         if not isinstance(name, str) or not name or name in goal.values:
             rule = "each joint is named once"
-            raise ContentError(f"has {str(name)[:40]!r} as joint_name of {here}", rule, "correct it")
+            raise ContentError(
+                f"has {str(name)[:40]!r} as joint_name of {here}", rule, "correct it"
+            )
         if entry.get("position") is None:
             raise ContentError(f"has no position at {here}", "it must be there", "add it")
         value = parse_number(entry["position"], f"position of {here}", 0.0)
-        above, below = (parse_number(entry.get(side), f"{side} of {here}", 0.0) for side in fields[2:4])
+        above, below = (
+            parse_number(entry.get(side), f"{side} of {here}", 0.0) for side in fields[2:4]
+        )
         if above < 0.0 or below < 0.0:
             problem = f"has the tolerances {below:g} and {above:g} at {here}"
             raise ContentError(problem, "they may not be negative", "correct them")
@@ -457,25 +518,38 @@ def _parse_pose_goals(
     """Return the goals of a position and an orientation constraint."""
     links, rotation, angle = list[str](), np.eye(3), math.inf
     for item in orientations:
-        link, rotation, angle = _parse_orientation(item, f"orientation_constraints of {place}", frames)
+        link, rotation, angle = _parse_orientation(
+            item, f"orientation_constraints of {place}", frames
+        )
         links.append(link)
     centers = [(np.zeros(3), math.inf)]
     for item in positions:
-        link, centers = _parse_position(item, f"position_constraints of {place}", rotation, angle, frames)
+        link, centers = _parse_position(
+            item, f"position_constraints of {place}", rotation, angle, frames
+        )
         links.append(link)
     if len(set(links)) > 1:
         problem = f"constrains {' and '.join(map(repr, links))} at {place}"
         raise ContentError(problem, "a goal is for one link", "remove one")
     if math.isinf(angle) and math.isinf(centers[0][1]):
-        raise ContentError(f"has tolerances beyond half a turn at {place}", "then any pose would do", "tighten them")
-    poses = [(np.block([[rotation, center[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), r) for center, r in centers]
+        raise ContentError(
+            f"has tolerances beyond half a turn at {place}",
+            "then any pose would do",
+            "tighten them",
+        )
+    poses = [
+        (np.block([[rotation, center[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), r)
+        for center, r in centers
+    ]
     return [PoseGoal(links[0], pose, (radius, angle)) for pose, radius in poses]
 
 
 def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[str, Floats, float]:
     """Return the link, the rotation and the largest angle of an orientation constraint."""
     names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-    entry = check_table(item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight"))
+    entry = check_table(
+        item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight")
+    )
     frames[parse_frame(entry, place)] = None
     link = _parse_link(entry, place)
     rotation = parse_pose({"orientation": entry.get("orientation")}, place)[:3, :3]
@@ -483,18 +557,28 @@ def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[
     tolerance = min(abs(parse_number(entry.get(name), f"{name} of {place}", 0.0)) for name in names)
     if not tolerance > 0.0:
         problem = f"has a tolerance of zero at {place}"
-        raise ContentError(problem, "no computed pose would be within it", "make it larger, e.g. 1e-3")
-    return link, rotation, math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
+        raise ContentError(
+            problem, "no computed pose would be within it", "make it larger, e.g. 1e-3"
+        )
+    return (
+        link,
+        rotation,
+        math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE),
+    )
 
 
 def _parse_position(
     item: Any, place: str, rotation: Floats, angle: float, frames: dict[str, None]
 ) -> tuple[str, list[tuple[Floats, float]]]:
-    """Return the link of a position constraint, and a center and radius for each shape of its region.
+    """Return the link of a position constraint, and the balls of its region.
+
+    They are a center and a radius for each shape.
 
     They are those of the link's origin, at a rotation up to an angle.
     """
-    entry = check_table(item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight"))
+    entry = check_table(
+        item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight")
+    )
     frames[parse_frame(entry, place)] = None
     link = _parse_link(entry, place)
     offset = np.zeros(3)
@@ -502,7 +586,9 @@ def _parse_position(
         offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {place}")
     if offset.any() and math.isinf(angle):
         problem = f"has a target_point_offset without orientation at {place}"
-        raise ContentError(problem, "a pose goal is for the origin of a link", "add the orientation")
+        raise ContentError(
+            problem, "a pose goal is for the origin of a link", "add the orientation"
+        )
     fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
     region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
     # Within the angle, the offset point moves by at most this.
@@ -510,34 +596,51 @@ def _parse_position(
     balls = _parse_region(region, f"region of {place}")
     centers = [(center - rotation @ offset, radius - sway) for center, radius in balls]
     if min(radius for _, radius in centers) <= 0.0:
-        problem = f"has a target_point_offset at {place} that sways {sway:.3g} m within the orientation's tolerance"
-        raise ContentError(problem, "the region must be larger", "tighten the orientation, or widen the region")
+        problem = (
+            f"has a target_point_offset at {place} that sways {sway:.3g} m within the "
+            "orientation's tolerance"
+        )
+        raise ContentError(
+            problem, "the region must be larger", "tighten the orientation, or widen the region"
+        )
     return link, centers
 
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
-"""Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's angle."""
+"""Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
+angle."""
 
 
 def _parse_link(entry: Mapping[str, Any], place: str) -> str:
     """Return the link that a constraint names."""
     name = entry.get("link_name")
     if not isinstance(name, str) or not name:
-        raise ContentError(f"has {str(name)[:40]!r} as link_name of {place}", "it must be a name", "add it")
+        raise ContentError(
+            f"has {str(name)[:40]!r} as link_name of {place}", "it must be a name", "add it"
+        )
     return name
 
 
 def _parse_region(region: Mapping[str, Any], place: str) -> list[tuple[Floats, float]]:
-    """Return the center and radius of the largest ball around the center of each shape of a region, metres."""
+    """Return the center and radius of a ball in each shape of a region, metres.
+
+    It is the largest one around the center of the shape.
+    """
     from cspace.shapes.scenes import parse_primitive
 
     if region.get("meshes"):
-        raise ContentError(f"has meshes at {place}", "it may hold boxes, spheres and cylinders", "write such a region")
+        raise ContentError(
+            f"has meshes at {place}",
+            "it may hold boxes, spheres and cylinders",
+            "write such a region",
+        )
     items = check_list(region.get("primitives"), f"primitives of {place}")
     poses = check_list(region.get("primitive_poses"), f"primitive_poses of {place}")
     if not items or len(items) != len(poses):
         problem = f"has {len(items)} primitives and {len(poses)} primitive_poses at {place}"
-        raise ContentError(problem, "each needs a pose, and there must be one", "add or remove some")
+        raise ContentError(
+            problem, "each needs a pose, and there must be one", "add or remove some"
+        )
     balls = []
     for number, (item, pose) in enumerate(zip(items, poses, strict=True)):
         here = f"primitives[{number}] of {place}"
@@ -545,7 +648,12 @@ def _parse_region(region: Mapping[str, Any], place: str) -> list[tuple[Floats, f
         if kind not in _BALL_RADII:
             rule = f"it must be one of {', '.join(_BALL_RADII)}"
             raise ContentError(f"has a {kind} at {here}", rule, "write one of them")
-        balls.append((parse_pose(pose, f"primitive_poses[{number}] of {place}")[:3, 3], _BALL_RADII[kind](*sizes)))
+        balls.append(
+            (
+                parse_pose(pose, f"primitive_poses[{number}] of {place}")[:3, 3],
+                _BALL_RADII[kind](*sizes),
+            )
+        )
     return balls
 
 

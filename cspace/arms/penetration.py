@@ -1,4 +1,4 @@
-"""Overlap of the links of an arm with obstacles, and its derivatives by the joints, for optimizers."""
+"""Overlap of the links of an arm with obstacles, and its derivatives, for optimizers."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from cspace.spectral.descriptors import BallsLike, as_balls, check_same_dim, com
 class ArmPenetration:
     """Overlap of an arm's balls with fixed balls, with derivatives.
 
-    The overlap is zero if no balls meet, grows with the depth, and is smooth, so that optimizers can pull a path out of
-    obstacles. It proves nothing: prove the path with :meth:`cspace.ArmSpace.certify_path`. Links are not tested against
-    each other.
+    The overlap is zero if no balls meet, grows with the depth, and is smooth, so that optimizers
+    can pull a path out of obstacles. It proves nothing: prove the path with
+    :meth:`cspace.ArmSpace.certify_path`. Links are not tested against each other.
 
     Parameters
     ----------
     arm : Arm
     links : mapping of str to balls
-        Balls of each link, in the frame of that name (:attr:`cspace.Arm.frames`), metres: an object with ``centers``
-        and ``radii``, or (centers, radii), for example a result of :func:`cspace.spectral.decompose`.
+        Balls of each link, in the frame of that name (:attr:`cspace.Arm.frames`), metres: an object
+        with ``centers`` and ``radii``, or (centers, radii), for example a result of
+        :func:`cspace.spectral.decompose`.
     obstacles : balls
         In the frame of the arm's base, metres.
     bump, band, tolerance
         As for :class:`cspace.spectral.FourierOverlap`.
 
-    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed, for many balls of
-    one radius, and is not installed.
+    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed,
+    for many balls of one radius, and is not installed.
     """
 
     def __init__(
@@ -48,7 +49,9 @@ class ArmPenetration:
         tolerance: float = 0.01,
     ) -> None:
         if not links:
-            raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}", value=links)
+            raise InputError(
+                "links", "is empty", "there must be one", "pass e.g. {'hand': balls}", value=links
+            )
         kind = common_bump(bump, obstacles, *links.values())
         bodies, points, radii = [], [], []
         for name, source in links.items():
@@ -61,25 +64,37 @@ class ArmPenetration:
         fixed = as_balls(obstacles, "obstacles", kind)
         check_same_dim("obstacles", fixed.dim, 3)
         self.arm, self._bodies, self._points = arm, np.concatenate(bodies), np.concatenate(points)
-        self._field = BallPenetration(np.concatenate(radii), fixed, bump=kind, band=band, tolerance=tolerance)
+        self._field = BallPenetration(
+            np.concatenate(radii), fixed, bump=kind, band=band, tolerance=tolerance
+        )
 
     def value_and_gradient(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the overlap at configurations, and its derivatives by the joints.
 
-        ``q``, shape (..., dof), is in radians and metres. The results have shapes (...) and (..., dof), in cubic
-        metres, and that per radian or metre. Raises InputError if q is not of finite numbers, one for each joint.
+        ``q``, shape (..., dof), is in radians and metres. The results have shapes (...) and (...,
+        dof), in cubic metres, and that per radian or metre. Raises InputError if q is not of finite
+        numbers, one for each joint.
         """
         points, chain = self.arm._check_configurations(q, "q"), self.arm.chain
         poses = body_poses(chain, points)
         placed = poses[..., self._bodies, :, :]
-        centers = np.einsum("...kij,kj->...ki", placed[..., :3, :3], self._points) + placed[..., :3, 3]
+        centers = (
+            np.einsum("...kij,kj->...ki", placed[..., :3, :3], self._points) + placed[..., :3, 3]
+        )
         values, forces = self._field.value_and_gradient(centers)
         moments, gradient = np.cross(centers, forces), np.zeros(points.shape)
         for body in np.flatnonzero(chain.kinds):
             # A joint moves the balls of all bodies that hang on its body.
             moved = chain.between[self._bodies, 0, body]
-            force, axis = forces[..., moved, :].sum(axis=-2), poses[..., body, :3, :3] @ chain.axes[body]
+            force, axis = (
+                forces[..., moved, :].sum(axis=-2),
+                poses[..., body, :3, :3] @ chain.axes[body],
+            )
             if chain.kinds[body] == REVOLUTE:
-                force = moments[..., moved, :].sum(axis=-2) - np.cross(poses[..., body, :3, 3], force)
-            gradient[..., chain.joint_indices[body]] += chain.factors[body] * (axis * force).sum(axis=-1)
+                force = moments[..., moved, :].sum(axis=-2) - np.cross(
+                    poses[..., body, :3, 3], force
+                )
+            gradient[..., chain.joint_indices[body]] += chain.factors[body] * (axis * force).sum(
+                axis=-1
+            )
         return values, gradient

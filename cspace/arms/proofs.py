@@ -1,13 +1,15 @@
 """Compiled proofs that the links of an arm touch neither obstacles nor each other during a motion.
 
-A motion is halved recursively. At the midpoint of a part, each pair of solids is either far enough apart for the whole
-part, or tested again in both halves; distant pairs are tested once (F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive
-dynamic collision checking for single and multiple articulated robots in complex environments", 2005). Longer parts come
-first, so that a collision is found early, and in each part the pair that last was not proven.
+A motion is halved recursively. At the midpoint of a part, each pair of solids is either far enough
+apart for the whole part, or tested again in both halves; distant pairs are tested once (F.
+Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
+articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
+found early, and in each part the pair that last was not proven.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). If no boundaries meet, a
-connected part lies entirely inside or outside a closed surface, so a single point of it decides, once for a whole
-motion. If hulls of whole parts are apart, this test is not needed.
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). If no
+boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
+point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
+needed.
 """
 
 from __future__ import annotations
@@ -17,7 +19,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.chain import Chain, forward_kinematics, motion_bounds, relative_motion, relative_pose
+from cspace.arms.chain import (
+    Chain,
+    forward_kinematics,
+    motion_bounds,
+    relative_motion,
+    relative_pose,
+)
 from cspace.arms.hulls import Hulls, joint_displacement, tree_slack
 from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
@@ -74,8 +82,8 @@ class Solids(NamedTuple):
     anchors : ndarray of float64, shape (m, 3)
         A point of each connected part.
     has_solids : ndarray of bool, shape (s,)
-        True if the tree has boxes or balls, which are solid. Their levers are 1 if they could lie entirely inside
-        others, else 0.
+        True if the tree has boxes or balls, which are solid. Their levers are 1 if they could lie
+        entirely inside others, else 0.
     starts : ndarray of int64, shape (s + 1, 3)
         First surface, first anchor and first part of each solid.
     """
@@ -141,11 +149,13 @@ class SceneScratch(NamedTuple):
         Unproven pairs of each part.
     poses : ndarray of float64, shape (b, 3, 6)
     bounds : ndarray of float64, shape (p, 3)
-        Bounds of each pair along the whole motion: displacement, half the acceleration, rotation of the joints.
+        Bounds of each pair along the whole motion: displacement, half the acceleration, rotation of
+        the joints.
     not_nested : ndarray of bool, shape (p,)
         Pairs known not to contain each other.
     axes : ndarray of float64, shape (b, 8)
-        Joints that move a pair in a box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
+        Joints that move a pair in a box of configurations; see
+        :func:`cspace.arms.hulls.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -175,7 +185,8 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
 def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
     """Return whether each motion is proven free.
 
-    Motions lead from ``firsts`` to ``lasts``, shapes (n, dof). One thread computes the result, shape (n,).
+    Motions lead from ``firsts`` to ``lasts``, shapes (n, dof). One thread computes the result,
+    shape (n,).
     """
     out = np.empty(len(firsts), dtype=np.bool_)
     motions_are_free(scene, firsts, lasts, out, make_scene_scratch(scene))
@@ -183,14 +194,18 @@ def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
 
 
 @kernel
-def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch) -> None:
+def motions_are_free(
+    scene: Scene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch
+) -> None:
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
     Equal endpoints mean a point.
     """
     for k in range(len(firsts)):
         # Most colliding motions end in a collision, so the endpoint is tested first.
-        out[k] = point_is_free(scene, lasts[k], scratch) and motion_is_free(scene, firsts[k], lasts[k], scratch)
+        out[k] = point_is_free(scene, lasts[k], scratch) and motion_is_free(
+            scene, firsts[k], lasts[k], scratch
+        )
 
 
 @kernel
@@ -231,7 +246,9 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         return False
     for n in range(len(scene.pairs)):
         i, j = scene.pairs[n]
-        most, curve, turned = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        most, curve, turned = motion_bounds(
+            chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
+        )
         scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
         scratch.not_nested[n], open_pairs[0, n] = False, True
         longest = max(longest, most)
@@ -240,7 +257,8 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     parts[0, 0], parts[0, 1] = 0.0, 1.0
     head, pending = 0, 1
     for _ in range(MAX_DISTANCES_PER_EDGE):
-        # Take the longest part, so that collisions are found early; the shortest if the queue is nearly full.
+        # Take the longest part, so that collisions are found early; the shortest if the queue is
+        # nearly full.
         pending -= 1
         row = (head + pending) % MAX_PENDING_MOTIONS
         if pending < MAX_PENDING_MOTIONS - 64:
@@ -254,8 +272,16 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         if state == BLOCKED:
             return False
         if state == MIXED:
-            one, other = (head + pending) % MAX_PENDING_MOTIONS, (head + pending + 1) % MAX_PENDING_MOTIONS
-            parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, center, center, last
+            one, other = (
+                (head + pending) % MAX_PENDING_MOTIONS,
+                (head + pending + 1) % MAX_PENDING_MOTIONS,
+            )
+            parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = (
+                first,
+                center,
+                center,
+                last,
+            )
             for n in range(len(scene.pairs)):
                 open_pairs[one, n] = open_pairs[other, n] = open_pairs[row, n]
             pending += 2
@@ -265,11 +291,13 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
 
 
 @kernel
-def part_state(scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch) -> int:
+def part_state(
+    scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch
+) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
 
-    The poses are those of the center of the part, which extends to ``half`` of the motion before and after. Returns
-    BLOCKED if a pair is not apart there, else MIXED.
+    The poses are those of the center of the part, which extends to ``half`` of the motion before
+    and after. Returns BLOCKED if a pair is not apart there, else MIXED.
     """
     state = FREE
     for n in range(len(scene.pairs)):
@@ -305,8 +333,9 @@ def pair_slack(
 ) -> float:
     """Return :func:`cspace.arms.hulls.tree_slack` of a pair, inf if one solid is empty.
 
-    The pair's padding is required in addition. ``bounds`` are the time to either side, the largest deviation from the
-    linear motion, and the largest displacement. ``axes`` are the joints of a box of configurations, none for a motion.
+    The pair's padding is required in addition. ``bounds`` are the time to either side, the largest
+    deviation from the linear motion, and the largest displacement. ``axes`` are the joints of a box
+    of configurations, none for a motion.
     """
     solids, (half, curvature_bound, most) = scene.solids, bounds
     i, j = scene.pairs[n]
@@ -321,18 +350,22 @@ def pair_slack(
         most,
         required + scene.padding[n],
     )
-    return tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, scratch.nodes)
+    return tree_slack(
+        solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, scratch.nodes
+    )
 
 
 @kernel
 def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
     """Return True if an anchor lies in the other solid.
 
-    It must lie deeper than ``min_depth``. If no boundaries meet, an anchor decides for its connected part, and
-    ``min_depth`` is -1.
+    It must lie deeper than ``min_depth``. If no boundaries meet, an anchor decides for its
+    connected part, and ``min_depth`` is -1.
     """
     i, j = scene.pairs[n]
-    if anchor_lies_in(scene, i, j, scratch, min_depth) or anchor_lies_in(scene, j, i, scratch, min_depth):
+    if anchor_lies_in(scene, i, j, scratch, min_depth) or anchor_lies_in(
+        scene, j, i, scratch, min_depth
+    ):
         return True
     return bool(scene.solids.has_solids[j] and piece_lies_in(scene, j, i, scratch, min_depth))
 
@@ -348,7 +381,9 @@ def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_dept
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
             point = apply_pose(matrix, shift, row_at(solids.anchors[n], 0))
-            if encloses(solids.surfaces, solids.surface_roots[surface], point, min_depth, scratch.nodes):
+            if encloses(
+                solids.surfaces, solids.surface_roots[surface], point, min_depth, scratch.nodes
+            ):
                 return True
     return False
 
@@ -360,7 +395,11 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
     Tests only boxes and balls small enough to lie inside.
     """
     solids, nodes = scene.solids, scratch.nodes
-    trees, one, other = solids.trees, scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
+    trees, one, other = (
+        solids.trees,
+        scratch.poses[solids.bodies[i]],
+        scratch.poses[solids.bodies[j]],
+    )
     (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         root = solids.surface_roots[surface]
@@ -392,7 +431,8 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
 def encloses(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point lies deep in a closed surface.
 
-    It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the distances.
+    It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the
+    distances.
     """
     if winding_number(surfaces, root, point, nodes) == 0:
         return False
@@ -401,7 +441,9 @@ def encloses(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nod
 
 @kernel
 def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) -> int:
-    """Return how often a closed surface winds around a point: the signed crossings of an upward ray.
+    """Return how often a closed surface winds around a point.
+
+    It counts the signed crossings of an upward ray.
 
     The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
@@ -418,7 +460,9 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
         if z - around[2] > around[5] + rounding:
             continue
         if count == 1:
-            winding += signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
+            winding += (
+                signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
+            )
             continue
         nodes[top, 1], nodes[top + 1, 1] = b + 1, b + 2 * (count // 2)
         top += 2
@@ -426,11 +470,13 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
 
 
 @kernel
-def nearest_triangle(surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints) -> float:
+def nearest_triangle(
+    surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints
+) -> float:
     """Return a point's distance from the nearest triangle of a surface.
 
-    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be returned. The
-    second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be
+    returned. The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
     nodes[1, 1], top, nearest = root, 2, np.inf
     while top > 1:
@@ -454,11 +500,14 @@ def nearest_triangle(surfaces: SurfaceTree, root: int, point: Row, enough: float
 
 
 @kernel
-def boundaries_cross(scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch) -> bool:
+def boundaries_cross(
+    scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch
+) -> bool:
     """Return True if the first boundary provably crosses the second solid.
 
-    It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the rounding of a point.
-    With ``axes``, the proof holds in a whole box of configurations; see :func:`cspace.arms.hulls.joint_displacement`.
+    It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
+    rounding of a point. With ``axes``, the proof holds in a whole box of configurations; see
+    :func:`cspace.arms.hulls.joint_displacement`.
     """
     solids = scene.solids
     i, j = scene.pairs[n]
@@ -466,26 +515,41 @@ def boundaries_cross(scene: Scene, n: int, axes: Floats, required: float, scratc
     for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
         for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
             roots = solids.tree_roots[one], solids.tree_roots[other]
-            if min(roots) >= 0 and parts_cross(solids.trees, roots, matrix, shift, axes, required, scratch.nodes):
+            if min(roots) >= 0 and parts_cross(
+                solids.trees, roots, matrix, shift, axes, required, scratch.nodes
+            ):
                 return True
     return False
 
 
 @kernel
 def parts_cross(
-    trees: Trees, roots: tuple[int, int], matrix: Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
+    trees: Trees,
+    roots: tuple[int, int],
+    matrix: Matrix,
+    shift: Row,
+    axes: Floats,
+    required: float,
+    nodes: Ints,
 ) -> bool:
-    """Return True if the boundary of one part provably crosses another part, given the roots of both.
+    """Return True if the boundary of one part provably crosses another part.
 
-    The pose of the first part, and the ``axes``, are as seen from the second. ``nodes`` is scratch, shape
-    (MAX_PENDING_PAIRS, 2).
+    The parts are given by their roots.
+
+    The pose of the first part, and the ``axes``, are as seen from the second. ``nodes`` is scratch,
+    shape (MAX_PENDING_PAIRS, 2).
     """
     nodes[1, 0], nodes[1, 1], top = roots[0], roots[1], 2
     is_filled = trees.triangles[trees.spans[roots[1], 0], 9] != 0.0
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
-        box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
+        box, against, (row, m), (piece, k) = (
+            trees.boxes[a],
+            trees.boxes[b],
+            trees.spans[a],
+            trees.spans[b],
+        )
         center, half = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
         if boxes_are_apart(minus(center, row_at(against, 0)), half, row_at(against, 3)):
             continue
@@ -499,7 +563,9 @@ def parts_cross(
             if other_size <= moved or (size <= moved and not is_filled):
                 continue
         if m == 1 and k == 1:
-            if rows_cross(trees.triangles[row], trees.triangles[piece], matrix, shift, required, moved):
+            if rows_cross(
+                trees.triangles[row], trees.triangles[piece], matrix, shift, required, moved
+            ):
                 return True
         elif m == 1 or (k > 1 and other_size > half[0] + half[1] + half[2]):
             nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
@@ -512,15 +578,20 @@ def parts_cross(
 
 @kernel
 def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
-    """Return True if two axis-aligned boxes are apart along an axis, given the offset of their centers."""
+    """Return True if two axis-aligned boxes at an offset are apart along an axis."""
     if abs(offset[0]) > half[0] + other_half[0] or abs(offset[1]) > half[1] + other_half[1]:
         return True
     return bool(abs(offset[2]) > half[2] + other_half[2])
 
 
 @kernel
-def rows_cross(p: Floats, q: Floats, matrix: Matrix, shift: Row, required: float, moved: float) -> bool:
-    """Return True if a triangle p, at a pose, provably crosses a triangle q, or enters a box or ball q."""
+def rows_cross(
+    p: Floats, q: Floats, matrix: Matrix, shift: Row, required: float, moved: float
+) -> bool:
+    """Return True if a placed triangle p provably crosses or enters q.
+
+    The part q is a triangle, a box or a ball.
+    """
     corners = (
         apply_pose(matrix, shift, row_at(p, 0)),
         apply_pose(matrix, shift, row_at(p, 3)),
@@ -528,7 +599,9 @@ def rows_cross(p: Floats, q: Floats, matrix: Matrix, shift: Row, required: float
     )
     if q[9] != 0.0:
         return pierces(corners, q, required + moved)
-    return p[9] == 0.0 and crosses(corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required, moved)
+    return p[9] == 0.0 and crosses(
+        corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required, moved
+    )
 
 
 @kernel
@@ -550,12 +623,14 @@ def is_beyond_side(matrix: Matrix, center: Row, half: Row, piece: Floats) -> boo
 
 
 @kernel
-def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch) -> None:
+def pair_distances(
+    scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
+) -> None:
     """Bound the distance over all pairs from below.
 
-    ``points`` has shape (n, dof). The distances are those beyond the required distance of the scene, padding included.
-    Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the
-    two nodes that set the bound.
+    ``points`` has shape (n, dof). The distances are those beyond the required distance of the
+    scene, padding included. Negative values prove nothing. ``nearest``, shape (n, 3), receives the
+    pair and the two nodes that set the bound.
     """
     nodes = scratch.nodes
     for k in range(len(points)):
@@ -563,7 +638,8 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
-            # A pair that is too near counts, even if its distance exceeds that of a pair with less padding.
+            # A pair that is too near counts, even if its distance exceeds that of a pair with less
+            # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, -1.0):
@@ -578,7 +654,8 @@ def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scr
 def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
     """Fill ``out`` with whether configurations are proven BLOCKED, beyond rounding.
 
-    The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the other.
+    The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the
+    other.
     """
     for k in range(len(points)):
         required = required_distance(scene, points[k], points[k])
@@ -586,7 +663,10 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
         out[k] = False
         for n in range(len(scene.pairs)):
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            if not out[k] and pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0:
+            if (
+                not out[k]
+                and pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0
+            ):
                 out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

@@ -24,7 +24,8 @@ def make_scene(
 ) -> Scene:
     """Return the scene of outer shapes, which proves FREE.
 
-    Pairs of solids, given by their indices, must be farther apart than the margin and their padding, shape (p,).
+    Pairs of solids, given by their indices, must be farther apart than the margin and their
+    padding, shape (p,).
     """
     parts = [part.bounds_pair[0] for solid in solids for part in solid.parts]
     packed = _pack(solids, parts, [part.anchors for part in parts], *_pack_hulls(solids))
@@ -38,8 +39,9 @@ def make_scene(
 def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
     """Return the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
-    Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
-    rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
+    Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
+    much again for the rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38``
+    of the largest link or obstacle.
     """
     pairs = [part.bounds_pair for solid in solids for part in solid.parts]
     parts = [inner for _, inner in pairs]
@@ -52,7 +54,9 @@ def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
         packed = _pack(solids, parts, points, outer.hulls, outer.roots, outer.part_roots)
     max_coordinate = _max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
-    return Scene(scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required)
+    return Scene(
+        scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required
+    )
 
 
 def _pack(
@@ -66,7 +70,10 @@ def _pack(
     """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
     trees, tree_roots = _pack_trees(parts)
     surfaces, surface_roots = _pack_surfaces(parts)
-    filled = [any(part.is_filled and len(part.tree.boxes) for part in own) for own in _split(solids, parts)]
+    filled = [
+        any(part.is_filled and len(part.tree.boxes) for part in own)
+        for own in _split(solids, parts)
+    ]
     anchors, starts = _pack_points(solids, parts, points)
     boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
     return Solids(
@@ -88,12 +95,21 @@ def _pack(
 def _split(solids: Sequence[Solid], parts: Sequence[PosedShape]) -> list[Sequence[PosedShape]]:
     """Return the parts of each solid."""
     stops = np.cumsum([len(solid.parts) for solid in solids]).tolist()
-    return [parts[stop - len(solid.parts) : stop] for solid, stop in zip(solids, stops, strict=True)]
+    return [
+        parts[stop - len(solid.parts) : stop] for solid, stop in zip(solids, stops, strict=True)
+    ]
 
 
-def _pack_points(solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]) -> tuple[Floats, Ints]:
-    """Return the points of all parts, and the first surface, point and part of each solid, shape (s + 1, 3)."""
-    counts = [(len(part.surface[0]) > 0, len(each), 1) for part, each in zip(parts, points, strict=True)]
+def _pack_points(
+    solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]
+) -> tuple[Floats, Ints]:
+    """Return the points of all parts, and the first entries of each solid.
+
+    These are its first surface, point and part, shape (s + 1, 3).
+    """
+    counts = [
+        (len(part.surface[0]) > 0, len(each), 1) for part, each in zip(parts, points, strict=True)
+    ]
     before_parts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
@@ -134,7 +150,10 @@ def _pack_surfaces(parts: Sequence[PosedShape]) -> tuple[SurfaceTree, Ints]:
         nodes += len(tree.boxes)
         row += len(tree.triangles)
     joined = SurfaceTree(
-        np.concatenate(boxes), np.concatenate(spans), np.concatenate(triangles), np.concatenate(windings)
+        np.concatenate(boxes),
+        np.concatenate(spans),
+        np.concatenate(triangles),
+        np.concatenate(windings),
     )
     return joined, np.array(roots, dtype=np.int64)
 
@@ -145,7 +164,11 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
     Also returns the root of each solid, above its parts, and the root of each part; -1 for none.
     """
     # No child may be node 0, because that marks leaves.
-    boxes, nodes, corners = [np.zeros((1, 9))], [np.zeros((1, 5), dtype=np.int64)], [np.empty((3, 0))]
+    boxes, nodes, corners = (
+        [np.zeros((1, 9))],
+        [np.zeros((1, 5), dtype=np.int64)],
+        [np.empty((3, 0))],
+    )
     roots, part_roots = list[int](), list[int]()
     count, corner = 1, 0
     for solid in solids:
@@ -178,4 +201,6 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
 def _max_coordinate(chain: Chain, solids: Solids) -> float:
     """Return the largest coordinate at any configuration, metres."""
     roots = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
-    return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
+    return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(
+        chain.lengths.max()
+    )

@@ -1,7 +1,7 @@
 """Short paths of arms along proven motions, by a compiled search with two trees.
 
-J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, "Informed RRT*", 2014; R. Geraerts and
-M. H. Overmars, "Creating high-quality paths for motion planning", 2007.
+J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, "Informed RRT*",
+2014; R. Geraerts and M. H. Overmars, "Creating high-quality paths for motion planning", 2007.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ MAX_STRIDE: Final = 1.0
 
 
 NEAR_PER_SQRT_JOINT: Final = 1.25 * MAX_STRIDE
-"""Radius of a blocked node's sampling domain, divided by the square root of the number of joints; radians or metres.
+"""Radius of a blocked node's sampling domain, divided by the square root of the number of joints;
+radians or metres.
 
-A node from which a motion was blocked ignores farther samples (A. Yershova and others, "Dynamic-domain RRTs", 2005).
-Distances between random configurations grow with that square root.
+A node from which a motion was blocked ignores farther samples (A. Yershova and others,
+"Dynamic-domain RRTs", 2005). Distances between random configurations grow with that square root.
 """
 
 TRIES_PER_CLOCK_CHECK: Final = 32
@@ -52,10 +53,12 @@ WAYPOINT_SHARE: Final = 0.5
 """Share of the parts that end at waypoints; the others end between them."""
 
 MIN_PULL: Final = 1e-3
-"""Length by which a pulled part must be shorter, radians or metres; less would only add waypoints."""
+"""Length by which a pulled part must be shorter, radians or metres; less would only add waypoints.
+"""
 
 MIN_GAIN: Final = 0.01
-"""Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for more to follow."""
+"""Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
+more to follow."""
 
 BATCHES_PER_SEARCH: Final = 4
 """Batches of attempts that a further search may take beyond the mean of the searches before it."""
@@ -100,7 +103,9 @@ def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 
 @kernel
-def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, scratch: SceneScratch) -> int:
+def extend_tree(
+    forest: Forest, scene: Scene, side: int, near: int, q: Floats, scratch: SceneScratch
+) -> int:
     """Grow a tree from a node by at most a stride.
 
     Returns the new node, or -1.
@@ -111,7 +116,10 @@ def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, s
     share = MAX_STRIDE / math.sqrt(square) if square > MAX_STRIDE**2 else 1.0
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    if not (point_is_free(scene, nodes[new], scratch) and motion_is_free(scene, nodes[near], nodes[new], scratch)):
+    if not (
+        point_is_free(scene, nodes[new], scratch)
+        and motion_is_free(scene, nodes[near], nodes[new], scratch)
+    ):
         forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
         return -1
     forest.parents[side, new], forest.reaches[side, new] = near, np.inf
@@ -120,16 +128,21 @@ def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, s
 
 
 @kernel
-def grow_trees(scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch) -> tuple[int, int, int]:
+def grow_trees(
+    scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch
+) -> tuple[int, int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof).
 
-    Returns the number of samples used, and the nodes of both trees that meet, -1 if none do. It stops after
-    TRIES_PER_CLOCK_CHECK attempts, or if the capacity is nearly used up.
+    Returns the number of samples used, and the nodes of both trees that meet, -1 if none do. It
+    stops after TRIES_PER_CLOCK_CHECK attempts, or if the capacity is nearly used up.
     """
     capacity, tries = forest.nodes.shape[1], 0
     for k in range(len(samples)):
         side = 0 if forest.counts[0] <= forest.counts[1] else 1
-        if tries == TRIES_PER_CLOCK_CHECK or max(forest.counts[0], forest.counts[1]) + 2 >= capacity:
+        if (
+            tries == TRIES_PER_CLOCK_CHECK
+            or max(forest.counts[0], forest.counts[1]) + 2 >= capacity
+        ):
             return k, -1, -1
         near, far = nearest_node(forest, side, samples[k])
         if far > forest.reaches[side, near]:
@@ -190,9 +203,9 @@ class PathSearch:
     def find(self, straight: bool, find_more: Callable[[], Floats] | None = None) -> Floats:
         """Find a path, shape (n, dof); empty if time ends.
 
-        The first samples are the endpoints themselves. If ``straight``, it skips waypoints that straight motions do not
-        need. After :data:`BATCHES_BEFORE_MORE_GOALS`, or half the time, ``find_more`` gives further
-        free goals, and the search begins again.
+        The first samples are the endpoints themselves. If ``straight``, it skips waypoints that
+        straight motions do not need. After :data:`BATCHES_BEFORE_MORE_GOALS`, or half the time,
+        ``find_more`` gives further free goals, and the search begins again.
         """
         path = self._goals[:0]
         if find_more is not None:
@@ -210,18 +223,22 @@ class PathSearch:
     def shorten(self, path: Floats, searches: int | None) -> Floats:
         """Shorten a path by further searches, and by pulling its parts straight.
 
-        It stops after ``searches``, or at the time limit; if the path is within :data:`MIN_GAIN` of the straight motion
-        to the nearest goal; or if the last :data:`MAX_VAIN_SEARCHES` searches gained less than that.
+        It stops after ``searches``, or at the time limit; if the path is within :data:`MIN_GAIN` of
+        the straight motion to the nearest goal; or if the last :data:`MAX_VAIN_SEARCHES` searches
+        gained less than that.
         """
         path = self._pull(path)
         lengths = [_length(path)]
         while searches is None or len(lengths) <= searches:
             goals = self._goals[self._distances < (1.0 - MIN_GAIN) * lengths[-1]]
-            before = lengths[-1 - MAX_VAIN_SEARCHES] if len(lengths) > MAX_VAIN_SEARCHES else math.inf
+            before = (
+                lengths[-1 - MAX_VAIN_SEARCHES] if len(lengths) > MAX_VAIN_SEARCHES else math.inf
+            )
             is_vain = (1.0 - MIN_GAIN) * before < lengths[-1]
             if not len(goals) or is_vain or clock() >= self._end:
                 break
-            # A search that takes much longer than the others is given up, because it rarely leads to a shorter path.
+            # A search that takes much longer than the others is given up, because it rarely leads
+            # to a shorter path.
             batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
             other = self._connect(goals, goals[:0], lengths[-1], batches, self._end, True)
             if len(other):
@@ -266,7 +283,7 @@ class PathSearch:
         return path[rows]
 
     def _is_free(self, path: Floats) -> bool:
-        """Return True if all motions from a free configuration are within the spans and proven free."""
+        """Return True if all motions from a configuration are within spans and proven free."""
         if (np.abs(np.diff(path, axis=0)) > self._spans).any():
             return False
         free = np.empty(len(path) - 1, dtype=np.bool_)
@@ -276,8 +293,8 @@ class PathSearch:
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.
 
-        They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds are replaced by
-        uniform ones within.
+        They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds
+        are replaced by uniform ones within.
         """
         rng, size = self._rng, len(self._start)
         uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, size))
@@ -288,11 +305,15 @@ class PathSearch:
         distances = np.linalg.norm(axes, axis=1, keepdims=True)
         axes /= distances
         balls = rng.normal(size=uniform.shape)
-        balls *= rng.random((len(balls), 1)) ** (1.0 / size) / np.linalg.norm(balls, axis=1, keepdims=True)
+        balls *= rng.random((len(balls), 1)) ** (1.0 / size) / np.linalg.norm(
+            balls, axis=1, keepdims=True
+        )
         minor = np.sqrt(length**2 - distances**2)
         along = (balls * axes).sum(axis=1, keepdims=True)
         samples = 0.5 * (self._start + ends + minor * balls + (length - minor) * along * axes)
-        inside = ((samples >= self._bounds[0]) & (samples <= self._bounds[1])).all(axis=1, keepdims=True)
+        inside = ((samples >= self._bounds[0]) & (samples <= self._bounds[1])).all(
+            axis=1, keepdims=True
+        )
         return np.where(inside, samples, uniform)
 
     def _pull(self, path: Floats) -> Floats:
@@ -305,7 +326,9 @@ class PathSearch:
         return path
 
     def _pull_part(self, path: Floats) -> Floats:
-        """Pull a random part of a path towards its straight motion, where that is shorter and proven free.
+        """Pull a random part of a path towards its straight motion.
+
+        The result is shorter and proven free.
 
         All joints of the part move, or a single one.
         """
@@ -313,7 +336,9 @@ class PathSearch:
         if self._rng.random() < WAYPOINT_SHARE:
             first, last = np.rint((first, last))
         start, stop = math.floor(first), math.ceil(last)
-        part = np.concatenate([_point_at(path, first), path[start + 1 : stop], _point_at(path, last)])
+        part = np.concatenate(
+            [_point_at(path, first), path[start + 1 : stop], _point_at(path, last)]
+        )
         if len(part) < 3:
             return path
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
@@ -325,8 +350,12 @@ class PathSearch:
             part[1:-1] += weight * (straight - part)[1:-1]
         else:
             part = part[[0, -1]]
-        framed = _drop_repeated(np.concatenate([path[start : start + 1], part, path[stop : stop + 1]]))
-        if _length(framed) > _length(path[start : stop + 1]) - MIN_PULL or not self._is_free(framed):
+        framed = _drop_repeated(
+            np.concatenate([path[start : start + 1], part, path[stop : stop + 1]])
+        )
+        if _length(framed) > _length(path[start : stop + 1]) - MIN_PULL or not self._is_free(
+            framed
+        ):
             return path
         return np.concatenate([path[:start], framed, path[stop + 1 :]])
 

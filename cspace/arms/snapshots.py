@@ -1,4 +1,7 @@
-"""Snapshots of an arm among obstacles, which never change; a living :class:`cspace.ArmSpace` replaces its own."""
+"""Snapshots of an arm among obstacles, which never change.
+
+A living :class:`cspace.ArmSpace` replaces its own.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,8 @@ class Contact(NamedTuple):
     link, other : str
         A link, and the obstacle or link that it may not touch.
     distance : float
-        Lower bound of the distance between them, metres; zero if the configuration is not proven free.
+        Lower bound of the distance between them, metres; zero if the configuration is not proven
+        free.
     points : ndarray of float64, shape (2, 3)
         Nearest points of link and other, in the frame of the base, metres, within rounding.
     """
@@ -69,7 +73,8 @@ class Snapshot:
     allowed : frozenset of pairs of str
         Alphabetical pairs that may touch, in addition to :attr:`Arm.allowed_collisions`.
     padding : mapping of str to float
-        Metres that links and obstacles add to the margin between links and obstacles; zero if missing.
+        Metres that links and obstacles add to the margin between links and obstacles; zero if
+        missing.
     margin : float
         Metres by which FREE keeps links away from obstacles and from each other.
     reach : float
@@ -107,20 +112,23 @@ class Snapshot:
     def distances(self, points: Floats) -> tuple[Floats, Ints]:
         """Return the smallest distance at each configuration.
 
-        The pair with this distance is returned too. ``points`` has shape (n, dof). The distances, shape (n,), are in
-        metres, zero if not proven positive. The second array, shape (n, 3), has the index of the pair of solids and the
-        nearest node of the hull tree of each.
+        The pair with this distance is returned too. ``points`` has shape (n, dof). The distances,
+        shape (n,), are in metres, zero if not proven positive. The second array, shape (n, 3), has
+        the index of the pair of solids and the nearest node of the hull tree of each.
         """
         return _measure_distances(self.outer, points, self.margin)
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
         """Return the pair nearest to touching.
 
-        ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one configuration, shape (1, dof).
+        ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one
+        configuration, shape (1, dof).
         """
         distances, nearest = _measure_distances(scene, points, self.margin)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        part_names = [each.name for group in self.groups for each in group.members for _ in each.parts]
+        part_names = [
+            each.name for group in self.groups for each in group.members for _ in each.parts
+        ]
         names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
         for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
@@ -129,7 +137,9 @@ class Snapshot:
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
-        return Contact(names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
+        return Contact(
+            names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii)
+        )
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the pairs that touch in all random configurations.
@@ -153,7 +163,8 @@ def make_snapshot(
 ) -> Snapshot:
     """Return a snapshot; see :class:`Snapshot` for the arguments.
 
-    Obstacles that did not change are taken from an earlier snapshot; the result is that without one.
+    Obstacles that did not change are taken from an earlier snapshot; the result is that without
+    one.
 
     Raises
     ------
@@ -161,14 +172,31 @@ def make_snapshot(
         As :func:`build_arm_space`.
     """
     reach = _measure_reach(arm)
-    static = {name: _place_static(name, each, reach, before) for name, each in obstacles.items() if each is not None}
+    static = {
+        name: _place_static(name, each, reach, before)
+        for name, each in obstacles.items()
+        if each is not None
+    }
     may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
-    groups = _group(arm.links, may_touch, padding, False) + _group(list(static.values()), may_touch, padding, True)
+    groups = _group(arm.links, may_touch, padding, False) + _group(
+        list(static.values()), may_touch, padding, True
+    )
     pairs, fixed = _pair_groups(groups, may_touch)
     solids = [group.solid for group in groups]
     outer = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
     inner = make_inner_scene(outer, solids)
-    made = Snapshot(arm, obstacles, frozenset(allowed), padding, margin, reach, static, tuple(groups), outer, inner)
+    made = Snapshot(
+        arm,
+        obstacles,
+        frozenset(allowed),
+        padding,
+        margin,
+        reach,
+        static,
+        tuple(groups),
+        outer,
+        inner,
+    )
     _refuse_fixed(made, fixed, _pad_pairs(groups, fixed))
     _refuse_always(made)
     return made
@@ -204,7 +232,8 @@ def _group(
 ) -> list[Group]:
     """Group links, or obstacles, of one body.
 
-    Members may touch the same others and have the same padding, so that one test proves a group apart.
+    Members may touch the same others and have the same padding, so that one test proves a group
+    apart.
     """
     partners, fellows = _find_partners(may_touch), dict[int, set[str]]()
     for solid in solids:
@@ -221,8 +250,12 @@ def _group(
     return groups
 
 
-def _pair_groups(groups: Sequence[Group], may_touch: Set[Names]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return the pairs of groups that may not touch: those that joints move, and links and obstacles that are fixed.
+def _pair_groups(
+    groups: Sequence[Group], may_touch: Set[Names]
+) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return the pairs of groups that may not touch.
+
+    Joints move the first pairs; the others are fixed links and obstacles.
 
     The second of a pair is an obstacle, or the body nearer to the base.
     """
@@ -231,7 +264,9 @@ def _pair_groups(groups: Sequence[Group], may_touch: Set[Names]) -> tuple[list[t
         if one.is_obstacle or sort_pair(one.members[0].name, other.members[0].name) in may_touch:
             continue
         if one.solid.body != other.solid.body:
-            pairs.append((i, j) if other.is_obstacle or one.solid.body > other.solid.body else (j, i))
+            pairs.append(
+                (i, j) if other.is_obstacle or one.solid.body > other.solid.body else (j, i)
+            )
         elif other.is_obstacle:
             fixed.append((i, j))
     # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
@@ -244,7 +279,9 @@ def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Flo
 
     It has shape (p,): that of both, or zero between links.
     """
-    extra = [groups[i].padding + groups[j].padding if groups[j].is_obstacle else 0.0 for i, j in pairs]
+    extra = [
+        groups[i].padding + groups[j].padding if groups[j].is_obstacle else 0.0 for i, j in pairs
+    ]
     return np.array(extra, dtype=np.float64)
 
 
@@ -255,12 +292,16 @@ def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding:
     """
     if not pairs:
         return
-    scene, q = snapshot.outer._replace(pairs=np.array(pairs), padding=padding), np.zeros((1, snapshot.arm.dof))
+    scene, q = (
+        snapshot.outer._replace(pairs=np.array(pairs), padding=padding),
+        np.zeros((1, snapshot.arm.dof)),
+    )
     if not are_free(scene, q, q)[0]:
         link, obstacle, *_ = snapshot.contact(scene, q)
         raise ConfigurationError(
             link,
-            f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
+            f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every "
+            "configuration",
             "no joint moves it",
             f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]; "
             f"touch_links=[{link!r}] of add_obstacle",
@@ -278,9 +319,11 @@ def _refuse_always(snapshot: Snapshot) -> None:
     for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):
         raise ConfigurationError(
             link,
-            f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
+            f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
+            "configurations",
             "they may not touch, so no configuration would be free",
-            f"correct the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
+            "correct the robot or its SRDF, move the obstacle, or pass "
+            f"allowed_collisions=[({link!r}, {other!r})]",
         )
 
 
@@ -290,7 +333,9 @@ def _measure_distances(scene: Scene, points: Floats, margin: float) -> tuple[Flo
     out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
     def measure(first: int, stop: int) -> int:
-        pair_distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene))
+        pair_distances(
+            scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene)
+        )
         return -1
 
     in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
@@ -300,15 +345,21 @@ def _measure_distances(scene: Scene, points: Floats, margin: float) -> tuple[Flo
 def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
     """Return the nearest points of two convex hulls.
 
-    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a
-    radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow from the point nearest to zero in the
-    hull of all differences (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3),
+    each grown by a radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow
+    from the point nearest to zero in the hull of all differences (C. L. Lawson and R. J. Hanson,
+    "Solving Least Squares Problems", 1974, chapter 23).
     """
     differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
-    weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
+    weights, _ = scipy.optimize.nnls(
+        np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0]
+    )
     shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
     points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
     offset = points[1] - points[0]
     return np.asarray(
-        points + np.multiply(radii, [[1.0], [-1.0]]) * offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+        points
+        + np.multiply(radii, [[1.0], [-1.0]])
+        * offset
+        / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
     )

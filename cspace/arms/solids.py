@@ -1,4 +1,7 @@
-"""Links and obstacles prepared for proofs: trees of boundaries, closed surfaces, and anchors of parts."""
+"""Links and obstacles prepared for proofs.
+
+They are trees of boundaries, closed surfaces, and anchors of parts.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,22 @@ from cspace.errors import InputError
 from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
-from cspace.shapes import BoundedShape, ExactShape, Mesh, RoundedSimplices, Shape, ShapeLike, Voxels, as_shape
+from cspace.shapes import (
+    BoundedShape,
+    ExactShape,
+    Mesh,
+    RoundedSimplices,
+    Shape,
+    ShapeLike,
+    Voxels,
+    as_shape,
+)
 from cspace.shapes.shape import unique_rows
 from cspace.workspace import Workspace
 
 PROBES_PER_PART: Final = 60
-"""Approximate number of corners and inner points of each part that are sought in others, to prove collisions."""
+"""Approximate number of corners and inner points of each part that are sought in others, to prove
+collisions."""
 
 
 _BYTES_PER_CELL: Final = 4
@@ -44,7 +57,8 @@ class SurfaceTree(NamedTuple):
     boxes : ndarray of float64, shape (m, 6)
         Center and half sides of the box of each node.
     spans : ndarray of int64, shape (m, 2)
-        First triangle of each node, and their number; children as in :class:`cspace.exact.triangles.Trees`.
+        First triangle of each node, and their number; children as in
+        :class:`cspace.exact.triangles.Trees`.
     triangles : ndarray of float64, shape (n, 3, 3)
     windings : ndarray of int64, shape (n,)
         Multiplicity of each triangle.
@@ -62,8 +76,8 @@ class PosedShape:
 
     Parameters
     ----------
-    shape : Shape, trimesh.Trimesh, path-like, or anything else that ``cspace.shapes.as_shape`` takes
-        In space, metres.
+    shape : Shape, trimesh.Trimesh or path-like
+        Or anything else that ``cspace.shapes.as_shape`` takes; in space, metres.
     pose : array-like, shape (4, 4)
         From the frame of the shape to the frame of the body.
 
@@ -99,7 +113,9 @@ class PosedShape:
     def _exact(self) -> ExactShape:
         """The shape, which must be exact; the following attributes need that."""
         if not isinstance(self.shape, ExactShape):
-            raise TypeError("the shape has outer and inner bounds; use one of PosedShape.bounds_pair")
+            raise TypeError(
+                "the shape has outer and inner bounds; use one of PosedShape.bounds_pair"
+            )
         return self.shape
 
     def transform(self, points: Floats) -> Floats:
@@ -124,7 +140,9 @@ class PosedShape:
         corners, windings = self.surface
         if not len(corners):
             return build_hulls(self.tree, 0.0)
-        volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings) / 6.0
+        volume = (
+            np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings
+        ) / 6.0
         return build_hulls(self.tree, float(volume))
 
     @cached_property
@@ -134,7 +152,8 @@ class PosedShape:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
         shape = self._exact
         mesh = shape if isinstance(shape, Mesh) else Mesh(*shape.surface)
-        # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the last bit.
+        # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
+        # last bit.
         corners, index = unique_rows(mesh.vertices)
         counted = np.flatnonzero(mesh._turns)
         return self.transform(corners)[index[mesh.faces[counted]]], mesh._turns[counted]
@@ -160,9 +179,13 @@ class PosedShape:
             return corners
         lower, upper = self._exact.bounds
         size = upper - lower
-        step = max(float(np.cbrt(size.prod() / PROBES_PER_PART)), float(size.max()) / PROBES_PER_PART)
+        step = max(
+            float(np.cbrt(size.prod() / PROBES_PER_PART)), float(size.max()) / PROBES_PER_PART
+        )
         counts = np.maximum(1, np.rint(size / step)).astype(np.int64)
-        lattice = lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * size / counts
+        lattice = (
+            lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * size / counts
+        )
         return np.concatenate([corners, self.transform(lattice[self._exact.contains(lattice)])])
 
 
@@ -189,18 +212,25 @@ class StaticShape(PosedShape):
     def tree(self) -> Trees:
         """Tree of boxes, of balls, or of the triangles of the boundary.
 
-        The lever of a box or ball is 1 if its connected part is small enough to lie inside a link, otherwise 0.
+        The lever of a box or ball is 1 if its connected part is small enough to lie inside a link,
+        otherwise 0.
         """
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
-            return build_tree(pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64))
+            return build_tree(
+                pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
+            )
         rows = pack_triangles(self.boundary)
         return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
         """Triangles of closed bodies; none if the rows are solids."""
-        return (np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)) if self.is_filled else super().surface
+        return (
+            (np.empty((0, 3, 3)), np.empty(0, dtype=np.int64))
+            if self.is_filled
+            else super().surface
+        )
 
     @cached_property
     def anchors(self) -> Floats:
@@ -233,11 +263,13 @@ _SHARED_SHAPES: Final = WeakValueDictionary[bytes, PosedShape]()
 
 def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
     """Return a posed shape, shared by all equal links."""
-    digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the spec, because the shape may carry caches
+    digest = hashlib.sha256(
+        pickle.dumps((shape.spec, pose))
+    ).digest()  # the spec, because the shape may carry caches
     return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
 
 
-# ---- obstacles -------------------------------------------------------------------------------------------------------
+# ---- obstacles -----------------------------------------------------------------------------------
 
 
 def check_rigid(pose: ArrayLike, name: str) -> Floats:
@@ -252,10 +284,18 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
     good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
     if good:
         turn = matrix[:3, :3]
-        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(turn) > 0.0)
+        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(
+            np.linalg.det(turn) > 0.0
+        )
     if not good:
         hint = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
-        raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", hint, value=pose)
+        raise InputError(
+            name,
+            f"has shape {matrix.shape}",
+            "it must be a rigid motion, shape (4, 4)",
+            hint,
+            value=pose,
+        )
     left, _, right = np.linalg.svd(matrix[:3, :3])
     matrix = matrix.copy()
     matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
@@ -286,7 +326,8 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     Raises
     ------
     InputError
-        If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit into memory.
+        If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit
+        into memory.
     """
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
@@ -314,7 +355,9 @@ def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
     grid = obstacle.grid
     if grid.dim != 3:
         problem = f"hold {name!r}, a map of the plane"
-        raise InputError("obstacles", problem, "arms are in space", "pass a map in space", value=obstacle)
+        raise InputError(
+            "obstacles", problem, "arms are in space", "pass a map in space", value=obstacle
+        )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
     check_memory(_BYTES_PER_CELL * grid.size, name, grid, hint="cut it to what the arm reaches")
@@ -323,11 +366,17 @@ def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
         return None
     bitmaps = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown
     # A run of cells becomes one box at most.
-    rows = sum(int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum()) for side in bitmaps)
+    rows = sum(
+        int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum())
+        for side in bitmaps
+    )
     rows //= 1 + (bitmaps[0] is bitmaps[1])
     needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * rows
-    check_memory(needed, name, grid, hint=f"cut it to what the arm reaches: its cells are {rows} boxes")
+    check_memory(
+        needed, name, grid, hint=f"cut it to what the arm reaches: its cells are {rows} boxes"
+    )
     outer, inner = (
-        Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in bitmaps
+        Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower))
+        for side in bitmaps
     )
     return PosedShape(outer if bitmaps[0] is bitmaps[1] else BoundedShape(outer, inner), base)

@@ -12,14 +12,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.inverse import check_pose_tolerance
-from cspace.arms.lines import DEFAULT_LINE_TOLERANCE, LineMotion, check_corners, follow_lines, make_lines
+from cspace.arms.lines import (
+    DEFAULT_LINE_TOLERANCE,
+    LineMotion,
+    check_corners,
+    follow_lines,
+    make_lines,
+)
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
 from cspace.arms.moveit import PlanningScene, find_base_pose
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
 from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
 from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle, place_shape
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace.check import check_count, check_known, check_not_negative, check_pairs, check_positive, check_rng
+from cspace.check import (
+    check_count,
+    check_known,
+    check_not_negative,
+    check_pairs,
+    check_positive,
+    check_rng,
+)
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import Query, as_contiguous
@@ -30,7 +43,8 @@ from cspace.threads import in_chunks
 from cspace.workspace import Workspace
 
 MAX_DOUBLED_JOINTS: Final = 8
-"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go the shorter way."""
+"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
+the shorter way."""
 
 
 _MAX_FAILED_SAMPLES: Final = 100_000
@@ -38,7 +52,8 @@ _MAX_FAILED_SAMPLES: Final = 100_000
 
 
 _DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
-"""Fractions of (smallest distance at points of a path - margin) tried for the whole path; 0 tries the margin itself."""
+"""Fractions of (smallest distance at points of a path - margin) tried for the whole path; 0 tries
+the margin itself."""
 
 
 _HALF_TURN_ROUNDING: Final = 1e-9
@@ -48,20 +63,23 @@ _HALF_TURN_ROUNDING: Final = 1e-9
 class ArmSpace(ConfigurationSpace, ArmPlot):
     """Configurations of an arm among obstacles.
 
-    :func:`build_arm_space` makes one. A configuration is FREE if no link touches an obstacle, or another link that it
-    may not touch, according to the given collision geometry. Touching is a collision. A configuration is BLOCKED if a
-    link and such an obstacle or link have a proven common point, and MIXED if neither is proven. A motion moves all
-    joints along the straight line between two configurations, and is proven as a whole.
+    :func:`build_arm_space` makes one. A configuration is FREE if no link touches an obstacle, or
+    another link that it may not touch, according to the given collision geometry. Touching is a
+    collision. A configuration is BLOCKED if a link and such an obstacle or link have a proven
+    common point, and MIXED if neither is proven. A motion moves all joints along the straight line
+    between two configurations, and is proven as a whole.
 
-    Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and configurations
-    differently. States and proofs hold for the configuration as given. Paths stay within the limits: :meth:`find_path`
-    and :func:`planners.plan` move a start or goal onto a limit that it exceeds.
+    Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and
+    configurations differently. States and proofs hold for the configuration as given. Paths stay
+    within the limits: :meth:`find_path` and :func:`planners.plan` move a start or goal onto a limit
+    that it exceeds.
 
-    The scene may change: :meth:`add_obstacle`, :meth:`remove_obstacle`, :meth:`attach`, :meth:`detach`,
-    :meth:`set_padding`, :meth:`allow_collisions` and :meth:`forbid_collisions` make the space equal to a new one,
-    without building it again. A query of another thread sees the scene before a change or after it, never a mixture.
-    Checkers follow the changes. ``copy.copy(space)``, as quick as a query, does not: plan in a copy if other threads
-    change the scene. Maps of joints (:func:`cspace.build_joint_map`) are not updated; build them again.
+    The scene may change: :meth:`add_obstacle`, :meth:`remove_obstacle`, :meth:`attach`,
+    :meth:`detach`, :meth:`set_padding`, :meth:`allow_collisions` and :meth:`forbid_collisions` make
+    the space equal to a new one, without building it again. A query of another thread sees the
+    scene before a change or after it, never a mixture. Checkers follow the changes.
+    ``copy.copy(space)``, as quick as a query, does not: plan in a copy if other threads change the
+    scene. Maps of joints (:func:`cspace.build_joint_map`) are not updated; build them again.
     """
 
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
@@ -79,7 +97,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     @property
     def obstacles(self) -> dict[str, PosedShape]:
         """The obstacles in the frame of the arm's base; a copy."""
-        return {name: placed for name, placed in self._snapshot.obstacles.items() if placed is not None}
+        return {
+            name: placed for name, placed in self._snapshot.obstacles.items() if placed is not None
+        }
 
     @property
     def margin(self) -> float:
@@ -119,12 +139,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def periodic_axes(self) -> tuple[bool, ...]:
         """Whether each joint is continuous.
 
-        A whole turn of a continuous joint leads to the same configuration. A joint that moves another joint by a
-        fraction of its own angle is not periodic.
+        A whole turn of a continuous joint leads to the same configuration. A joint that moves
+        another joint by a fraction of its own angle is not periodic.
         """
         return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
-    # ---- changes of the scene ----------------------------------------------------------------------------------------
+    # ---- changes of the scene --------------------------------------------------------------------
 
     def add_obstacle(
         self,
@@ -145,7 +165,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         name : str
             A name that no link and no attached object has.
         shape : Workspace, PosedShape or shape
-            As for :func:`cspace.build_arm_space`; or points, shape (n, 3), with their radius, such as a point cloud.
+            As for :func:`cspace.build_arm_space`; or points, shape (n, 3), with their radius, such
+            as a point cloud.
         pose : array-like, shape (4, 4), optional
             From the frame of the shape to that of the obstacles; the identity by default.
         radius : array-like, shape () or (n,), optional
@@ -158,15 +179,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, or the obstacle is invalid, as for :func:`cspace.build_arm_space`;
-            nothing changes then.
+            If the name is taken, a link is unknown, or the obstacle is invalid, as for
+            :func:`cspace.build_arm_space`; nothing changes then.
         ConfigurationError
-            If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing changes then.
+            If no configuration would be free, as for :func:`cspace.build_arm_space`; nothing
+            changes then.
 
         Examples
         --------
         >>> import pathlib, tempfile, cspace
-        >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+        >>> box = '<geometry><box size="1 0.1 0.1"/></geometry>'
+        >>> bar = f'<collision><origin xyz="0.5 0 0"/>{box}</collision>'
         >>> ends = '<parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>'
         >>> joint = f'<joint name="turn" type="continuous">{ends}</joint>'
         >>> path = pathlib.Path(tempfile.mkdtemp(), "one.urdf")
@@ -182,11 +205,20 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         True
         """
         if not isinstance(name, str) or not name:
-            raise InputError("name", f"is {name!r}", "it must be a non-empty string", "pass e.g. 'table'", value=name)
+            raise InputError(
+                "name",
+                f"is {name!r}",
+                "it must be a non-empty string",
+                "pass e.g. 'table'",
+                value=name,
+            )
         at = self._base if pose is None else self._base @ check_rigid(pose, "pose")
         if isinstance(shape, Workspace | PosedShape):
             if radius is not None:
-                problem, rule = f"is given with a {type(shape).__name__}", "only points have a radius"
+                problem, rule = (
+                    f"is given with a {type(shape).__name__}",
+                    "only points have a radius",
+                )
                 raise InputError("radius", problem, rule, "leave it out", value=radius)
             placed = place_obstacle(shape, name, at)
         else:
@@ -196,11 +228,20 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             links = {link.name for link in now.arm.links}
             if name in links:
-                hint = "choose another name, or detach it first" if name in now.arm._carriers else "choose another name"
-                raise InputError("name", f"is {name!r}", "a link or an attached object has it", hint, value=name)
+                hint = (
+                    "choose another name, or detach it first"
+                    if name in now.arm._carriers
+                    else "choose another name"
+                )
+                raise InputError(
+                    "name", f"is {name!r}", "a link or an attached object has it", hint, value=name
+                )
             pairs = _pair_with_links(name, touch_links, links)
             self._replace(
-                now, {**now.obstacles, name: placed}, pairs | now.allowed, _set_entry(now.padding, name, extra)
+                now,
+                {**now.obstacles, name: placed},
+                pairs | now.allowed,
+                _set_entry(now.padding, name, extra),
             )
 
     def remove_obstacle(self, name: str) -> None:
@@ -215,7 +256,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             check_known(name, "name", now.obstacles)
             left = {each: placed for each, placed in now.obstacles.items() if each != name}
-            self._replace(now, left, _without(now.allowed, name), _set_entry(now.padding, name, 0.0))
+            self._replace(
+                now, left, _without(now.allowed, name), _set_entry(now.padding, name, 0.0)
+            )
 
     def attach(
         self,
@@ -230,8 +273,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ) -> None:
         """Attach a new object, or an obstacle, to a link.
 
-        An obstacle keeps its padding and the pairs that may touch. For instance, a box that is picked up from a table
-        needs ``allow_collisions([("box", "table")])``.
+        An obstacle keeps its padding and the pairs that may touch. For instance, a box that is
+        picked up from a table needs ``allow_collisions([("box", "table")])``.
 
         Parameters
         ----------
@@ -249,8 +292,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle has the name.
-            Nothing changes then.
+            As :meth:`Arm.attach`; also if an obstacle has the name of a new object, or no obstacle
+            has the name. Nothing changes then.
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
@@ -262,21 +305,34 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
                 del left[name]
-                point = self._check_configuration(q, "q", "it says where the obstacle is on the link")
+                point = self._check_configuration(
+                    q, "q", "it says where the obstacle is on the link"
+                )
                 if pose is not None:
                     rule, hint = "the obstacle is where it is", "leave it out, or pass a shape"
                     raise InputError("pose", "is given for an obstacle", rule, hint, value=pose)
-                shape, pose = placed.shape, np.linalg.inv(now.arm.pose(point, carrier)) @ placed.pose
+                shape, pose = (
+                    placed.shape,
+                    np.linalg.inv(now.arm.pose(point, carrier)) @ placed.pose,
+                )
             elif q is not None:
-                rule, hint = "only obstacles are picked up at a configuration", "leave it out, or leave out the shape"
+                rule, hint = (
+                    "only obstacles are picked up at a configuration",
+                    "leave it out, or leave out the shape",
+                )
                 raise InputError("q", "is given for a new object", rule, hint, value=q)
             elif name in left:
-                rule, hint = "an obstacle has it", "leave out the shape to attach the obstacle, or choose another name"
+                rule, hint = (
+                    "an obstacle has it",
+                    "leave out the shape to attach the obstacle, or choose another name",
+                )
                 raise InputError("name", f"is {name!r}", rule, hint, value=name)
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
             self._replace(now, left, now.allowed, _set_entry(now.padding, name, extra), arm)
 
-    def detach(self, name: str, q: ArrayLike | None = None, *, touch_links: str | Iterable[str] = ()) -> None:
+    def detach(
+        self, name: str, q: ArrayLike | None = None, *, touch_links: str | Iterable[str] = ()
+    ) -> None:
         """Detach an object: take it away, or place it as an obstacle.
 
         Parameters
@@ -284,16 +340,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         name : str
             An attached object.
         q : array-like, shape (dof,), optional
-            Configuration at which the object stays as an obstacle of the same name, with its padding and the pairs of
-            :attr:`allowed_collisions`. By default it is taken away, with both.
+            Configuration at which the object stays as an obstacle of the same name, with its
+            padding and the pairs of :attr:`allowed_collisions`. By default it is taken away, with
+            both.
         touch_links : str or iterable of str
             Links that may touch the obstacle, such as the fingers that let it go.
 
         Raises
         ------
         InputError
-            If no attached object has the name, another one is attached to it, or a link is unknown; nothing changes
-            then.
+            If no attached object has the name, another one is attached to it, or a link is unknown;
+            nothing changes then.
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
@@ -303,12 +360,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if q is None:
                 if touch_links:
                     rule, hint = "they are those of the obstacle", "pass q, or leave them out"
-                    raise InputError("touch_links", "are given without q", rule, hint, value=touch_links)
+                    raise InputError(
+                        "touch_links", "are given without q", rule, hint, value=touch_links
+                    )
                 allowed, padding = _without(now.allowed, name), _set_entry(now.padding, name, 0.0)
                 self._replace(now, obstacles, allowed, padding, arm)
             else:
                 (part,) = next(link.parts for link in now.arm.links if link.name == name)
-                pose = now.arm.pose(self._check_configuration(q, "q", "it says where the object is"), name)
+                pose = now.arm.pose(
+                    self._check_configuration(q, "q", "it says where the object is"), name
+                )
                 obstacles[name] = place_shape(part.shape, name, pose)
                 pairs = _pair_with_links(name, touch_links, [link.name for link in arm.links])
                 self._replace(now, obstacles, now.allowed | pairs, now.padding, arm)
@@ -316,8 +377,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def set_padding(self, name: str, padding: float) -> None:
         """Set the padding of a link, an attached object or an obstacle.
 
-        A link and an obstacle are FREE of each other if they are farther apart than :attr:`margin` and the padding of
-        both. Links have no padding against each other.
+        A link and an obstacle are FREE of each other if they are farther apart than :attr:`margin`
+        and the padding of both. Links have no padding against each other.
 
         Parameters
         ----------
@@ -350,7 +411,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         with self._lock:
             now = self._snapshot
-            self._replace(now, now.obstacles, now.allowed | _check_allowed(pairs, "pairs", now.names), now.padding)
+            self._replace(
+                now,
+                now.obstacles,
+                now.allowed | _check_allowed(pairs, "pairs", now.names),
+                now.padding,
+            )
 
     def forbid_collisions(self, pairs: Iterable[tuple[str, str]]) -> None:
         """Take back pairs of :attr:`allowed_collisions`.
@@ -368,7 +434,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             for pair in sorted(given - now.allowed):
                 listed = ", ".join(map(str, sorted(now.allowed)))
                 rule = f"the allowed pairs are {listed}" if listed else "no pairs are allowed"
-                raise InputError("pairs", f"hold {pair}", rule, "see space.allowed_collisions", value=pair)
+                raise InputError(
+                    "pairs", f"hold {pair}", rule, "see space.allowed_collisions", value=pair
+                )
             self._replace(now, now.obstacles, now.allowed - given, now.padding)
 
     def _replace(
@@ -388,15 +456,22 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             raise InputError(name, "is missing", rule, f"pass ({', '.join(self.axes)})", value=q)
         point = self._check_configurations(q, name)
         if point.ndim != 1:
-            raise InputError(name, f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                "it must be one configuration",
+                "pass one",
+                value=q,
+            )
         return point
 
-    # ---- queries -----------------------------------------------------------------------------------------------------
+    # ---- queries ---------------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``is_free`` that takes floats.
 
-        Call it as ``check(*q)``; see :meth:`cspace.CSpace.point_checker`. Beyond the limits it returns False.
+        Call it as ``check(*q)``; see :meth:`cspace.CSpace.point_checker`. Beyond the limits it
+        returns False.
         """
         prove = self._prove_motion
         return lambda *q: prove(*q, *q) is True
@@ -404,7 +479,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` that takes floats.
 
-        Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it returns False.
+        Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it
+        returns False.
         """
         prove = self._prove_motion
         return lambda *endpoints: prove(*endpoints) is True
@@ -429,7 +505,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @cached_property
     def _prove_motion(self) -> Callable[..., bool | None]:
-        """Function of ``(*q0, *q1)`` that returns whether a motion is proven free; None beyond the limits."""
+        """Function of ``(*q0, *q1)`` that returns whether a motion is proven free.
+
+        None beyond the limits.
+        """
         size, local = self.size, threading.local()
         lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
         upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
@@ -439,8 +518,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 if not low <= x <= high:
                     return None
             scene = self._snapshot.outer
-            if getattr(local, "scene", None) is not scene:  # the first call of a thread, or after a change
-                local.scene, local.scratch, local.out = scene, make_scene_scratch(scene), np.empty(1, dtype=np.bool_)
+            if (
+                getattr(local, "scene", None) is not scene
+            ):  # the first call of a thread, or after a change
+                local.scene, local.scratch, local.out = (
+                    scene,
+                    make_scene_scratch(scene),
+                    np.empty(1, dtype=np.bool_),
+                )
             scratch, out = local.scratch, local.out
             rows = np.array(endpoints, dtype=np.float64).reshape(2, 1, size)
             motions_are_free(scene, rows[0], rows[1], out, scratch)
@@ -451,9 +536,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def obstacle_distance(self, q: ArrayLike) -> float | Floats:
         """Compute a lower bound of the distance from collision.
 
-        The bound is in metres, between links and obstacles and between links, without the margin. It is zero if a
-        configuration is not proven free, and infinite if there is nothing to touch. Only pairs that joints move count,
-        so not an obstacle and a link of the base.
+        The bound is in metres, between links and obstacles and between links, without the margin.
+        It is zero if a configuration is not proven free, and infinite if there is nothing to touch.
+        Only pairs that joints move count, so not an obstacle and a link of the base.
 
         Parameters
         ----------
@@ -475,8 +560,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def path_obstacle_distance(self, path: ArrayLike) -> float:
         """Compute a lower bound of the distance along a path.
 
-        It bounds :meth:`obstacle_distance`, in metres, along all motions of the path. It is 0 if the path is not proven
-        free. Fractions of the smallest distance at waypoints and halfway between them are tried, largest first.
+        It bounds :meth:`obstacle_distance`, in metres, along all motions of the path. It is 0 if
+        the path is not proven free. Fractions of the smallest distance at waypoints and halfway
+        between them are tried, largest first.
 
         Parameters
         ----------
@@ -503,16 +589,22 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def closest(self, q: ArrayLike) -> Contact:
         """Return the link and obstacle nearest to touching.
 
-        Instead of an obstacle, it may be another link. Only pairs that joints move count. ``q`` has shape (dof,).
+        Instead of an obstacle, it may be another link. Only pairs that joints move count. ``q`` has
+        shape (dof,).
 
         Raises
         ------
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point, snapshot = self._check_configuration(q, "q", "it must be one configuration"), self._snapshot
+        point, snapshot = (
+            self._check_configuration(q, "q", "it must be one configuration"),
+            self._snapshot,
+        )
         if not len(snapshot.outer.pairs):
-            raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
+            raise InputError(
+                "obstacles", "are none", "there is nothing to touch", "add an obstacle"
+            )
         return snapshot.contact(snapshot.outer, point[np.newaxis])
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
@@ -542,11 +634,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         generator, snapshot = check_rng(rng), self._snapshot
         batches, tried, ranges = [np.empty((0, self.size))], 0, snapshot.arm._ranges()
         while (count_drawn := sum(map(len, batches))) < count:
-            points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.size))
+            points = generator.uniform(
+                *ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.size)
+            )
             batches.append(points[_prove_all(snapshot.outer, points)])
             tried += len(points)
             if tried >= _MAX_FAILED_SAMPLES and not count_drawn:
-                always = [f"{link} touches {other}" for link, other in snapshot.always_touching(snapshot.outer)]
+                always = [
+                    f"{link} touches {other}"
+                    for link, other in snapshot.always_touching(snapshot.outer)
+                ]
                 raise ConfigurationError(
                     snapshot.arm.name,
                     f"was free in none of {tried} configurations",
@@ -570,13 +667,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ) -> Floats:
         """Find a path that is proven collision-free.
 
-        All its motions are proven as a whole. Two trees of motions grow towards each other. The first path is not the
-        shortest. Further searches only sample where a shorter path may lead (Gammell and others, 2014), and parts of
-        the path are pulled towards straight motions, as far as these are proven free. The path is the same every time
-        for a seed, unless the time limit ends the search.
+        All its motions are proven as a whole. Two trees of motions grow towards each other. The
+        first path is not the shortest. Further searches only sample where a shorter path may lead
+        (Gammell and others, 2014), and parts of the path are pulled towards straight motions, as
+        far as these are proven free. The path is the same every time for a seed, unless the time
+        limit ends the search.
 
-        Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It begins and ends
-        within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), it begins or ends at the limit.
+        Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
+        begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), it
+        begins or ends at the limit.
 
         Parameters
         ----------
@@ -587,8 +686,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         straight : bool
             Whether to leave out waypoints that straight motions do not need.
         iterations : int, optional
-            Largest number of further searches for a shorter path. None: until ten searches in a row shorten it by less
-            than 1 %. They also stop if the path is at most 1 % longer than the straight motion to the nearest goal.
+            Largest number of further searches for a shorter path. None: until ten searches in a row
+            shorten it by less than 1 %. They also stop if the path is at most 1 % longer than the
+            straight motion to the nearest goal.
         seed : int, optional
         time_limit : float
             Seconds after which the search returns the shortest path so far.
@@ -596,17 +696,18 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Waypoints, each motion between two proven free. Continuous joints count whole turns, and turn by at most
-            half a turn from row to row, so that the straight motions between the rows are the proven ones. Of length 0
-            if no path was found in time.
+            Waypoints, each motion between two proven free. Continuous joints count whole turns, and
+            turn by at most half a turn from row to row, so that the straight motions between the
+            rows are the proven ones. Of length 0 if no path was found in time.
 
         Raises
         ------
         ConfigurationError
-            If the start, or each goal, is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
+            If the start, or each goal, is not FREE, or more than 1e-5 rad (m) beyond the limits of
+            a joint.
         InputError
-            If a configuration is not one of finite numbers, the time limit is not above zero, or ``iterations`` is
-            negative.
+            If a configuration is not one of finite numbers, the time limit is not above zero, or
+            ``iterations`` is negative.
         """
         return self._find_path(q0, q1, straight, iterations, seed, time_limit)
 
@@ -626,18 +727,28 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         from cspace.arms.search import PathSearch
 
-        start, goals = self._check_configurations(q0, "q0"), np.atleast_2d(self._check_configurations(q1, "q1"))
+        start, goals = (
+            self._check_configurations(q0, "q0"),
+            np.atleast_2d(self._check_configurations(q1, "q1")),
+        )
         for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
             if q.ndim not in dims or not len(q):
-                rule = f"it must be one configuration of {self.size} numbers" + " or rows of them" * (name == "q1")
-                raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
+                rule = (
+                    f"it must be one configuration of {self.size} numbers"
+                    + " or rows of them" * (name == "q1")
+                )
+                raise InputError(
+                    name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q
+                )
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self._snapshot
         start, goals = snapshot.arm._clamp(start), snapshot.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(snapshot.outer, endpoints, endpoints)  # of motions that stay at a configuration
+        free = are_free(
+            snapshot.outer, endpoints, endpoints
+        )  # of motions that stay at a configuration
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise _collision_error(snapshot, q, name)
@@ -663,14 +774,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ) -> LineMotion:
         """Bring a frame along straight lines by a proven motion.
 
-        The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's origin moves
-        straight, and the frame turns about one axis; poses of equal rotation keep it. The joints follow inverse
-        kinematics, each configuration near the one before. All motions between the waypoints are proven free, and
-        proven to stay within the tolerance of the line, so that no jump between two branches of solutions remains
-        unseen.
+        The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's
+        origin moves straight, and the frame turns about one axis; poses of equal rotation keep it.
+        The joints follow inverse kinematics, each configuration near the one before. All motions
+        between the waypoints are proven free, and proven to stay within the tolerance of the line,
+        so that no jump between two branches of solutions remains unseen.
 
-        The motion ends where no further step is proven; :attr:`LineMotion.stopped_by` says why. From another
-        configuration with the same pose it may reach farther; see :meth:`Arm.inverse`.
+        The motion ends where no further step is proven; :attr:`LineMotion.stopped_by` says why.
+        From another configuration with the same pose it may reach farther; see :meth:`Arm.inverse`.
 
         Parameters
         ----------
@@ -681,8 +792,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         poses : array-like, shape (4, 4) or (m, 4, 4)
             From the frame to that of the arm's base, metres, as :meth:`Arm.pose` returns them.
         tolerance : pair of float
-            Largest distance in metres, and largest angle in radians, by which the frame may leave the line. One may be
-            infinite: ``(1e-3, math.inf)`` lets the frame turn freely.
+            Largest distance in metres, and largest angle in radians, by which the frame may leave
+            the line. One may be infinite: ``(1e-3, math.inf)`` lets the frame turn freely.
 
         Returns
         -------
@@ -693,17 +804,21 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError
             If the start is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
         InputError
-            If the frame is unknown or no joint moves it, a pose is no rigid motion, two poses differ by half a turn, so
-            that both ways round are as short, or a coordinate exceeds 1e100 m. Also if the tolerance is not two numbers
-            above zero, or is below rounding: about 4e-12 rad, and 4e-12 times the largest coordinate.
+            If the frame is unknown or no joint moves it, a pose is no rigid motion, two poses
+            differ by half a turn, so that both ways round are as short, or a coordinate exceeds
+            1e100 m. Also if the tolerance is not two numbers above zero, or is below rounding:
+            about 4e-12 rad, and 4e-12 times the largest coordinate.
 
         Examples
         --------
         >>> import pathlib, tempfile, numpy as np, cspace
-        >>> bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
-        >>> joint = '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+        >>> box = '<geometry><box size="1 0.1 0.1"/></geometry>'
+        >>> bar = f'<collision><origin xyz="0.5 0 0"/>{box}</collision>'
+        >>> joint = '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/>'
+        >>> joint += '<axis xyz="{3}"/>'
         >>> joint += '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        >>> parts = joint.format("x", "base", "cart", "1 0 0") + joint.format("y", "cart", "bar", "0 1 0")
+        >>> parts = joint.format("x", "base", "cart", "1 0 0")
+        >>> parts += joint.format("y", "cart", "bar", "0 1 0")
         >>> links = f'<link name="base"/><link name="cart"/><link name="bar">{bar}</link>'
         >>> path = pathlib.Path(tempfile.mkdtemp(), "table.urdf")
         >>> _ = path.write_text(f'<robot name="table">{links}{parts}</robot>')
@@ -740,36 +855,43 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
         """Raise InputError if a continuous joint turns too far.
 
-        Along an edge it may turn by half a turn. Edges lead from ``q0`` to ``q1``, shape (..., n, dof). ``pairs``,
-        shape (n, 2), are the rows that each edge joins; by default each row and the next.
+        Along an edge it may turn by half a turn. Edges lead from ``q0`` to ``q1``, shape (..., n,
+        dof). ``pairs``, shape (n, 2), are the rows that each edge joins; by default each row and
+        the next.
         """
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
             first, last = (edge, edge + 1) if pairs is None else pairs[edge].tolist()
             raise InputError(
                 "path",
-                f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad from row {first} to row {last}",
-                "a continuous joint turns by at most half a turn along an edge, so that its motion is the shorter way",
+                f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad from row "
+                f"{first} to row {last}",
+                "a continuous joint turns by at most half a turn along an edge, so that its "
+                "motion is the shorter way",
                 "add whole turns to the rows (numpy.unwrap), or rows between them",
                 value=(first, last),
             )
 
-    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
+    def certify_path(
+        self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
+    ) -> Bools:
         """Return whether each edge is proven collision-free.
 
-        The edges join the rows of a path, of several paths, or of a roadmap. Along an edge, all joints move together,
-        each from its value to the next, as in :meth:`motion_is_free`. An edge that turns a continuous joint by more
-        than half a turn is refused, because planners and controllers that wrap angles would take the shorter way, a
-        different motion. For all other edges both motions are the same.
+        The edges join the rows of a path, of several paths, or of a roadmap. Along an edge, all
+        joints move together, each from its value to the next, as in :meth:`motion_is_free`. An edge
+        that turns a continuous joint by more than half a turn is refused, because planners and
+        controllers that wrap angles would take the shorter way, a different motion. For all other
+        edges both motions are the same.
 
         Parameters
         ----------
         path : array-like, shape (n, dof) or (..., n, dof)
-            Configurations, radians and metres: those of a path in order, of several paths of equal length, or the
-            vertices of a roadmap. Continuous joints count whole turns: 3.1 is followed by 3.2, not by 3.2 - 2 pi.
+            Configurations, radians and metres: those of a path in order, of several paths of equal
+            length, or the vertices of a roadmap. Continuous joints count whole turns: 3.1 is
+            followed by 3.2, not by 3.2 - 2 pi.
         edges : array-like of int, shape (m, 2), optional
-            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). By default each
-            configuration is joined to the next.
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n,
+            dof). By default each configuration is joined to the next.
         exact : bool
             Ignored, because the geometry of an arm always decides.
 
@@ -781,7 +903,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         InputError
-            If an edge turns a continuous joint by more than half a turn; or as :meth:`cspace.CSpace.certify_path`.
+            If an edge turns a continuous joint by more than half a turn; or as
+            :meth:`cspace.CSpace.certify_path`.
         ConfigurationError
             If a configuration is more than 1e-5 rad (m) beyond a limit.
         """
@@ -796,8 +919,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def _images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
-        ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are the goals the shorter
-        way round; a goal that already is, is unchanged to the last bit.
+        ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
+        the goals the shorter way round; a goal that already is, is unchanged to the last bit.
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
@@ -819,7 +942,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
             def find_blocked(first: int, stop: int) -> int:
                 blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
-                are_blocked(snapshot.inner, rows[chunk], blocked, make_scene_scratch(snapshot.inner))
+                are_blocked(
+                    snapshot.inner, rows[chunk], blocked, make_scene_scratch(snapshot.inner)
+                )
                 out[chunk[blocked]] = BLOCKED
                 return -1
 
@@ -842,7 +967,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         Each has shape (n, dof). ``names`` are the arguments that messages name.
         """
-        return [as_contiguous(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
+        return [
+            as_contiguous(self._check_configurations(part, name))
+            for part, name in zip(parts, names, strict=True)
+        ]
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Check configurations, and return them as an array.
@@ -857,8 +985,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 def _prove(scene: Scene, rows: Sequence[Floats], out: Bools) -> int:
     """Write whether each motion is proven free.
 
-    Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in place, or two; each
-    has shape (n, dof), and ``out`` shape (n,). Returns -1.
+    Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in
+    place, or two; each has shape (n, dof), and ``out`` shape (n,). Returns -1.
     """
 
     def prove(first: int, stop: int) -> int:
@@ -878,7 +1006,8 @@ def _prove_all(scene: Scene, points: Floats) -> Bools:
 def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """Return the error for a start or goal in collision.
 
-    ``q`` has shape (dof,); `name` is the argument. The message names the link and the obstacle that touch.
+    ``q`` has shape (dof,); `name` is the argument. The message names the link and the obstacle that
+    touch.
     """
     return _collision_error(space._snapshot, q, name)
 
@@ -889,7 +1018,9 @@ def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationE
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    return ConfigurationError(name, f"{point} {problem}", "a path must start and end in FREE", hint, value=q)
+    return ConfigurationError(
+        name, f"{point} {problem}", "a path must start and end in FREE", hint, value=q
+    )
 
 
 def build_arm_space(
@@ -908,33 +1039,36 @@ def build_arm_space(
     Parameters
     ----------
     obstacles : Workspace, PlanningScene, or mapping of str to Workspace, PosedShape or shape
-        Obstacles in space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
-        :meth:`CSpace.add_obstacle` takes. A single workspace is called ``"workspace"``. A workspace made from a mesh or
-        point cloud is used exactly, any other by its cells; everything beyond the grid is free. But a workspace of one
-        mesh or other exact shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
-        cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A planning scene of
-        :func:`cspace.arms.read_moveit_scene` also attaches its objects; if it has an allowed collision matrix, that
-        replaces :attr:`Arm.allowed_collisions`.
+        Obstacles in space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or
+        anything else that :meth:`CSpace.add_obstacle` takes. A single workspace is called
+        ``"workspace"``. A workspace made from a mesh or point cloud is used exactly, any other by
+        its cells; everything beyond the grid is free. But a workspace of one mesh or other exact
+        shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
+        cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A
+        planning scene of :func:`cspace.arms.read_moveit_scene` also attaches its objects; if it has
+        an allowed collision matrix, that replaces :attr:`Arm.allowed_collisions`.
     arm : Arm
     allowed_collisions : iterable of pairs of str
-        A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
+        A link, and an obstacle or link that it may touch, in addition to
+        :attr:`Arm.allowed_collisions`.
     margin : float
         Metres by which FREE stays clear.
     padding : mapping of str to float, optional
         Metres, by link or obstacle, that are added to the margin between links and obstacles.
     base_pose : array-like, shape (4, 4), optional
-        Pose of the arm's base in the frame of the obstacles; the identity by default. For a planning scene, the default
-        is the pose in the frame of the scene, which must be ``"world"`` or a frame of the arm that no joint moves;
-        ``"world"`` is the frame of the base, if that is the root of the URDF.
+        Pose of the arm's base in the frame of the obstacles; the identity by default. For a
+        planning scene, the default is the pose in the frame of the scene, which must be ``"world"``
+        or a frame of the arm that no joint moves; ``"world"`` is the frame of the base, if that is
+        the root of the URDF.
 
     Raises
     ------
     InputError
-        If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
-        negative, or cells do not fit into memory.
+        If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid
+        motion, the margin is negative, or cells do not fit into memory.
     ConfigurationError
-        If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
-        random configurations.
+        If an obstacle touches a link that no joint moves, or if a pair that at most two joints move
+        touches in all 1000 random configurations.
     """
     pairs = set[Names]()
     given = None if base_pose is None else check_rigid(base_pose, "base_pose")
@@ -948,12 +1082,16 @@ def build_arm_space(
     for name in named:
         if name in links:
             problem = f"name one {name!r}"
-            raise InputError("obstacles", problem, "a link has that name", "choose another name", value=name)
+            raise InputError(
+                "obstacles", problem, "a link has that name", "choose another name", value=name
+            )
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
     extra = {
-        check_known(name, "padding", known, "names"): check_not_negative(metres, f"padding of {name}")
+        check_known(name, "padding", known, "names"): check_not_negative(
+            metres, f"padding of {name}"
+        )
         for name, metres in (padding or {}).items()
     }
     base = np.linalg.inv(pose).astype(np.float64)
@@ -961,14 +1099,18 @@ def build_arm_space(
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
 
 
-def _check_allowed(pairs: Iterable[tuple[str, str]], argument: str, known: Collection[str]) -> set[Names]:
+def _check_allowed(
+    pairs: Iterable[tuple[str, str]], argument: str, known: Collection[str]
+) -> set[Names]:
     """Return alphabetical pairs of known names; raise InputError if they are none."""
     try:
         found = [(one, other) for one, other in pairs]
     except (TypeError, ValueError) as error:
         rule, hint = "it must hold pairs of names", "pass e.g. [('hand', 'table')]"
         raise InputError(argument, f"is {pairs!r}", rule, hint, value=pairs) from error
-    return {sort_pair(*(check_known(name, argument, known, "names") for name in pair)) for pair in found}
+    return {
+        sort_pair(*(check_known(name, argument, known, "names") for name in pair)) for pair in found
+    }
 
 
 def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[str]) -> set[Names]:

@@ -1,4 +1,7 @@
-"""The command line. Heavy modules are imported only when a command runs, so that ``--help`` is fast."""
+"""The command line.
+
+Heavy modules are imported only when a command runs, so that ``--help`` is fast.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,11 @@ class _Commands(TyperGroup):
         """Run a command; print errors and exit with code 2 or 130."""
 
         def warn(message: Warning | str, *_: Any, **__: Any) -> None:
-            typer.echo(f"cspace: warning: {name_options(' '.join(str(message).split()), self._options(ctx))}", err=True)
+            typer.echo(
+                "cspace: warning: "
+                f"{name_options(' '.join(str(message).split()), self._options(ctx))}",
+                err=True,
+            )
 
         try:
             with warnings.catch_warnings():
@@ -42,12 +49,19 @@ class _Commands(TyperGroup):
             problem = format_error(error, self._options(ctx))
         except _USAGE_ERRORS as error:  # e.g. an option without its value
             command = error.ctx.command_path if error.ctx else "cspace"
-            message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+            message = (
+                " ".join(error.format_message().split())
+                .removesuffix(".")
+                .replace("Value error, ", "")
+            )
             problem = f"{message}; see {command} --help"
         except OSError as error:
             problem = " ".join(str(error).split())
         except MemoryError as error:
-            problem = f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use larger cells"
+            problem = (
+                f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use "
+                "larger cells"
+            )
         except KeyboardInterrupt as interrupt:
             typer.echo("; ".join(["cspace: interrupted", *map(str, interrupt.args)]), err=True)
             raise typer.Exit(130) from None
@@ -81,7 +95,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print the version and stop."
+        ),
     ] = False,
 ) -> None:
     pass

@@ -18,12 +18,17 @@ if TYPE_CHECKING:
     from cspace.space import CSpace
     from planners import Plan
 
-_BAR: Final = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+_BAR: Final = (
+    '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+)
 _AXIS: Final = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
 _TWO_LINKS: Final = (
-    f'<robot name="two"><link name="base"/><link name="upper">{_BAR}</link><link name="fore">{_BAR}</link>'
-    f'<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>{_AXIS}</joint>'
-    f'<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="1 0 0"/>{_AXIS}'
+    '<robot name="two"><link name="base"/>'
+    f'<link name="upper">{_BAR}</link><link name="fore">{_BAR}</link>'
+    '<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>'
+    f"{_AXIS}</joint>"
+    '<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>'
+    f'<origin xyz="1 0 0"/>{_AXIS}'
     "</joint></robot>"
 )
 """URDF of an arm with two links in a plane."""
@@ -32,8 +37,8 @@ _TWO_LINKS: Final = (
 def compile_ahead(as_json: Json = False) -> None:
     """Compile ahead what maps, plans and arms need.
 
-    Without it, each function is compiled at its first call. Run it while you make the image of a container, as the user
-    of the container.
+    Without it, each function is compiled at its first call. Run it while you make the image of a
+    container, as the user of the container.
     """
     from cspace import compiling
     from cspace.demo import write_inputs
@@ -41,7 +46,13 @@ def compile_ahead(as_json: Json = False) -> None:
     folder = compiling.cache_folder()
     if folder is None:
         hint = "set NUMBA_CACHE_DIR to a folder that only you can write to"
-        raise InputError("NUMBA_CACHE_DIR", "names no safe folder", "compiled code is kept in one", hint, value=None)
+        raise InputError(
+            "NUMBA_CACHE_DIR",
+            "names no safe folder",
+            "compiled code is kept in one",
+            hint,
+            value=None,
+        )
     level = compiling.LOGGER.level
     compiling.LOGGER.setLevel(logging.ERROR)  # a long wait is what this command is for
     seconds = ByName()

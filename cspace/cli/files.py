@@ -20,21 +20,30 @@ if TYPE_CHECKING:
 def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
     """Check that output files, and images written beside them, can be written.
 
-    Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the same file; FileError
-    if a folder is missing or not writable, or if an output exists and ``overwrite`` is not set.
+    Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
+    same file; FileError if a folder is missing or not writable, or if an output exists and
+    ``overwrite`` is not set.
     """
     from cspace.files.access import check_output
 
     for path in paths:
         if path.suffix.lower() not in suffixes:
             hint = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
-            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", hint, value=path)
+            raise InputError(
+                str(path),
+                f"ends in {path.suffix!r}",
+                "the suffix says what to write",
+                hint,
+                value=path,
+            )
         image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
         for target in (path, *image):
             check_output(target, overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
         names = ", ".join(map(str, paths))
-        raise InputError(names, "name a file twice", "they must differ", "choose another name", value=paths)
+        raise InputError(
+            names, "name a file twice", "they must differ", "choose another name", value=paths
+        )
 
 
 def check_folder(folder: Path) -> None:
@@ -53,8 +62,8 @@ def check_folder(folder: Path) -> None:
 def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the axes of a saved map and their units.
 
-    Units are "m", "rad" or "1". Only the metadata are read, because a map may be large and a wrong option should be
-    reported at once. Raises FileError if the map cannot be opened.
+    Units are "m", "rad" or "1". Only the metadata are read, because a map may be large and a wrong
+    option should be reported at once. Raises FileError if the map cannot be opened.
     """
     from cspace.opening import open_map
     from cspace.rotations import Rotations
@@ -73,8 +82,9 @@ def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     """Read the configurations of a path written by ``cspace plan``.
 
-    The file is CSV with a row of names and a row for each configuration, or JSON with the configurations under
-    ``path``. Raises FileError if the file cannot be read, has no path, or has other axes than ``axes``.
+    The file is CSV with a row of names and a row for each configuration, or JSON with the
+    configurations under ``path``. Raises FileError if the file cannot be read, has no path, or has
+    other axes than ``axes``.
     """
     hint = "write a path on this map with cspace plan"
     try:
@@ -83,7 +93,9 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
         if any(len(point) != len(points[0]) for point in points):
             raise ValueError
     except (ValueError, TypeError, KeyError, csv.Error) as error:
-        rule = f"it must be CSV with the columns {', '.join(axes)}, or JSON with such rows under path"
+        rule = (
+            f"it must be CSV with the columns {', '.join(axes)}, or JSON with such rows under path"
+        )
         raise FileError(str(file), "has no path", rule, hint) from error
     if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
         problem = f"has {', '.join(names) or f'{len(points[0])} columns'}"
@@ -107,14 +119,16 @@ def _read_table(file: Path) -> tuple[tuple[str, ...], Any]:
     # The path of a car has an additional column: its direction of driving.
     columns = [index for index, name in enumerate(rows[0] if rows else ()) if name != "direction"]
     names = tuple(rows[0][index] for index in columns)
-    return names, [[row[index] for index in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
+    return names, [
+        [row[index] for index in columns] if len(row) == len(rows[0]) else row for row in rows[1:]
+    ]
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
     """Check that a store can be created or resumed at a path.
 
-    Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and FileError if
-    something else exists or the path is not writable.
+    Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and
+    FileError if something else exists or the path is not writable.
     """
     from cspace.save import read_format
 
@@ -153,8 +167,8 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
 def connect_cluster(address: str | None) -> Iterator[Any]:
     """Connect to a dask scheduler.
 
-    Yield its client, or None without an address. Raises MissingPackageError if dask is not installed, and InputError if
-    the connection fails.
+    Yield its client, or None without an address. Raises MissingPackageError if dask is not
+    installed, and InputError if the connection fails.
     """
     if address is None:
         yield None
@@ -166,7 +180,9 @@ def connect_cluster(address: str | None) -> Iterator[Any]:
     except (OSError, ValueError, TimeoutError) as error:
         problem = f"is {address!r}, which does not answer ({error})"
         hint = "start one with: dask scheduler"
-        raise InputError("scheduler", problem, "it must be a dask scheduler", hint, value=address) from error
+        raise InputError(
+            "scheduler", problem, "it must be a dask scheduler", hint, value=address
+        ) from error
     with client:
         yield client
 

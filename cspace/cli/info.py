@@ -1,4 +1,7 @@
-"""info: describe a saved map, workspace, robot or arm, and estimate the memory of a map before it is built."""
+"""Command that describes a saved map, workspace, robot or arm.
+
+It also estimates the memory of a map before it is built.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,12 @@ if TYPE_CHECKING:
 FileKind = Literal["map", "workspace", "robot", "arm"]
 """Kind of object in a file."""
 
-_KIND_NAMES: Final = {"map": "a saved map", "workspace": "a workspace", "robot": "a robot", "arm": "an arm"}
+_KIND_NAMES: Final = {
+    "map": "a saved map",
+    "workspace": "a workspace",
+    "robot": "a robot",
+    "arm": "an arm",
+}
 """Text for each kind."""
 
 _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
@@ -54,23 +62,31 @@ _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
 def info(
     context: typer.Context,
     file: Annotated[
-        str, typer.Argument(metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm.")
+        str,
+        typer.Argument(
+            metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm."
+        ),
     ],
     inputs: Inputs,
     kind: Annotated[
         FileKind | None,
-        typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name]."),
+        typer.Option(
+            "--as", help="What FILE holds, where its name does not tell  [default: by its name]."
+        ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(metavar="SPEC", help="A robot to describe beside a workspace, as for cspace map.")
+        str | None,
+        typer.Option(
+            metavar="SPEC", help="A robot to describe beside a workspace, as for cspace map."
+        ),
     ] = None,
     srdf: Srdf = None,
     as_json: Json = False,
 ) -> None:
     """Show what a map, a workspace, a robot or an arm holds.
 
-    Of a workspace also what a map of it would need, before any work. A URDF with joints that move is an arm; --as robot
-    shows its fixed part.
+    Of a workspace also what a map of it would need, before any work. A URDF with joints that move
+    is an arm; --as robot shows its fixed part.
     """
     from cspace.opening import open_map
 
@@ -83,7 +99,11 @@ def info(
         srdf=srdf,
         package_dirs=package_dirs or None,
     )
-    taken = _OPTIONS_BY_KIND[kind] if robot is None else (*_OPTIONS_BY_KIND[kind], "robot_solid", "package_dirs")
+    taken = (
+        _OPTIONS_BY_KIND[kind]
+        if robot is None
+        else (*_OPTIONS_BY_KIND[kind], "robot_solid", "package_dirs")
+    )
     refuse_options({**options, **others}, taken, f"{file} is {_KIND_NAMES[kind]}")
     if kind == "map":
         document = describe_map(open_map(file))
@@ -93,7 +113,9 @@ def info(
         document = describe_robot(open_robot(file, solid, package_dirs), inputs.spacing)
     else:
         other = None if robot is None else inputs.read_robot(robot)
-        document = describe_workspace(Path(file), options, option_names(context.command), other, inputs.rotations)
+        document = describe_workspace(
+            Path(file), options, option_names(context.command), other, inputs.rotations
+        )
     show({"kind": kind, **document}, as_json)
 
 
@@ -121,12 +143,17 @@ def _has_moving_joints(path: Path) -> bool:
 def describe_arm(arm: Arm) -> dict[str, Any]:
     """Describe an arm: its joints, links and pairs of links."""
     joints = ByName()
-    for joint, unit, low, high in zip(arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True):
+    for joint, unit, low, high in zip(
+        arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True
+    ):
         if math.isinf(high):
             joints[joint] = "continuous"
         else:
             joints[with_unit(joint, unit)] = [low, high]
-    triangles = {link.name: sum(len(part.shape.outer.surface[1]) for part in link.parts) for link in arm.links}
+    triangles = {
+        link.name: sum(len(part.shape.outer.surface[1]) for part in link.parts)
+        for link in arm.links
+    }
     pairs = list(combinations(sorted(triangles), 2))
     allowed = sum(pair in arm.allowed_collisions for pair in pairs)
     named = ByName({name: q.tolist() for name, q in arm.named_configurations.items()})
@@ -136,7 +163,11 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
         "joints": joints,
         "triangles_of_links": ByName(triangles),
         "pairs_of_links": {"may_touch": allowed, "may_not_touch": len(pairs) - allowed},
-        **({"groups": ByName({name: list(members) for name, members in arm.groups.items()})} if arm.groups else {}),
+        **(
+            {"groups": ByName({name: list(members) for name, members in arm.groups.items()})}
+            if arm.groups
+            else {}
+        ),
         **({"named_configurations": named} if named else {}),
     }
 
@@ -177,7 +208,10 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
     shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
     corners = np.array(shapes["outer"].bounds)
-    facts = {name: {**describe_box(np.array(shape.bounds)), **shape._facts} for name, shape in shapes.items()}
+    facts = {
+        name: {**describe_box(np.array(shape.bounds)), **shape._facts}
+        for name, shape in shapes.items()
+    }
     return {
         "robot": robot.name,
         **(facts["outer"] if shapes["inner"] is shapes["outer"] else facts),
@@ -188,11 +222,19 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 def describe_box(corners: Any) -> dict[str, Any]:
     """Describe a box by its corners, shape (2, d), metres."""
     lower, upper = corners
-    return {"lower_m": lower.tolist(), "upper_m": upper.tolist(), "extents_m": (upper - lower).tolist()}
+    return {
+        "lower_m": lower.tolist(),
+        "upper_m": upper.tolist(),
+        "extents_m": (upper - lower).tolist(),
+    }
 
 
 def describe_workspace(
-    path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: str | None = None
+    path: Path,
+    options: dict[str, Any],
+    names: Options,
+    robot: Robot | None = None,
+    rotations: str | None = None,
 ) -> dict[str, Any]:
     """Describe a workspace file and estimate a map of it.
 
@@ -227,7 +269,9 @@ def describe_workspace(
     if reader.__name__ in _SHAPE_READERS:
         document = _describe_shapes(estimate, path, reader.__name__, **options)
     else:
-        document = _describe_grid(estimate, lambda **more: Workspace.open(path, **{**options, **more}), reader)
+        document = _describe_grid(
+            estimate, lambda **more: Workspace.open(path, **{**options, **more}), reader
+        )
     if robot is not None:
         described = describe_robot(robot, document.get("spacing_m"))
         document["robot"] = {"name": described.pop("robot"), **described}
@@ -235,7 +279,13 @@ def describe_workspace(
 
 
 def _describe_shapes(
-    estimate: _MapEstimate, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
+    estimate: _MapEstimate,
+    path: Path,
+    kind: str,
+    *,
+    spacing: float | None = None,
+    bounds: Any = None,
+    **options: Any,
 ) -> dict[str, Any]:
     """Describe a file of shapes and the grid of a map of it."""
     from cspace.check import check_bounds
@@ -283,7 +333,9 @@ _SHAPE_READERS: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, An
 """Noun and reader of files of shapes, by the constructor of a workspace."""
 
 
-def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
+def _describe_grid(
+    estimate: _MapEstimate, read: Callable[..., Any], reader: Callable[..., Any]
+) -> dict[str, Any]:
     """Describe a file of cells.
 
     In sensor maps, unknown cells are counted separately.
@@ -295,7 +347,9 @@ def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Cal
     is_sensor_map = "unknown" in inspect.signature(reader).parameters
     workspace = read(unknown="free") if is_sensor_map else read()
     occupied, unseen = int(np.count_nonzero(workspace.outer)), workspace.unknown
-    unknown = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if is_sensor_map else {}
+    unknown = (
+        {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if is_sensor_map else {}
+    )
     grid = workspace.grid
     return {
         **describe_box(np.array([grid.lower, grid.upper])),
@@ -319,7 +373,11 @@ class _MapEstimate:
         self._facts: dict[str, Any] = {}
         if rotations.facts:
             # A symmetric robot needs fewer slices than rotation cells.
-            self.slices = len(rotations) if robot is None else int(rotations.assign_slices(robot.shape).max()) + 1
+            self.slices = (
+                len(rotations)
+                if robot is None
+                else int(rotations.assign_slices(robot.shape).max()) + 1
+            )
             self._facts = {"rotations": len(rotations), "slices": self.slices}
 
     def describe_grid(
@@ -346,14 +404,20 @@ class _MapEstimate:
         if memory["memory"]["fits"]:
             Grid(box[0], spacing, shape)  # raises InputError if the map is too far from the origin
         return {
-            **({} if bounds is None else {"map_lower_m": box[0].tolist(), "map_upper_m": box[1].tolist()}),
+            **(
+                {}
+                if bounds is None
+                else {"map_lower_m": box[0].tolist(), "map_upper_m": box[1].tolist()}
+            ),
             "spacing_m": spacing,
             "shape": shape,
             "cells": {"total": count_cells(shape)},
             **memory,
         }
 
-    def memory(self, grid: Grid | PlannedGrid, bytes_per_cell: int, hint: str = "") -> dict[str, Any]:
+    def memory(
+        self, grid: Grid | PlannedGrid, bytes_per_cell: int, hint: str = ""
+    ) -> dict[str, Any]:
         """Estimate the memory and build time of a map.
 
         ``hint`` is that of ``check_memory``.

@@ -58,8 +58,10 @@ def make(
         typer.Argument(
             metavar="WORKSPACE",
             readable=False,
-            help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In space: a mesh (.stl, "
-            ".obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, .pcd, .ply). "
+            help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In "
+            "space: a mesh (.stl, "
+            ".obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
+            ".pcd, .ply). "
             "Either: .npy.",
         ),
     ],
@@ -67,8 +69,10 @@ def make(
         str,
         typer.Option(
             metavar="SPEC",
-            help="In the plane: disc:0.3, rect:0.9x0.6, ellipse:0.5,0.3, footprint:[[X,Y],...] or a file with a "
-            "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or a mesh.",
+            help="In the plane: disc:0.3, rect:0.9x0.6, ellipse:0.5,0.3, footprint:[[X,Y],...] "
+            "or a file with a "
+            "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or "
+            "a mesh.",
         ),
     ],
     inputs: Inputs,
@@ -83,22 +87,33 @@ def make(
         ),
     ] = None,
     outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = "blocked",
-    margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
+    margin: Annotated[
+        float, typer.Option(metavar="METRES", help="Grow the robot by this much.")
+    ] = 0.0,
     inner: Annotated[
-        bool, typer.Option("--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED.")
+        bool,
+        typer.Option(
+            "--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED."
+        ),
     ] = True,
-    counts: Annotated[bool, typer.Option("--counts", help="Keep the overlap counts in the map.")] = False,
+    counts: Annotated[
+        bool, typer.Option("--counts", help="Keep the overlap counts in the map.")
+    ] = False,
     method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = "auto",
     tile: Annotated[
         int | None,
         typer.Option(
             metavar="CELLS",
-            help="Build tile by tile, each so many cells along an axis, for maps larger than memory; the same command "
+            help="Build tile by tile, each so many cells along an axis, for maps larger than "
+            "memory; the same command "
             "goes on where it was stopped.",
         ),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="With --tile: a dask cluster, e.g. tcp://10.0.0.1:8786.")
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="With --tile: a dask cluster, e.g. tcp://10.0.0.1:8786."
+        ),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -144,7 +159,9 @@ def make(
     else:
         if scheduler is not None:
             hint = "add e.g. --tile 4096"
-            raise InputError("scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler)
+            raise InputError(
+                "scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler
+            )
         with clock.step("build") as progress:
             settings["progress"] = progress
             space = made = build(obstacles, shape, **settings)
@@ -156,13 +173,17 @@ def make(
 def picture(
     file: MapFile,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg.")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg."
+        ),
     ],
     path: PathFile = None,
     start: Mark = None,
     goal: Mark = None,
     robot_every: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
+        float | None,
+        typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen]."),
     ] = None,
     rotation: Annotated[
         str | None,
@@ -177,23 +198,33 @@ def picture(
     ] = None,
     center: Annotated[
         str | None,
-        typer.Option(metavar="X,Y[,Z]", help="The point of sections or of --zoom, metres  [default: chosen]."),
+        typer.Option(
+            metavar="X,Y[,Z]", help="The point of sections or of --zoom, metres  [default: chosen]."
+        ),
     ] = None,
     zoom: Annotated[
-        float | None, typer.Option(metavar="TIMES", help="Show a part only, so many times larger, around --center.")
+        float | None,
+        typer.Option(
+            metavar="TIMES", help="Show a part only, so many times larger, around --center."
+        ),
     ] = None,
     surface: Annotated[
         Literal["obstacles", "free"] | None,
-        typer.Option(help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."),
+        typer.Option(
+            help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."
+        ),
     ] = None,
     cut: Annotated[
         float | None,
         typer.Option(
             metavar="METRES",
-            help="Height, or angle of the third joint, above which 3d leaves cells out  [default: above the path].",
+            help="Height, or angle of the third joint, above which 3d leaves cells out  "
+            "[default: above the path].",
         ),
     ] = None,
-    dpi: Annotated[float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")] = 150.0,
+    dpi: Annotated[
+        float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")
+    ] = 150.0,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -209,7 +240,9 @@ def picture(
     marks = read_marks(start, goal, axes, units)
     options = drop_none(
         rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes),
-        center=None if center is None else parse_configuration(center, "center", places, units[: len(places)]),
+        center=None
+        if center is None
+        else parse_configuration(center, "center", places, units[: len(places)]),
         zoom=zoom,
         surface=surface,
         cut=cut,
@@ -232,19 +265,23 @@ def export(
         typer.Argument(
             metavar="OUT",
             readable=False,
-            help=".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, .tif for a "
+            help=".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a "
+            "ROS map, .tif for a "
             "GeoTIFF; in space .stl, .ply or .obj for the border of the free space.",
         ),
     ],
     rotation: Annotated[
         str | None,
-        typer.Option(metavar="ROTATION", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
+        typer.Option(
+            metavar="ROTATION", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."
+        ),
     ] = None,
     window: Annotated[
         str | None,
         typer.Option(
             metavar="LOWER,UPPER",
-            help="Only this box, metres: XMIN,YMIN,XMAX,YMAX, or in space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX; of a map in "
+            help="Only this box, metres: XMIN,YMIN,XMAX,YMAX, or in space "
+            "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX; of a map in "
             "tiles, with as much around it as the robot reaches.",
         ),
     ] = None,
@@ -259,17 +296,26 @@ def export(
     check_outputs([output], EXPORTS, overwrite)
     axes, _ = read_axes(file)
     check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
-    options = drop_none(rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes))
+    options = drop_none(
+        rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes)
+    )
     clock = Clock()
     with clock.step("read"):
-        space = select_window(open_map(file), None if window is None else parse_box(window, "window"))
+        space = select_window(
+            open_map(file), None if window is None else parse_box(window, "window")
+        )
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 
 def view(
-    file: Annotated[Path, typer.Argument(metavar="FILE", readable=False, help="A saved map: .zarr; or an arm: .urdf.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", readable=False, help="A saved map: .zarr; or an arm: .urdf."
+        ),
+    ],
     path: PathFile = None,
     start: Mark = None,
     goal: Mark = None,
@@ -277,13 +323,22 @@ def view(
     solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
     frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frame of an arm to drag  [default: the one most joints move].")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Frame of an arm to drag  [default: the one most joints move]."
+        ),
     ] = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in."
+        ),
     ] = "127.0.0.1",
     port: Annotated[
-        int | None, typer.Option(metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on].")
+        int | None,
+        typer.Option(
+            metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on]."
+        ),
     ] = None,
 ) -> None:
     """Show a map or an arm on a page in the browser, and plan there.

@@ -28,11 +28,13 @@ Solid = Literal["auto", "surface", "fill"]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
-# readable=False keeps typer from checking files before a command runs, because the library's messages are better.
+# readable=False keeps typer from checking files before a command runs, because the library's
+# messages are better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr.")]
 
 PathFile = Annotated[
-    Path | None, typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json.")
+    Path | None,
+    typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json."),
 ]
 CONFIGURATION: Final = "X,Y[,Z][,ROTATION]"
 """Placeholder of a configuration in the help."""
@@ -41,7 +43,8 @@ Mark = Annotated[
     str | None,
     typer.Option(
         metavar=CONFIGURATION,
-        help="A configuration to mark, metres, or the joints of a map of joints  [default: an end of the path].",
+        help="A configuration to mark, metres, or the joints of a map of joints  [default: an "
+        "end of the path].",
     ),
 ]
 
@@ -66,7 +69,12 @@ PackageDirs = Annotated[
 
 Srdf = Annotated[
     Path | None,
-    typer.Option("--srdf", metavar="FILE", readable=False, help="For an arm: which links may touch, and its groups."),
+    typer.Option(
+        "--srdf",
+        metavar="FILE",
+        readable=False,
+        help="For an arm: which links may touch, and its groups.",
+    ),
 ]
 
 
@@ -77,35 +85,41 @@ class Inputs:
     spacing: Annotated[
         float | None,
         typer.Option(
-            metavar="METRES", help="Side of a cell, where the file does not say: images, polygons, meshes, points."
+            metavar="METRES",
+            help="Side of a cell, where the file does not say: images, polygons, meshes, points.",
         ),
     ] = None
     rotations: Annotated[
         str | None,
         typer.Option(
             metavar="COUNT",
-            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in space, for all.",
+            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in "
+            "space, for all.",
         ),
     ] = None
     bounds: Annotated[
         str | None,
         typer.Option(
             metavar="LOWER,UPPER",
-            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in space "
+            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in "
+            "space "
             "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
         ),
     ] = None
     unknown: Annotated[
         Unknown | None,
-        typer.Option(help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."),
+        typer.Option(
+            help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."
+        ),
     ] = None
     solid: SolidMesh = None
-    robot_solid: Annotated[Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")] = (
-        None
-    )
+    robot_solid: Annotated[
+        Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")
+    ] = None
     package_dirs: PackageDirs = None
     radius: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud.")
+        float | None,
+        typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud."),
     ] = None
 
     def workspace_options(self) -> dict[str, Any]:
@@ -119,7 +133,11 @@ class Inputs:
             check_positive(self.spacing, "spacing")
         bounds = None if self.bounds is None else parse_box(self.bounds, "bounds")
         return drop_none(
-            spacing=self.spacing, unknown=self.unknown, bounds=bounds, solid=self.solid, radius=self.radius
+            spacing=self.spacing,
+            unknown=self.unknown,
+            bounds=bounds,
+            solid=self.solid,
+            radius=self.radius,
         )
 
     def read_robot(self, text: str) -> Robot:
@@ -132,7 +150,7 @@ class Inputs:
 
 
 def spread_inputs(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the fields of :class:`Inputs` as options, instead of its parameter ``inputs``."""
+    """Give a command the fields of :class:`Inputs` as options, instead of ``inputs``."""
     fields = list(inspect.signature(Inputs, eval_str=True).parameters.values())
     parameters: list[inspect.Parameter] = []
     for each in inspect.signature(command, eval_str=True).parameters.values():
@@ -151,8 +169,8 @@ def spread_inputs(command: Callable[..., None]) -> Callable[..., None]:
 def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
     """Return the robot of a short text or a file, or, of ``footprint:`` and a file, its projection.
 
-    Raises CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short text has
-    options.
+    Raises CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a
+    short text has options.
     """
     from cspace.robot import Robot
     from cspace.shapes.primitives import FOOTPRINT, is_short_text
@@ -169,14 +187,18 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     return Robot.parse(text)
 
 
-def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None) -> Arm:
+def read_arm(
+    file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None
+) -> Arm:
     """Read the arm of a URDF and, if given, an SRDF.
 
     Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
     """
     from cspace.arms import Arm
 
-    options: dict[str, Any] = drop_none(solid=solid)  # which may be "fill": the arm refuses that by name
+    options: dict[str, Any] = drop_none(
+        solid=solid
+    )  # which may be "fill": the arm refuses that by name
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
@@ -205,7 +227,10 @@ def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotat
     """Raise InputError if robot, workspace and rotations have different dimensions."""
     rotations.check_dimension(dim)
     if robot is not None and robot.dim != dim:
-        problem = f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has {dim}"
+        problem = (
+            f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has "
+            f"{dim}"
+        )
         hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
         raise InputError("robot", problem, "they must agree", hint, value=robot)
 
@@ -220,7 +245,10 @@ def parse_rotation_cells(text: str | None) -> Rotations:
     if text is None:
         return Rotations.of(None)
     kind, _, count = text.rpartition(":")
-    kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
+    kinds = {
+        "": Rotations.of,
+        **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names},
+    }
     if kind not in kinds or not count.isdecimal() or not int(count):
         hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
         rule = "it must be a count above zero, or a kind and a count"
@@ -233,20 +261,29 @@ def parse_configuration(
 ) -> tuple[float, ...]:
     """Parse the configuration in an argument such as ``start``.
 
-    ``units`` has "m", "rad" or "1" for each axis, by default as for a rigid robot. Angles may be in degrees: ``90deg``.
-    Raises InputError if the text does not have one number for each axis, separated by commas.
+    ``units`` has "m", "rad" or "1" for each axis, by default as for a rigid robot. Angles may be in
+    degrees: ``90deg``. Raises InputError if the text does not have one number for each axis,
+    separated by commas.
     """
     units = _axis_units(axes) if units is None else units
-    rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
+    rule = (
+        f"the map's configurations are {','.join(axes)}, in "
+        f"{'metres' if 'm' in units else 'radians or degrees'}"
+    )
     if "m" in units:
-        rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
+        rule += "".join(
+            f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad"
+        )
     return _parse_numbers(text, argument, axes, units, rule)
 
 
 def read_marks(
     start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
 ) -> dict[str, tuple[float, ...]]:
-    """Parse ``--start`` and ``--goal``, if given; raise InputError like :func:`parse_configuration`."""
+    """Parse ``--start`` and ``--goal``, if given.
+
+    Raise InputError like :func:`parse_configuration`.
+    """
     ends = drop_none(start=start, goal=goal)
     return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
 
@@ -266,7 +303,10 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
     known = {"x": "-1.5", "y": "2", "z": "0.5"}
     for kind in Rotations.KINDS.values():
         known |= zip(kind.names, kind.examples, strict=True)
-    return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
+    return [
+        known.get(axis, "90deg" if unit == "rad" else "0.2")
+        for axis, unit in zip(axes, units, strict=True)
+    ]
 
 
 def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> tuple[float, ...]:
@@ -278,10 +318,14 @@ def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> tuple[float
     if not names:
         hint = "omit it, or build the map with --rotations 72"
         raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
-    return _parse_numbers(text, argument, names, _axis_units(names), f"it must be {','.join(names)}")
+    return _parse_numbers(
+        text, argument, names, _axis_units(names), f"it must be {','.join(names)}"
+    )
 
 
-def _parse_numbers(text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str) -> tuple[float, ...]:
+def _parse_numbers(
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
+) -> tuple[float, ...]:
     """Parse one number for each axis, separated by commas."""
     fields = text.split(",")
     numbers = []
@@ -310,7 +354,9 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
             raise ValueError
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {argument}=-1,-1,0,4,3,2.5", value=text) from None
+        raise InputError(
+            argument, f"is {text!r}", rule, f"write e.g. {argument}=-1,-1,0,4,3,2.5", value=text
+        ) from None
     check_bounds(values, len(values) // 2)
     return values
 
@@ -318,11 +364,14 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
 def parse_angle(text: str, argument: str, name: str) -> float:
     """Parse an angle such as ``90deg`` or, in radians, ``1.57``.
 
-    ``name`` is for messages. Raises InputError if the text is not an angle, or if it has no unit and exceeds 2 pi,
-    because degrees were then probably intended.
+    ``name`` is for messages. Raises InputError if the text is not an angle, or if it has no unit
+    and exceeds 2 pi, because degrees were then probably intended.
     """
     word = text.strip()
-    number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
+    number, unit = next(
+        ((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)),
+        (word, ""),
+    )
     problem = f"has the {name} {text!r}"
     try:
         value = float(number)

@@ -10,7 +10,14 @@ import typer
 
 from cspace.cli.files import check_folder, check_outputs, read_axes
 from cspace.cli.info import describe_map
-from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, drop_none, parse_configuration
+from cspace.cli.options import (
+    CONFIGURATION,
+    Json,
+    MapFile,
+    Overwrite,
+    drop_none,
+    parse_configuration,
+)
 from cspace.cli.report import Clock, name_options, option_names, show, with_unit
 from cspace.errors import InputError
 from cspace.words import Drive
@@ -28,29 +35,41 @@ def plan(
         str,
         typer.Option(
             metavar=CONFIGURATION,
-            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5; on a "
+            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in "
+            "space -1,2,0.5; on a "
             "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
         ),
     ],
     goal: Annotated[
-        str, typer.Option(metavar=CONFIGURATION, help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.")
+        str,
+        typer.Option(
+            metavar=CONFIGURATION,
+            help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
+        ),
     ],
     output: Annotated[
         list[Path] | None,
         typer.Option(
-            "--output", "-o", metavar="PATH", readable=False, help="The path: .csv or .json; may be given again."
+            "--output",
+            "-o",
+            metavar="PATH",
+            readable=False,
+            help="The path: .csv or .json; may be given again.",
         ),
     ] = None,
     planner: Annotated[
         str | None,
         typer.Option(
-            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: Grid, or "
+            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all "
+            " [default: Grid, or "
             "Lattice for other drives than holonomic]."
         ),
     ] = None,
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
     seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
-    simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
+    simplify: Annotated[
+        bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")
+    ] = True,
     objective: Annotated[
         str | None,
         typer.Option(help="What to optimise: length or clearance."),
@@ -63,11 +82,17 @@ def plan(
         typer.Option("--drive", help="How a robot with a yaw moves."),
     ] = "holonomic",
     turning_radius: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point.")
+        float | None,
+        typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point."),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")
+    ] = None,
     animate: Annotated[
-        Path | None, typer.Option(metavar="GIF", readable=False, help="Draw the robot on its way, as a moving picture.")
+        Path | None,
+        typer.Option(
+            metavar="GIF", readable=False, help="Draw the robot on its way, as a moving picture."
+        ),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -84,16 +109,25 @@ def plan(
     check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     axes, units = read_axes(file)
-    endpoints = parse_configuration(start, "start", axes, units), parse_configuration(goal, "goal", axes, units)
+    endpoints = (
+        parse_configuration(start, "start", axes, units),
+        parse_configuration(goal, "goal", axes, units),
+    )
     check_drive(axes, drive, turning_radius, exact)
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
     options = drop_none(
-        planner=planner, objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius
+        planner=planner,
+        objective=objective,
+        exact=exact or None,
+        drive=drive,
+        turning_radius=turning_radius,
     )
     with clock.step("plan"):
-        planned = planners.plan(space, *endpoints, time_limit=time_limit, simplify=simplify, seed=seed, **options)
+        planned = planners.plan(
+            space, *endpoints, time_limit=time_limit, simplify=simplify, seed=seed, **options
+        )
     clock.split("plan", **_search_times(planned))
     with clock.step("measure"):
         described = _describe(planned)
@@ -110,14 +144,19 @@ def plan(
             save_animation(drawn, planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = f"; try {name_options(planned.hint, option_names(context.command))}" if planned.hint else ""
+        hint = (
+            f"; try {name_options(planned.hint, option_names(context.command))}"
+            if planned.hint
+            else ""
+        )
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{hint}", err=True)
         raise typer.Exit(1)
 
 
 def demo(
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", readable=False, help="Where to write.")
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", readable=False, help="Where to write."),
     ] = Path("cspace-demo"),
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -148,15 +187,25 @@ def demo(
         space = build(workspace, flat.demo_robot(), progress=progress)
     with clock.step("prove"):
         proofs = {
-            "start_is_connected_to_goal": space.is_connected(flat.START_POSITION, flat.GOAL_POSITION),
-            "start_is_disconnected_from_store_room": space.is_disconnected(flat.START_POSITION, flat.STORE_POSITION),
+            "start_is_connected_to_goal": space.is_connected(
+                flat.START_POSITION, flat.GOAL_POSITION
+            ),
+            "start_is_disconnected_from_store_room": space.is_disconnected(
+                flat.START_POSITION, flat.STORE_POSITION
+            ),
         }
     with clock.step("plan"):
         planned = planners.plan(space, flat.START_POSITION, flat.GOAL_POSITION, seed=1)
     clock.split("plan", **_search_times(planned))
     if not (all(proofs.values()) and planned.solved and planned.certified):
         problem = f"failed: {proofs}, {planned.status}"
-        raise InputError("demo", problem, "its path must be found and certified", "please report it", value=proofs)
+        raise InputError(
+            "demo",
+            problem,
+            "its path must be found and certified",
+            "please report it",
+            value=proofs,
+        )
     with clock.step("measure"):
         described = _describe(planned)
     output.mkdir(parents=True, exist_ok=True)
@@ -205,7 +254,11 @@ def _describe(plan: Plan) -> dict[str, Any]:
 def _search_times(plan: Plan) -> dict[str, float]:
     """Return the durations of setup, search and check, seconds."""
     times = plan.times
-    return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
+    return {
+        "set_up": times.setup,
+        "plan": times.planning + times.simplification,
+        "check": times.checking,
+    }
 
 
 def _write(plan: Plan, files: list[Path], overwrite: bool) -> None:

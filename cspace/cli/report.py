@@ -71,8 +71,8 @@ class Clock:
 def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
     """Show a progress bar on standard error.
 
-    Yield the library's progress callback, or None without a terminal. With ``cells``, the number of cells of a tiled
-    map, the bar also shows the tiles done and the cells per second.
+    Yield the library's progress callback, or None without a terminal. With ``cells``, the number of
+    cells of a tiled map, the bar also shows the tiles done and the cells per second.
     """
     if not sys.stderr.isatty():
         yield None
@@ -105,8 +105,8 @@ def with_unit(name: str, unit: str) -> str:
 def show(document: dict[str, Any], as_json: bool) -> None:
     """Print a document on standard output as a table or as JSON.
 
-    JSON has null for numbers that are not finite. The document maps names to values, also nested; the end of a name is
-    its unit, e.g. ``_m`` for metres. Tables omit lists of lists.
+    JSON has null for numbers that are not finite. The document maps names to values, also nested;
+    the end of a name is its unit, e.g. ``_m`` for metres. Tables omit lists of lists.
     """
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
@@ -152,7 +152,9 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
     A nested document becomes a heading with an empty value, then its rows.
     """
     for name, value in document.items():
-        end, unit = next(((end, unit) for end, unit in _UNIT_TEXTS.items() if name.endswith(end)), ("", ""))
+        end, unit = next(
+            ((end, unit) for end, unit in _UNIT_TEXTS.items() if name.endswith(end)), ("", "")
+        )
         label = name.removesuffix(end)
         if not isinstance(document, ByName):
             label = label.replace("_", " ")
@@ -182,13 +184,16 @@ def _text(value: Any, unit: str) -> str:
 
 
 Options = Mapping[str, str]
-"""Options of a command by the library's argument that they set, e.g. ``{"spacing": "--spacing"}``."""
+"""Options of a command by the library's argument that they set, e.g. ``{"spacing": "--spacing"}``.
+"""
 
 
 def option_names(command: Any) -> Options:
     """Return the options of a command by the library's arguments."""
     parameters = command.params if command else []
-    names = {str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters}
+    names = {
+        str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters
+    }
     return {name: options[0] for name, options in names.items() if options}
 
 
@@ -199,7 +204,11 @@ def format_error(error: CspaceError, options: Options) -> str:
     name, bracket, index = error.argument.partition("[")  # goal[0]
     subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.problem}"
     return _line(
-        "; ".join(filter(None, (subject, *(name_options(part, options) for part in (error.rule, error.hint)))))
+        "; ".join(
+            filter(
+                None, (subject, *(name_options(part, options) for part in (error.rule, error.hint)))
+            )
+        )
     )
 
 
@@ -213,7 +222,9 @@ def name_options(text: str, options: Options) -> str:
 
     text = text.replace("; Robot.parse takes ", ", or ")
     text = re.sub(r"Rotations\.(\w+)\((\d+)\)", r"\1:\2", text)
-    argument = rf"(?<![^\s(])(?P<name>{'|'.join(options)})=(?:True\b|(?P<quote>['\"]?)(?P<value>[^\s'\"]*)(?P=quote))"
+    name = rf"(?<![^\s(])(?P<name>{'|'.join(options)})"
+    value = r"(?P<quote>['\"]?)(?P<value>[^\s'\"]*)(?P=quote)"
+    argument = rf"{name}=(?:True\b|{value})"
     return re.sub(argument, option, text) if options else text
 
 
@@ -226,7 +237,10 @@ def name_robot_options() -> Iterator[None]:
         try:
             yield
         except CspaceError as error:
-            error.argument, error.hint = options.get(error.argument, error.argument), name_options(error.hint, options)
+            error.argument, error.hint = (
+                options.get(error.argument, error.argument),
+                name_options(error.hint, options),
+            )
             raise
     for warning in caught:
         warnings.warn(name_options(str(warning.message), options), warning.category, stacklevel=3)

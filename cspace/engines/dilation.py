@@ -114,14 +114,19 @@ def collide(
         tasks += bits.make_tasks(runs_of_raster, result)
     word_runs = bits.words.size * sum(len(runs_of_raster) for _, runs_of_raster, _ in used)
     threads = (workers or cores()) if word_runs >= MIN_WORD_RUNS_FOR_THREADS else 1
-    groups = [tasks[first :: BLOCK_TASKS_PER_THREAD * threads] for first in range(BLOCK_TASKS_PER_THREAD * threads)]
+    groups = [
+        tasks[first :: BLOCK_TASKS_PER_THREAD * threads]
+        for first in range(BLOCK_TASKS_PER_THREAD * threads)
+    ]
     groups = [group for group in groups if group]
     advance = None if progress is None else lambda done: progress(done, len(groups))
     in_threads(partial(bits.dilate_blocks, add), groups, threads, advance)
     return PRECISION
 
 
-def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
+def bytes_needed(
+    shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None
+) -> int:
     """Return the peak memory of :func:`collide`, in bytes.
 
     Excludes its input, its results and up to a few megabytes.
@@ -143,7 +148,8 @@ class ClippedRuns(NamedTuple):
     Attributes
     ----------
     table : ndarray of int64, shape (n, 4)
-        First offset (x, y, z) of each run, and its length; ascending in length. In the plane x is 0.
+        First offset (x, y, z) of each run, and its length; ascending in length. In the plane x is
+        0.
     clipped : bool
         True if the raster also has offsets that always fall outside the map.
     """
@@ -167,7 +173,9 @@ class ClippedRuns(NamedTuple):
         is_clipped = np.bincount(owner, table[:, 3], len(rasters)) < lengths
         table = table[np.lexsort((table[:, 3], owner))]
         parts = np.split(table, np.searchsorted(owner, np.arange(1, len(rasters))))
-        return [cls(part, clipped) for part, clipped in zip(parts, is_clipped.tolist(), strict=True)]
+        return [
+            cls(part, clipped) for part, clipped in zip(parts, is_clipped.tolist(), strict=True)
+        ]
 
 
 def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
@@ -219,7 +227,9 @@ class Padding(NamedTuple):
         layers = layers_before + shape[0] + layers_after
         # The last row of a layer may be padding; its farthest offset is so many rows behind it.
         rows_behind = rows_before + rows_after + int(unused[1]) + 3
-        return cls((layers_before, rows_before, cells_before), rows, cells, layers * rows + rows_behind)
+        return cls(
+            (layers_before, rows_before, cells_before), rows, cells, layers * rows + rows_behind
+        )
 
 
 class PaddedBits:
@@ -230,7 +240,11 @@ class PaddedBits:
     """
 
     def __init__(
-        self, occupied: Bools, results: tuple[int, int, int], rasters: Sequence[Raster], outside: bool
+        self,
+        occupied: Bools,
+        results: tuple[int, int, int],
+        rasters: Sequence[Raster],
+        outside: bool,
     ) -> None:
         self.results = results
         self.padding = Padding.of(occupied.shape, results, rasters)
@@ -246,7 +260,9 @@ class PaddedBits:
         padded = self.words.view(np.uint8)[: (first_layer + layers) * layer_bytes]
         padded = padded.reshape(first_layer + layers, self.padding.rows, -1)
         first_byte = first_cell // BYTE_BITS
-        padded[first_layer:, first_row : first_row + rows, first_byte : first_byte + row_bytes] = packed
+        padded[first_layer:, first_row : first_row + rows, first_byte : first_byte + row_bytes] = (
+            packed
+        )
 
     def make_tasks(self, runs: Ints, out: Cells) -> list[Task]:
         """Return the tasks of one raster, by its runs from :class:`ClippedRuns`."""
@@ -278,7 +294,9 @@ class PaddedBits:
             hits = out[block.first_layer : block.stop_layer, block.first_row : block.stop_row]
             layers, rows, cells = hits.shape
             if layers > 1:
-                rows = self.padding.rows  # the layers of a block follow each other with their padding
+                rows = (
+                    self.padding.rows
+                )  # the layers of a block follow each other with their padding
             size = -(-layers * rows * self.padding.cells // WORD_BITS)
             reach = (int(distances.max()) + int(lengths[-1])) // WORD_BITS + 3
             first_row = block.first_layer * self.padding.rows + block.first_row
@@ -288,15 +306,21 @@ class PaddedBits:
             result = np.empty(size, dtype=np.uint64)
             if dilate(source, lengths, distances, wide, wider, result):
                 row_bytes = self.padding.cells // BYTE_BITS
-                in_rows = result.view(np.uint8)[: layers * rows * row_bytes].reshape(layers, rows, row_bytes)
-                in_cells = np.unpackbits(in_rows[:, : hits.shape[1]], axis=2, count=cells, bitorder="little")
+                in_rows = result.view(np.uint8)[: layers * rows * row_bytes].reshape(
+                    layers, rows, row_bytes
+                )
+                in_cells = np.unpackbits(
+                    in_rows[:, : hits.shape[1]], axis=2, count=cells, bitorder="little"
+                )
                 hits[...] = hits + in_cells if add else in_cells
             elif not add:
                 hits[...] = 0
 
 
 @kernel
-def dilate(source: Words, lengths: Ints, distances: Ints, wide: Words, wider: Words, result: Words) -> bool:
+def dilate(
+    source: Words, lengths: Ints, distances: Ints, wide: Words, wider: Words, result: Words
+) -> bool:
     """Set bit k of a result if a run of bits that begins ``distance`` after bit k has a set bit.
 
     Return False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are

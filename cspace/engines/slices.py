@@ -75,7 +75,9 @@ def raster_bytes(
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
 
 
-def narrower_rotations(robot: Robot, rotations: Rotations, distance: float) -> Iterator[tuple[str, Rotations]]:
+def narrower_rotations(
+    robot: Robot, rotations: Rotations, distance: float
+) -> Iterator[tuple[str, Rotations]]:
     """Yield ever more rotation cells, with their argument for messages.
 
     In the last ones, the first for which that is true, no corner of the robot's bounding box moves

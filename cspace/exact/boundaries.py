@@ -38,8 +38,8 @@ class Proofs(Protocol):
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a lower bound of (distance - required distance), at least zero.
 
-        The bound, in metres, holds along a free path. The path is given in pieces: their midpoints, shape (n, size),
-        their lengths and their rotation angles, shape (n,).
+        The bound, in metres, holds along a free path. The path is given in pieces: their midpoints,
+        shape (n, size), their lengths and their rotation angles, shape (n,).
         """
 
 
@@ -111,7 +111,9 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
             if len(pieces.radii):
                 error = max(error, CLIP_ROUNDING * float(np.abs(whole.simplices).max()))
             if not exterior_blocked and shape.encloses and whole.simplices.shape[1] > 1:
-                pieces = _without_radii(np.concatenate([pieces.simplices, *_make_caps(shape, workspace)]))
+                pieces = _without_radii(
+                    np.concatenate([pieces.simplices, *_make_caps(shape, workspace)])
+                )
         borders.append(pieces)
     return ObstacleBoundary(borders, error)
 
@@ -140,8 +142,11 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     if ((low >= lower) & (high <= upper)).all():
         return border
     if simplices.shape[1] == 1 or border.radii.any():
-        # Farther pieces do not reach the grid. Without the cap, the squares of large distances would overflow.
-        apart = np.sqrt((np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1))
+        # Farther pieces do not reach the grid. Without the cap, the squares of large distances
+        # would overflow.
+        apart = np.sqrt(
+            (np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1)
+        )
         near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
         return RoundedSimplices(simplices[near], border.radii[near])
     for axis in range(grid.dim):
@@ -190,7 +195,10 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
         order = (alone[:, None] + np.arange(corners)) % corners
         first, *others = np.moveaxis(simplices[chosen[:, None], order], 1, 0)
         h, *heights = np.moveaxis(height[chosen[:, None], order], 1, 0)
-        crossings = [first + (h / (h - g))[:, None] * (p - first) for p, g in zip(others, heights, strict=True)]
+        crossings = [
+            first + (h / (h - g))[:, None] * (p - first)
+            for p, g in zip(others, heights, strict=True)
+        ]
         for crossing in crossings:
             crossing[:, axis] = wall
         if kept == 1:
@@ -205,7 +213,10 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
     """Yield the caps of a shape on the faces of the grid."""
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
-        for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
+        for upper, crosses in (
+            (0, low[axis] < grid.lower[axis]),
+            (1, high[axis] > grid.upper[axis]),
+        ):
             if crosses and grid.dim == 3:
                 yield _cap_cells(workspace, axis, upper)
             elif crosses:

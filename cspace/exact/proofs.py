@@ -31,7 +31,13 @@ from cspace.map.batches import as_contiguous
 from cspace.map.edges import edge_is_free, edges_are_free, position_along
 from cspace.map.points import classify, is_usable, position_in, state_at
 from cspace.map.record import Map
-from cspace.rotations.lookup import arc_angle_and_error, arc_count, matrix_rows, rotation_along, rotation_in
+from cspace.rotations.lookup import (
+    arc_angle_and_error,
+    arc_count,
+    matrix_rows,
+    rotation_along,
+    rotation_in,
+)
 from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
 
@@ -40,7 +46,8 @@ PIECE_CELLS: Final = 2.0
 
 
 MAX_PENDING_PARTS: Final = 64
-"""Capacity of the stack of unproven parts of a piece; each level halves the parts, down to :data:`MIN_ADVANCE`."""
+"""Capacity of the stack of unproven parts of a piece; each level halves the parts, down to
+:data:`MIN_ADVANCE`."""
 
 
 ANCHORS_PER_BATCH: Final = 100_000
@@ -64,7 +71,9 @@ class ExactQueries:
         Makes the proofs of a problem. By default they use the boundaries of robot and obstacles.
     """
 
-    def __init__(self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None) -> None:
+    def __init__(
+        self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
+    ) -> None:
         self._make_problem, self._prove = make_problem, prove or BoundaryProofs
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
@@ -84,7 +93,8 @@ class ExactQueries:
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
         """Write whether edges are free.
 
-        Edges, shapes (n, size), rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
+        Edges, shapes (n, size), rotate along the shorter arc. Returns the index of the first
+        invalid edge, or -1.
         """
         proofs = self._current_proofs()
         bad = edges_are_free(map_, q0, q1, out)
@@ -95,18 +105,20 @@ class ExactQueries:
     def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a proven lower bound of the obstacle distance, metres.
 
-        The bound holds along a free path. The path is given in pieces: their midpoints, shape (n, size), in metres and
-        radians, and the length and rotation angle of each, shape (n,). From its midpoint, a piece extends by half its
-        length and half its angle. A blocked exterior counts as an obstacle. The bound is infinite if there are no
-        obstacles.
+        The bound holds along a free path. The path is given in pieces: their midpoints, shape (n,
+        size), in metres and radians, and the length and rotation angle of each, shape (n,). From
+        its midpoint, a piece extends by half its length and half its angle. A blocked exterior
+        counts as an obstacle. The bound is infinite if there are no obstacles.
         """
-        return self._make_problem().margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
+        return self._make_problem().margin + self._current_proofs().slack(
+            as_contiguous(points), lengths, angles
+        )
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True only if a configuration is proven free.
 
-        ``quick(*q)`` must return True only if q is in a FREE cell. The geometry decides the rest, as an edge without
-        length.
+        ``quick(*q)`` must return True only if q is in a FREE cell. The geometry decides the rest,
+        as an edge without length.
         """
         self._current_proofs()  # made now, not at the first check
         return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
@@ -148,13 +160,15 @@ def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> No
 class Containment(NamedTuple):
     """Robot and obstacles as solids, for containment tests.
 
-    If a connected part does not meet the other boundary, it lies entirely inside or entirely outside the other solid,
-    so that a single point of it decides. For a part of the robot, any of its corners decides.
+    If a connected part does not meet the other boundary, it lies entirely inside or entirely
+    outside the other solid, so that a single point of it decides. For a part of the robot, any of
+    its corners decides.
 
     Attributes
     ----------
     corners : ndarray of float64, shape (n, 4)
-        Corners of the robot, sorted by part, each with the index of the first corner of the next part.
+        Corners of the robot, sorted by part, each with the index of the first corner of the next
+        part.
     exterior_blocked : bool
         True if everything outside the grid is an obstacle; otherwise nothing outside is.
     lower, spacing : tuple of float, float
@@ -196,9 +210,10 @@ class Containment(NamedTuple):
 class BoundaryTrees(NamedTuple):
     """Trees of robot, walls and obstacles, given by their roots.
 
-    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the obstacles, -1 for
-    none. Walls are the faces of the grid, used if the exterior is blocked. ``max_lever`` is the longest lever of the
-    robot, and ``required`` the distance that proves a configuration free.
+    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the
+    obstacles, -1 for none. Walls are the faces of the grid, used if the exterior is blocked.
+    ``max_lever`` is the longest lever of the robot, and ``required`` the distance that proves a
+    configuration free.
     """
 
     trees: Trees
@@ -227,13 +242,19 @@ class BoundaryProofs:
         self._dim, self._bounds = grid.dim, (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
         # Balls and points need no containment test, because the distance from their center decides.
-        parts = zip((each.outer for each in problem.workspace.shapes or ()), walls.pieces, strict=False)
-        self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
+        parts = zip(
+            (each.outer for each in problem.workspace.shapes or ()), walls.pieces, strict=False
+        )
+        self._shapes = [
+            shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim
+        ]
         boundary = as_triangles([self._robot.boundary()])
         self._boundaries = _build_boundary_trees(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
         self._inputs = ProofInputs(problem.map, self._boundaries, containment)
-        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + len(self._anchors) + len(containment.anchors))
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (
+            1 + len(self._anchors) + len(containment.anchors)
+        )
 
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
@@ -246,7 +267,8 @@ class BoundaryProofs:
         self._anchors = corners[starts]
         reach = float(np.sqrt((corners**2).sum(axis=1)).max())
         anchors = [np.empty((0, 3))]
-        # A robot of balls needs no anchors either. Only parts no larger than the robot can lie inside it.
+        # A robot of balls needs no anchors either. Only parts no larger than the robot can lie
+        # inside it.
         if robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
             for points, sizes in (part_anchors(as_triangles([part])) for part in pieces):
                 anchors.append(points[sizes <= 2.0 * reach])
@@ -280,7 +302,9 @@ class BoundaryProofs:
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
-            prove_edges(self._inputs, q0[start:stop], q1[start:stop], make_scratch(), states[start:stop])
+            prove_edges(
+                self._inputs, q0[start:stop], q1[start:stop], make_scratch(), states[start:stop]
+            )
             return -1
 
         in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
@@ -289,7 +313,10 @@ class BoundaryProofs:
         if len(left):
             # Edges often share their start, so each start is tested once.
             starts, which = np.unique(q0[left], axis=0, return_inverse=True)
-            nested = [self._are_nested(part) for part in np.array_split(starts, 1 + len(starts) // self._batch_size)]
+            nested = [
+                self._are_nested(part)
+                for part in np.array_split(starts, 1 + len(starts) // self._batch_size)
+            ]
             free[left] = ~np.concatenate(nested)[which.reshape(-1)]
         return free
 
@@ -301,7 +328,10 @@ class BoundaryProofs:
         boundaries, (positions, matrices) = self._boundaries, self._place_robot(points)
         spans = 0.5 * (boundaries.scale * lengths + boundaries.max_lever * angles)
         pairs = make_scratch().node_pairs
-        return float(path_slack(boundaries, boundaries.scale * positions, matrices, spans, pairs)) / boundaries.scale
+        return (
+            float(path_slack(boundaries, boundaries.scale * positions, matrices, spans, pairs))
+            / boundaries.scale
+        )
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
         """Return reference points and rotation matrices of configurations.
@@ -331,13 +361,17 @@ class BoundaryProofs:
         # If the robot has regions of the plane, compiled code has tested the anchors already.
         if len(containment.anchors) and not len(containment.region_stops):
             near = (containment.anchors - positions[:, None]) @ angles
-            which, points = _select_points((near >= containment.low) & (near <= containment.high), near)
+            which, points = _select_points(
+                (near >= containment.low) & (near <= containment.high), near
+            )
             if len(points):
                 nested[which[self._robot.contains(points)]] = True
         return nested
 
 
-def _build_boundary_trees(problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary) -> BoundaryTrees:
+def _build_boundary_trees(
+    problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
+) -> BoundaryTrees:
     """Build the trees of robot, obstacles and walls, scaled to coordinates of about one."""
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
@@ -349,10 +383,17 @@ def _build_boundary_trees(problem: Problem, robot: RoundedSimplices, walls: Obst
     largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
     max_coordinate = problem.max_coordinate + float(largest)
     scale = 2.0 ** -math.frexp(max_coordinate)[1]
-    scaled = [RoundedSimplices(scale * part.simplices, scale * part.radii) for part in (robot, obstacles, faces)]
+    scaled = [
+        RoundedSimplices(scale * part.simplices, scale * part.radii)
+        for part in (robot, obstacles, faces)
+    ]
     trees, (robot_root, obstacle_root, wall_root) = build_trees(scaled, problem.rotations.about_z)
-    required = scale * (problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate)
-    return BoundaryTrees(trees, robot_root, (wall_root, obstacle_root), float(trees.boxes[0, 6]), scale, required)
+    required = scale * (
+        problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
+    )
+    return BoundaryTrees(
+        trees, robot_root, (wall_root, obstacle_root), float(trees.boxes[0, 6]), scale, required
+    )
 
 
 def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
@@ -392,8 +433,8 @@ class EdgeArc(NamedTuple):
     angle : float
         Rotation, radians.
     angle_error : float
-        Angle by which the rotation may jump. If it is not zero, a part may be at any rotation of the whole arc, so
-        that cells prove nothing.
+        Angle by which the rotation may jump. If it is not zero, a part may be at any rotation of
+        the whole arc, so that cells prove nothing.
     required : float
         Distance that proves a configuration free, scaled, with all rounding.
     """
@@ -410,21 +451,31 @@ class EdgeArc(NamedTuple):
 
 
 @kernel
-def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States) -> None:
+def prove_edges(
+    inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
+) -> None:
     """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
     for k in range(first.shape[0]):
-        p0, r0 = position_in(inputs.map, first, k), rotation_in(inputs.map.rotations.borders, first[k])
-        p1, r1 = position_in(inputs.map, second, k), rotation_in(inputs.map.rotations.borders, second[k])
+        p0, r0 = (
+            position_in(inputs.map, first, k),
+            rotation_in(inputs.map.rotations.borders, first[k]),
+        )
+        p1, r1 = (
+            position_in(inputs.map, second, k),
+            rotation_in(inputs.map.rotations.borders, second[k]),
+        )
         out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
 
 
 @kernel
-def edge_state(inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch) -> int:
+def edge_state(
+    inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
+) -> int:
     """Return FREE if a whole edge is proven free, BLOCKED if not.
 
-    MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles contain the other at
-    the first endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding, both must
-    be proven.
+    MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles
+    contain the other at the first endpoint. An edge with equal endpoints is a point. If two arcs
+    are equally long up to rounding, both must be proven.
     """
     map_, boundaries = inputs.map, inputs.boundaries
     size = edge_size(map_, p0, r0, p1, r1)
@@ -454,7 +505,9 @@ def edge_size(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> float:
     size = 0.0
     for axis in range(3 - map_.dim, 3):
         length = abs(p0[axis]) + abs(p1[axis])
-        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
+        if (
+            not length <= 2.0 * MAX_COORDINATE * map_.spacing
+        ):  # the negated comparison refuses NaN too
             return -1.0
         size += length
     return size
@@ -464,8 +517,9 @@ def edge_size(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> float:
 def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
     """Prove an arc free; return the number of distances measured, or -1 if it is not proven.
 
-    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it is proven first.
-    Then pieces far apart come before those between them, because neighbours mostly both collide or are both free.
+    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
+    is proven first. Then pieces far apart come before those between them, because neighbours mostly
+    both collide or are both free.
     """
     boundaries = inputs.boundaries
     scratch.node_pairs[0] = -1
@@ -480,7 +534,9 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int
     first = 0
     while stride > 0:
         for piece in range(first, count, 2 * stride if first else count):
-            measured = prove_part(inputs, arc, piece / count, (piece + 1) / count, scratch, measured)
+            measured = prove_part(
+                inputs, arc, piece / count, (piece + 1) / count, scratch, measured
+            )
             if measured < 0:
                 return -1
         stride //= 2
@@ -495,11 +551,13 @@ def rotation_on(arc: EdgeArc, t: float) -> Numbers:
 
 
 @kernel
-def prove_part(inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch, measured: int) -> int:
+def prove_part(
+    inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch, measured: int
+) -> int:
     """Prove a part of an arc free; return as :func:`prove_arc`.
 
-    The map proves the part, or the distance at its midpoint proves an interval around the midpoint and leaves the
-    remainders on both sides.
+    The map proves the part, or the distance at its midpoint proves an interval around the midpoint
+    and leaves the remainders on both sides.
     """
     map_, parts = inputs.map, scratch.parts
     parts[0, 0], parts[0, 1] = first, last
@@ -531,9 +589,16 @@ def prove_part(inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scr
 
 @kernel
 def prove_around(
-    inputs: ProofInputs, arc: EdgeArc, position: Row, rotation: Numbers, half: float, scratch: Scratch
+    inputs: ProofInputs,
+    arc: EdgeArc,
+    position: Row,
+    rotation: Numbers,
+    half: float,
+    scratch: Scratch,
 ) -> float:
-    """Return the fraction of an arc, up to ``half``, that is proven free on both sides of a configuration of it.
+    """Return the proven fraction of an arc on both sides of a configuration of it.
+
+    The fraction is at most ``half``.
 
     The fraction is negative if the robot is too near there.
     """
@@ -542,17 +607,21 @@ def prove_around(
     motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
     enough = half / ADVANCE_FACTOR
     trees, pairs = boundaries.trees, scratch.node_pairs
-    fraction: float = free_fraction(trees, boundaries.robot, boundaries.others, motion, enough, pairs)
+    fraction: float = free_fraction(
+        trees, boundaries.robot, boundaries.others, motion, enough, pairs
+    )
     return ADVANCE_FACTOR * fraction
 
 
 @kernel
-def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints) -> float:
+def path_slack(
+    boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints
+) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
-    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No point of the robot
-    moves farther than the span of the piece from there. All lengths are scaled like the trees. No part of robot or
-    obstacles may lie inside the other.
+    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No
+    point of the robot moves farther than the span of the piece from there. All lengths are scaled
+    like the trees. No part of robot or obstacles may lie inside the other.
     """
     best, fixed = math.inf, (0.0, 0.0, 0.0)
     for k in range(len(positions)):
@@ -560,10 +629,13 @@ def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, s
         rows = matrices[k]
         matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
         required = boundaries.required + 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
-        # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at best + span.
+        # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
+        # best + span.
         motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
         enough = best + spans[k]
-        distance = free_fraction(boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch)
+        distance = free_fraction(
+            boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
+        )
         best = min(best, distance - spans[k])
         if best <= 0.0:
             return 0.0
@@ -583,8 +655,9 @@ def reference_point(map_: Map, position: Row, scale: float) -> Row:
 def containment_state(containment: Containment, position: Row, matrix: Matrix) -> int:
     """Return whether robot or obstacles contain the other.
 
-    The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise FREE. The robot's
-    reference point is at ``position``; no boundaries of robot and obstacles may meet.
+    The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise
+    FREE. The robot's reference point is at ``position``; no boundaries of robot and obstacles may
+    meet.
     """
     corners = corner_state(containment, position, matrix)
     if corners == BLOCKED:
@@ -594,7 +667,10 @@ def containment_state(containment: Containment, position: Row, matrix: Matrix) -
 
 @kernel
 def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return BLOCKED if a part of the robot lies inside an obstacle, MIXED if undecided, otherwise FREE."""
+    """Return BLOCKED if a part of the robot lies inside an obstacle.
+
+    Return MIXED if that is undecided, otherwise FREE.
+    """
     spacing, state, k = containment.spacing, FREE, 0
     nx, ny, nz = containment.outer.shape
     while k < len(containment.corners):
@@ -612,14 +688,19 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
             k = next_part
         else:
             k += 1
-            if k == next_part and containment.has_solids:  # all corners of the part are in undecided cells
+            if (
+                k == next_part and containment.has_solids
+            ):  # all corners of the part are in undecided cells
                 state = MIXED
     return state
 
 
 @kernel
 def anchor_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return BLOCKED if a part of the obstacles lies inside the robot, MIXED if undecided, otherwise FREE."""
+    """Return BLOCKED if a part of the obstacles lies inside the robot.
+
+    Return MIXED if that is undecided, otherwise FREE.
+    """
     anchors, low, high, state = containment.anchors, containment.low, containment.high, FREE
     first, last = 0, len(anchors)
     while first < last:

@@ -1,28 +1,31 @@
 """Compiled proofs that the triangles of a moving robot stay apart from fixed triangles and boxes.
 
-A ball is a triangle with three equal corners and a radius; a segment repeats one corner. Fixed trees may also contain
-boxes, which are solid.
+A ball is a triangle with three equal corners and a radius; a segment repeats one corner. Fixed
+trees may also contain boxes, which are solid.
 
-*Bound.* For any vector n, the distance of two triangles is at least the gap between their projections onto a line along
-n::
+*Bound.* For any vector n, the distance of two triangles is at least the gap between their
+projections onto a line along n::
 
-    distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and b_j
+    distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and
+    b_j
 
-If the motion along n is smaller than that gap, the triangles stay apart. The bound holds for every n, so n may come
-from inexact geometry, also of degenerate triangles. Candidates for n are the normals of the faces, the vector between
-the nearest points of two edges, and the normal of both edges. One of them is along the shortest vector between the
-triangles, so that the bound is nearly sharp. For a triangle and a box, alternating projections find the nearest points;
-the normals of faces and edges decide the other cases (S. Gottschalk, M. C. Lin and D. Manocha, 1996).
+If the motion along n is smaller than that gap, the triangles stay apart. The bound holds for every
+n, so n may come from inexact geometry, also of degenerate triangles. Candidates for n are the
+normals of the faces, the vector between the nearest points of two edges, and the normal of both
+edges. One of them is along the shortest vector between the triangles, so that the bound is nearly
+sharp. For a triangle and a box, alternating projections find the nearest points; the normals of
+faces and edges decide the other cases (S. Gottschalk, M. C. Lin and D. Manocha, 1996).
 
-*Rounding.* Let u = 2^-53, and let D be the largest distance of any corner from a_0. Each ``n.(x - a_0)`` is wrong by at
-most 4 u |n| D (a difference, a product, two sums), and the length of n by 4 u of itself. The difference, the quotient
-and the radii add three roundings of numbers up to D or the radii. The total is below 2^-48 times the sum of D and the
-radii. Lengths are multiplied by a power of two that brings the coordinates to about one, and |n| is at least 2^-300, so
-underflow is far below that. The allowance :data:`cspace.exact.DISTANCE_ROUNDING` is more than fifty times the total,
+*Rounding.* Let u = 2^-53, and let D be the largest distance of any corner from a_0. Each ``n.(x -
+a_0)`` is wrong by at most 4 u |n| D (a difference, a product, two sums), and the length of n by 4 u
+of itself. The difference, the quotient and the radii add three roundings of numbers up to D or the
+radii. The total is below 2^-48 times the sum of D and the radii. Lengths are multiplied by a power
+of two that brings the coordinates to about one, and |n| is at least 2^-300, so underflow is far
+below that. The allowance :data:`cspace.exact.DISTANCE_ROUNDING` is more than fifty times the total,
 including the placing of the corners.
 
-If edges are nearly parallel or faces nearly degenerate, rounding loses the shortest vector. Distances below 1e-7 of the
-edge lengths may then count as zero.
+If edges are nearly parallel or faces nearly degenerate, rounding loses the shortest vector.
+Distances below 1e-7 of the edge lengths may then count as zero.
 """
 
 from __future__ import annotations
@@ -58,7 +61,8 @@ MIN_SQUARED_LENGTH = 2.0**-600
 
 
 MAX_PENDING_PAIRS = 128
-"""Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few."""
+"""Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few.
+"""
 
 PAIR_SHIFT = 32
 """Bits of a node index: a pair of nodes is one integer with the first node in its upper half."""
@@ -70,8 +74,8 @@ NODE_MASK = 2**PAIR_SHIFT - 1
 class Trees(NamedTuple):
     """Triangles in trees of boxes.
 
-    A node with n triangles has two children: the next node has the first n // 2 of them, and the node 2 (n // 2) later
-    the others.
+    A node with n triangles has two children: the next node has the first n // 2 of them, and the
+    node 2 (n // 2) later the others.
 
     Attributes
     ----------
@@ -80,7 +84,8 @@ class Trees(NamedTuple):
     spans : ndarray of int64, shape (m, 2)
         Index of the first triangle of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius. A box has its center, two half axes, and the length of the third, negated.
+        Three corners and a radius. A box has its center, two half axes, and the length of the
+        third, negated.
     """
 
     boxes: Floats
@@ -117,10 +122,16 @@ class Motion(NamedTuple):
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
     """Build one tree for each set of triangles.
 
-    Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from the origin.
+    Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from
+    the origin.
     """
-    levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
-    return concatenate_trees([build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)])
+    levers = [
+        np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1)
+        for b in borders
+    ]
+    return concatenate_trees(
+        [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
+    )
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
@@ -136,7 +147,10 @@ def concatenate_trees(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
         roots.append(nodes if len(tree.boxes) else -1)
         spans.append(tree.spans + np.array([rows, 0]))
         nodes, rows = nodes + len(tree.boxes), rows + len(tree.triangles)
-    boxes, triangles = (np.concatenate(parts) for parts in zip(*((t.boxes, t.triangles) for t in trees), strict=True))
+    boxes, triangles = (
+        np.concatenate(parts)
+        for parts in zip(*((t.boxes, t.triangles) for t in trees), strict=True)
+    )
     return Trees(boxes, np.concatenate(spans), triangles), roots
 
 
@@ -153,7 +167,11 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     rotation, half = pose[:3, :3], 0.5 * (highs - lows)
     rows = np.empty((len(lows), 10))
     rows[:, :3] = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = half[:, :1] * rotation[:, 0], half[:, 1:2] * rotation[:, 1], -half[:, 2]
+    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = (
+        half[:, :1] * rotation[:, 0],
+        half[:, 1:2] * rotation[:, 1],
+        -half[:, 2],
+    )
     return rows
 
 
@@ -180,8 +198,8 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     """Build the boxes of a tree by halving along the longest side, level by level.
 
-    Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and number of items of each
-    node, shape (m, 2).
+    Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and
+    number of items of each node, shape (m, 2).
     """
     number_of_nodes = max(2 * len(low) - 1, 0)
     boxes, spans = np.empty((number_of_nodes, 6)), np.empty((number_of_nodes, 2), dtype=np.int64)
@@ -226,10 +244,10 @@ def free_fraction(
 ) -> float:
     """Return the fraction of a motion proven free of contact.
 
-    The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1 for none. The result
-    is negative if the robot is too near at its current pose. ``scratch``, shape (MAX_PENDING_PAIRS,), caches in its
-    first entry the pair of triangles that set the last bound, because the same pair often sets the next one; -1 means
-    none.
+    The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1
+    for none. The result is negative if the robot is too near at its current pose. ``scratch``,
+    shape (MAX_PENDING_PAIRS,), caches in its first entry the pair of triangles that set the last
+    bound, because the same pair often sets the next one; -1 means none.
     """
     best, top, spans = float(enough), 1, trees.spans
     for other in others:
@@ -259,16 +277,24 @@ def free_fraction(
             scratch[top], scratch[top + 1] = pair + 2 * (m // 2), pair + 1
             top += 2
         else:
-            scratch[top], scratch[top + 1] = pair + (2 * (n // 2) << PAIR_SHIFT), pair + (1 << PAIR_SHIFT)
+            scratch[top], scratch[top + 1] = (
+                pair + (2 * (n // 2) << PAIR_SHIFT),
+                pair + (1 << PAIR_SHIFT),
+            )
             top += 2
     return best
 
 
 @kernel
-def boxes_stay_apart(center: Row, half: Row, box: Floats, step: Row, drift: float, fraction: float) -> bool:
-    """Return True if a moving box stays apart from a fixed one along one axis during a fraction of a motion.
+def boxes_stay_apart(
+    center: Row, half: Row, box: Floats, step: Row, drift: float, fraction: float
+) -> bool:
+    """Return True if a moving box stays apart from a fixed one along one axis.
 
-    The moving box has a center and half sides, and moves by ``step`` and by up to ``drift`` in any direction.
+    The box moves along a fraction of a motion.
+
+    The moving box has a center and half sides, and moves by ``step`` and by up to ``drift`` in any
+    direction.
     """
     for k in range(3):
         gap = abs(center[k] - box[k]) - half[k] - box[3 + k]
@@ -297,7 +323,10 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
     p0, matrix = row_at(p, 0), motion.matrix
     zero, p1, p2 = read_corners(p, p0)
-    a, b = (zero, rotate(matrix, p1), rotate(matrix, p2)), read_corners(q, apply_pose(matrix, motion.position, p0))
+    a, b = (
+        (zero, rotate(matrix, p1), rotate(matrix, p2)),
+        read_corners(q, apply_pose(matrix, motion.position, p0)),
+    )
     u, v = edge_vectors(a), edge_vectors(b)
     step, required = motion.step, motion.required + p[9] + q[9]
     nearest, normal = math.inf, cross(v[0], v[1])
@@ -322,7 +351,11 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
 def read_corners(q: Floats, origin: Row) -> Corners:
     """Return the corners of a triangle row, relative to ``origin``."""
     x, y, z = origin
-    return (q[0] - x, q[1] - y, q[2] - z), (q[3] - x, q[4] - y, q[5] - z), (q[6] - x, q[7] - y, q[8] - z)
+    return (
+        (q[0] - x, q[1] - y, q[2] - z),
+        (q[3] - x, q[4] - y, q[5] - z),
+        (q[6] - x, q[7] - y, q[8] - z),
+    )
 
 
 @kernel
@@ -332,11 +365,13 @@ def edge_vectors(a: Corners) -> Corners:
 
 
 @kernel
-def free_fraction_along(n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float) -> float:
+def free_fraction_along(
+    n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
+) -> float:
     """Return :func:`free_fraction` of two triangles projected onto n.
 
-    The result is -1 if too near or n is too short. Corners are relative to the first corner of a, which moves by
-    ``step``, forwards or backwards, and by up to ``drift`` in any direction.
+    The result is -1 if too near or n is too short. Corners are relative to the first corner of a,
+    which moves by ``step``, forwards or backwards, and by up to ``drift`` in any direction.
     """
     (_, a1, a2), (b0, b1, b2), square = a, b, dot(n, n)
     if not MIN_SQUARED_LENGTH < square < math.inf:
@@ -380,8 +415,8 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
             within = within and abs(dot(offset, box[k])) < length * (length - depth)
         if within:
             return True
-        # Alternate projections between the triangle and a shrunken box, so that they can end inside the box.
-        # The shrunken box grows towards the full box.
+        # Alternate projections between the triangle and a shrunken box, so that they can end inside
+        # the box. The shrunken box grows towards the full box.
         near = nearest_of_triangle(nearest_in_box(near, box, scale), a1, a2)
         scale = 0.5 + 0.5 * scale
     return False
@@ -391,11 +426,14 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
 def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bool:
     """Return True if two triangles provably cross.
 
-    An edge of one passes through the interior of the other. Rounding is covered: each corner may be off by a quarter of
-    ``tolerance``. They still cross if all points of one triangle move by at most ``displacement``.
+    An edge of one passes through the interior of the other. Rounding is covered: each corner may be
+    off by a quarter of ``tolerance``. They still cross if all points of one triangle move by at
+    most ``displacement``.
     """
     sides_a = _sides_of_plane(a, b, tolerance)
-    if abs(sides_a[0] + sides_a[1] + sides_a[2]) == 3:  # apart, as most triangles in overlapping boxes
+    if (
+        abs(sides_a[0] + sides_a[1] + sides_a[2]) == 3
+    ):  # apart, as most triangles in overlapping boxes
         return False
     sides_b = _sides_of_plane(b, a, tolerance)
     if abs(sides_b[0] + sides_b[1] + sides_b[2]) == 3:
@@ -416,10 +454,13 @@ def _sides_of_plane(a: Corners, b: Corners, tolerance: float) -> tuple[int, int,
 
 
 @kernel
-def _edge_pierces(a: Corners, sides: tuple[int, int, int], b: Corners, tolerance: float, displacement: float) -> bool:
+def _edge_pierces(
+    a: Corners, sides: tuple[int, int, int], b: Corners, tolerance: float, displacement: float
+) -> bool:
     """Return True if an edge of a provably passes through b.
 
-    The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b on the same side.
+    The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b
+    on the same side.
     """
     for k in range(3):
         after = k + 1 if k < 2 else 0
@@ -441,21 +482,32 @@ def _edge_pierces(a: Corners, sides: tuple[int, int, int], b: Corners, tolerance
 def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     """Return True if a segment that passes through a triangle still does after a motion.
 
-    All points of the one or the other move by at most ``displacement``. While the ends of the segment do not meet the
-    triangle, and the segment does not meet its edges, the number of signed intersections cannot change. So it suffices
-    that these distances exceed ``displacement``. Each is bounded by projections onto a line along the nearest points.
+    All points of the one or the other move by at most ``displacement``. While the ends of the
+    segment do not meet the triangle, and the segment does not meet its edges, the number of signed
+    intersections cannot change. So it suffices that these distances exceed ``displacement``. Each
+    is bounded by projections onto a line along the nearest points.
     """
     for end in (p, q):
         n = minus(
-            end, add_scaled(nearest_of_triangle(minus(end, b[0]), minus(b[1], b[0]), minus(b[2], b[0])), b[0], 1.0)
+            end,
+            add_scaled(
+                nearest_of_triangle(minus(end, b[0]), minus(b[1], b[0]), minus(b[2], b[0])),
+                b[0],
+                1.0,
+            ),
         )
-        apart = min(dot(n, minus(end, b[0])), min(dot(n, minus(end, b[1])), dot(n, minus(end, b[2]))))
+        apart = min(
+            dot(n, minus(end, b[0])), min(dot(n, minus(end, b[1])), dot(n, minus(end, b[2])))
+        )
         if not apart > displacement * math.sqrt(dot(n, n)):
             return False
     for k in range(3):
         c, d = b[k], b[k + 1 if k < 2 else 0]
         n = gap_between(p, minus(q, p), c, minus(d, c))
-        apart = min(min(dot(n, minus(p, c)), dot(n, minus(p, d))), min(dot(n, minus(q, c)), dot(n, minus(q, d))))
+        apart = min(
+            min(dot(n, minus(p, c)), dot(n, minus(p, d))),
+            min(dot(n, minus(q, c)), dot(n, minus(q, d))),
+        )
         if not apart > displacement * math.sqrt(dot(n, n)):
             return False
     return True
@@ -465,13 +517,16 @@ def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
 def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
     """Return the side of a plane on which p lies.
 
-    The sides of the plane through a, b and c are 1 and -1. The result is 0 if rounding could change it. The determinant
-    changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none is farther than s from p.
-    Rounding adds less than ``64 * 2^-52 s^3``.
+    The sides of the plane through a, b and c are 1 and -1. The result is 0 if rounding could change
+    it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e
+    and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(a, p), minus(b, p), minus(c, p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))
-    volume, error = dot(u, cross(v, w)), (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance)
+    volume, error = (
+        dot(u, cross(v, w)),
+        (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance),
+    )
     return 1 if volume > error else -1 if volume < -error else 0
 
 

@@ -1,7 +1,7 @@
 """Boundary of the free space as a mesh: PLY, OBJ and STL.
 
-PLY and OBJ keep the exact coordinates and share vertices. STL has single precision, about seven digits, and separate
-corners for each triangle.
+PLY and OBJ keep the exact coordinates and share vertices. STL has single precision, about seven
+digits, and separate corners for each triangle.
 """
 
 from __future__ import annotations
@@ -27,35 +27,43 @@ MAX_TRIANGLES: Final = 2**31 - 1
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     """Return the boundary of the FREE cells of a slice in space.
 
-    Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and another cell, or the
-    exterior of the grid, becomes two triangles with normals out of the free space (counterclockwise from outside).
-    Vertices are ``lower + spacing * index``, each only once. Every edge belongs to two triangles, or to four if FREE
-    cells touch only in that edge.
+    Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and
+    another cell, or the exterior of the grid, becomes two triangles with normals out of the free
+    space (counterclockwise from outside). Vertices are ``lower + spacing * index``, each only once.
+    Every edge belongs to two triangles, or to four if FREE cells touch only in that edge.
 
     Raises InputError if there is no FREE cell.
     """
     free = state == FREE
     if not free.any():
-        rule, hint = "a boundary needs at least one", "build it with a smaller spacing, robot or margin"
+        rule, hint = (
+            "a boundary needs at least one",
+            "build it with a smaller spacing, robot or margin",
+        )
         raise InputError("the map", "has no FREE cell", rule, hint)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 
-def write_boundary(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_boundary(
+    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+) -> None:
     """Write the boundary of the free space as a mesh file.
 
     The suffix is ``.ply``, ``.obj`` or ``.stl``.
 
-    Raises InputError as :func:`free_boundary`, or if the format cannot hold the mesh. Raises FileError as
-    :func:`cspace.files.access.replacing`.
+    Raises InputError as :func:`free_boundary`, or if the format cannot hold the mesh. Raises
+    FileError as :func:`cspace.files.access.replacing`.
     """
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_boundary(state, grid)
         suffix = Path(path).suffix.lower()
         if len(faces) > MAX_TRIANGLES:
             problem = f"is {path} for a mesh of {len(faces)} triangles"
-            rule, hint = f"a {suffix} file holds at most {MAX_TRIANGLES}", "use a larger spacing or smaller bounds"
+            rule, hint = (
+                f"a {suffix} file holds at most {MAX_TRIANGLES}",
+                "use a larger spacing or smaller bounds",
+            )
             raise InputError("path", problem, rule, hint, value=path)
         with temporary.open("wb") as file:
             WRITERS[suffix](file, vertices, faces)
@@ -96,10 +104,16 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         raise InputError("path", problem, rule, "write .ply or .obj instead")
     scale = np.ptp(vertices, axis=0).max()
     normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
-    rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    rows = np.zeros(
+        len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
     rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     rows["corners"] = corners
-    file.write(b"binary STL, metres".ljust(80) + np.array(len(faces), dtype="<u4").tobytes() + rows.tobytes())
+    file.write(
+        b"binary STL, metres".ljust(80)
+        + np.array(len(faces), dtype="<u4").tobytes()
+        + rows.tobytes()
+    )
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {

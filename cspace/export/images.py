@@ -35,11 +35,14 @@ _SHORT, _DOUBLE = 3, 12
 """Data types of TIFF tags."""
 
 
-def write_geotiff(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_geotiff(
+    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+) -> None:
     """Write the states of a plane map as a GeoTIFF.
 
-    They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the top, as in every
-    GeoTIFF. Coordinates are as in the map, in metres, without a coordinate reference system.
+    They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the
+    top, as in every GeoTIFF. Coordinates are as in the map, in metres, without a coordinate
+    reference system.
 
     Raises FileError as :func:`cspace.files.access.replacing`.
     """
@@ -61,16 +64,18 @@ def write_geotiff(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[
         image.save(temporary, format="TIFF", tiffinfo=tags, compression="tiff_adobe_deflate")
 
 
-def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+def write_ros_map(
+    state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+) -> None:
     """Write the states of a plane map as a ROS map.
 
-    They have shape (nx, ny). FREE, MIXED and BLOCKED become free, unknown and occupied. `path` is the YAML file,
-    ``.yaml`` or ``.yml``; a ``.pgm`` image goes beside it. If either cannot be written, both stay as they were. Reading
-    the map with ``unknown="occupied"`` returns the cells that are not FREE, with ``unknown="free"`` the BLOCKED cells,
-    on exactly the same grid.
+    They have shape (nx, ny). FREE, MIXED and BLOCKED become free, unknown and occupied. `path` is
+    the YAML file, ``.yaml`` or ``.yml``; a ``.pgm`` image goes beside it. If either cannot be
+    written, both stay as they were. Reading the map with ``unknown="occupied"`` returns the cells
+    that are not FREE, with ``unknown="free"`` the BLOCKED cells, on exactly the same grid.
 
-    Raises InputError if the states do not belong to a map of the plane or the suffix is another one, and FileError as
-    :func:`cspace.files.access.replacing`.
+    Raises InputError if the states do not belong to a map of the plane or the suffix is another
+    one, and FileError as :func:`cspace.files.access.replacing`.
     """
     import yaml
 
@@ -79,11 +84,16 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:
         problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        rule, hint = "a ROS map needs a grid in the plane", "pass CSpace.cell_states, or one slice of it"
+        rule, hint = (
+            "a ROS map needs a grid in the plane",
+            "pass CSpace.cell_states, or one slice of it",
+        )
         raise InputError("cell_states", problem, rule, hint, value=state)
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         rule = "states are FREE, MIXED and BLOCKED"
-        raise InputError("cell_states", "holds other values", rule, "pass CSpace.cell_states", value=state)
+        raise InputError(
+            "cell_states", "holds other values", rule, "pass CSpace.cell_states", value=state
+        )
     image = target.with_suffix(".pgm")
     header = {
         "image": image.name,
@@ -98,5 +108,9 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     pixels = levels[cells].T[::-1]
     # The YAML refers to the image, so it is renamed last.
     with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
-        image_file.write_bytes(b"P5\n%d %d\n255\n" % (grid.shape[0], grid.shape[1]) + pixels.tobytes())
-        yaml_file.write_text(yaml.safe_dump(header, sort_keys=False, default_flow_style=None), encoding="utf-8")
+        image_file.write_bytes(
+            b"P5\n%d %d\n255\n" % (grid.shape[0], grid.shape[1]) + pixels.tobytes()
+        )
+        yaml_file.write_text(
+            yaml.safe_dump(header, sort_keys=False, default_flow_style=None), encoding="utf-8"
+        )

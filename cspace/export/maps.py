@@ -55,7 +55,9 @@ def _slice_writer(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None
     )
 
 
-def _write_vti_cells(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+def _write_vti_cells(
+    contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool
+) -> None:
     """Write the states at some rotation cells as VTI."""
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
@@ -87,7 +89,8 @@ _CELL_WRITERS: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
     **dict.fromkeys((".yaml", ".yml"), (_slice_writer(write_ros_map), _PLANE_ROS_MAP)),
     **dict.fromkeys(WRITERS, (_slice_writer(write_boundary), _MESH_IN_SPACE)),
 }
-"""Writer of rotation cells, by suffix, and the reason for a dimension that the format cannot hold."""
+"""Writer of rotation cells, by suffix, and the reason for a dimension that the format cannot hold.
+"""
 
 _MULTI_CELL_SUFFIXES: Final = (".vti", ".nc")
 """Suffixes of formats that hold several rotation cells."""
@@ -97,7 +100,11 @@ EXPORTS: Final = (*MAP_SUFFIXES, ".npz", *_CELL_WRITERS)
 
 
 def export(
-    contents: Contents, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
+    contents: Contents,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    rotation: ArrayLike | None = None,
 ) -> None:
     """Write a map for other software; the suffix selects the format.
 
@@ -105,28 +112,31 @@ def export(
     ----------
     contents : Contents
     path : path-like
-        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a compressed archive
-        for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
-        ``slice_of`` (``cell_states[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of
-        the cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
-        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
-        ``unknown`` and ``overlap_counts``. For a robot that turns, each rotation cell has its own arrays,
-        ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to ``qw``, hold the rotations. ``.nc``:
-        netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane
-        map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a ROS map,
-        with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free space of a map in space; STL
-        in single precision.
+        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a
+        compressed archive for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice,
+        x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of`` (``cell_states[slice_of]`` are the
+        states by rotation), ``x``, ``y`` and in space ``z`` (centers of the cells, metres),
+        ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
+        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map
+        has them, ``inner``, ``unknown`` and ``overlap_counts``. For a robot that turns, each
+        rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or
+        ``qx`` to ``qw``, hold the rotations. ``.nc``: netCDF-3 with the variables of
+        :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane map as a
+        GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a
+        ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free
+        space of a map in space; STL in single precision.
     overwrite : bool
         True to replace an existing output.
     rotation : array-like, shape (k,), optional
-        Rotation to write, as in a configuration, for a robot that turns. It is required for formats of one slice, and
-        selects one rotation cell for ``.vti`` and ``.nc``. Its free cells are proven for the whole rotation cell that
-        contains it, and for no other.
+        Rotation to write, as in a configuration, for a robot that turns. It is required for formats
+        of one slice, and selects one rotation cell for ``.vti`` and ``.nc``. Its free cells are
+        proven for the whole rotation cell that contains it, and for no other.
 
     Raises
     ------
     InputError
-        If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or not applicable.
+        If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or not
+        applicable.
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
@@ -134,7 +144,11 @@ def export(
     if suffix in _CELL_WRITERS:
         cells: Sequence[int] = range(len(contents.rotations))
         if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
-            cells = [contents.rotations.find_one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+            cells = [
+                contents.rotations.find_one_cell(
+                    rotation, "rotation", f"{Path(path)} holds one slice"
+                )
+            ]
         _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
@@ -165,12 +179,16 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
     members: dict[str, Any] = {
-        **{name: np.asarray(array) for name, array in arrays_of(replace(contents, exterior=None)).items()},
+        **{
+            name: np.asarray(array)
+            for name, array in arrays_of(replace(contents, exterior=None)).items()
+        },
         "lower": np.array(contents.grid.lower),
         "spacing": np.array(contents.grid.spacing),
         "metadata": json.dumps(metadata_of(contents), sort_keys=True),
     }
-    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case ".npz".
+    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
+    # ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **members)
 
@@ -187,22 +205,25 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the cells, in metres or
-        radians. Variables ``cell_states`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
-        workspace) and, if the map has them, ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which
-        the obstacles are made).
-        The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
-        ``lower``, ``spacing``, ``outside``, ``margin_m``, ``inner``, ``rotations`` (their number), ``robot`` (JSON
-        text for ``Robot.from_spec``), ``workspace_source`` and the versions.
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the
+        cells, in metres or radians. Variables ``cell_states`` (uint8, flags free, mixed and
+        blocked), ``outer`` and ``inner`` (bool, the workspace) and, if the map has them,
+        ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which the obstacles are
+        made). The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers
+        and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin_m``, ``inner``,
+        ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
+        ``workspace_source`` and the versions.
 
         For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension
-        ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (the ends of the
-        interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
+        ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds``
+        (the ends of the interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw
+        angles between the bounds.
 
     Notes
     -----
-    Arrays are shared with the map, with one exception: if a symmetry of the robot makes some, but not all, rotation
-    cells share slices (a rectangle about its center), these slices are copied for each rotation cell.
+    Arrays are shared with the map, with one exception: if a symmetry of the robot makes some,
+    but not all, rotation cells share slices (a rectangle about its center), these slices are copied
+    for each rotation cell.
 
     Examples
     --------
@@ -226,11 +247,15 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _expand_slices(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
+            array = _expand_slices(np.asarray(array), contents.slice_of).reshape(
+                *cells, *contents.grid.shape
+            )
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not cells:
             continue
-        place = labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
+        place = (
+            labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
+        )
         place[name] = (axes, array, attributes_of(name, contents.grid))
     dataset = xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
     return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))

@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
 from cspace.check import check_not_negative
 from cspace.errors import InputError
-from cspace.files.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, missing_field_error
+from cspace.files.ros import (
+    Costmap,
+    JointTrajectoryPoint,
+    OccupancyGrid,
+    PoseStamped,
+    missing_field_error,
+)
 from cspace.grid import Grid
 
 if TYPE_CHECKING:
@@ -28,7 +34,8 @@ if TYPE_CHECKING:
 Message = TypeVar("Message")
 
 LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
-"""Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the cell is unknown."""
+"""Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the
+cell is unknown."""
 
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Occupancy of each state, in per cent; -1 is unknown."""
@@ -37,7 +44,10 @@ OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 def occupancy_grid_of(
     space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
 ) -> Message | OccupancyGrid:
-    """Fill an occupancy grid with the states of a map; see :meth:`cspace.CSpace.to_occupancy_grid`."""
+    """Fill an occupancy grid with the states of a map.
+
+    See :meth:`cspace.CSpace.to_occupancy_grid`.
+    """
     grid, state = space.grid, space._flat_state() if rotation is None else space.states_at(rotation)
     values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[state]
     fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
@@ -57,27 +67,43 @@ def costmap_of(
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
     if space.grid.dim == 3:
-        raise InputError("the map", "is one in space", "a costmap is plane", "build a map of the plane")
+        raise InputError(
+            "the map", "is one in space", "a costmap is plane", "build a map of the plane"
+        )
     number = None
     if rotation is not None:
-        number = int(space.slice_of[int(space.rotations.find_cells(space.rotations.check_rotation(rotation)))])
-    inscribed, clearance = space.robot.inscribed_radius + space.margin, space._clearances_of_cells(number)
-    costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
+        number = int(
+            space.slice_of[
+                int(space.rotations.find_cells(space.rotations.check_rotation(rotation)))
+            ]
+        )
+    inscribed, clearance = (
+        space.robot.inscribed_radius + space.margin,
+        space._clearances_of_cells(number),
+    )
+    costs = costs_of(
+        clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius
+    )
     fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}
     filled = Costmap() if msg is None else msg
     return _fill_grid(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
 
 
-def fill_path(axes: Sequence[str], rows: Floats, msg: Message, frame_id: str, seconds: Floats | None = None) -> Message:
+def fill_path(
+    axes: Sequence[str], rows: Floats, msg: Message, frame_id: str, seconds: Floats | None = None
+) -> Message:
     """Fill a ``nav_msgs/Path`` with the poses of configurations.
 
-    `rows`, shape (n, size), have the columns `axes`. Each pose gets the frame and the stamp of the message, later by
-    its `seconds`, shape (n,).
+    `rows`, shape (n, size), have the columns `axes`. Each pose gets the frame and the stamp of the
+    message, later by its `seconds`, shape (n,).
 
     Raises InputError if the message lacks a field.
     """
     kind = "nav_msgs/Path"
-    make, stamp = _element_class(msg, "poses", PoseStamped), getattr(getattr(msg, "header", None), "stamp", None)
+    make, stamp = (
+        _element_class(msg, "poses", PoseStamped),
+        getattr(getattr(msg, "header", None), "stamp", None),
+    )
     poses = []
     for k, row in enumerate(rows.tolist()):
         q = dict(zip(axes, row, strict=True))
@@ -90,13 +116,20 @@ def fill_path(axes: Sequence[str], rows: Floats, msg: Message, frame_id: str, se
             if seconds is not None:
                 _add_seconds(pose, kind, "header.stamp", float(seconds[k]))
         fields = {f"pose.position.{name}": q.get(name, 0.0) for name in "xyz"}
-        fields |= {f"pose.orientation.{name}": q.get(f"q{name}", float(name == "w")) for name in "xyzw"}
+        fields |= {
+            f"pose.orientation.{name}": q.get(f"q{name}", float(name == "w")) for name in "xyzw"
+        }
         poses.append(_set_fields(pose, kind, fields))
     return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
 
 
 def fill_joint_trajectory(
-    joints: Sequence[str], positions: Floats, velocities: Floats, seconds: Floats, msg: Message, frame_id: str
+    joints: Sequence[str],
+    positions: Floats,
+    velocities: Floats,
+    seconds: Floats,
+    msg: Message,
+    frame_id: str,
 ) -> Message:
     """Fill a ``trajectory_msgs/JointTrajectory`` with timed positions and velocities.
 
@@ -107,11 +140,17 @@ def fill_joint_trajectory(
     kind = "trajectory_msgs/JointTrajectory"
     make = _element_class(msg, "points", JointTrajectoryPoint)
     points = []
-    for position, velocity, time in zip(positions.tolist(), velocities.tolist(), seconds.tolist(), strict=True):
-        point = _set_fields(make(), kind, {"positions": array("d", position), "velocities": array("d", velocity)})
+    for position, velocity, time in zip(
+        positions.tolist(), velocities.tolist(), seconds.tolist(), strict=True
+    ):
+        point = _set_fields(
+            make(), kind, {"positions": array("d", position), "velocities": array("d", velocity)}
+        )
         _add_seconds(point, kind, "time_from_start", time)
         points.append(point)
-    return _set_fields(msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points})
+    return _set_fields(
+        msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
+    )
 
 
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
@@ -126,18 +165,26 @@ def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     names = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
     whole, fraction = (getattr(time, part, 0) for part in names)
     parts = divmod(10**9 * whole + fraction + round(1e9 * seconds), 10**9)
-    _set_fields(msg, kind, {f"{name}.{part}": value for part, value in zip(names, parts, strict=True)})
+    _set_fields(
+        msg, kind, {f"{name}.{part}": value for part, value in zip(names, parts, strict=True)}
+    )
 
 
 def costs_of(
-    clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
+    clearance: Floats,
+    lethal: Bools,
+    unknown: Bools | None,
+    inscribed: float,
+    scaling: float,
+    radius: float,
 ) -> NDArray[np.uint8]:
     """Compute the costs of Nav2's inflation layer.
 
-    `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is zero if a robot
-    there may collide; above ``radius - inscribed`` it may be infinite. `lethal` marks cells that touch an obstacle,
-    and `unknown` marks unknown cells. `inscribed` is the radius of the robot's inscribed circle, metres. `scaling`
-    is ``cost_scaling_factor``, per metre. `radius` is ``inflation_radius``, metres from the obstacles.
+    `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is
+    zero if a robot there may collide; above ``radius - inscribed`` it may be infinite. `lethal`
+    marks cells that touch an obstacle, and `unknown` marks unknown cells. `inscribed` is the radius
+    of the robot's inscribed circle, metres. `scaling` is ``cost_scaling_factor``, per metre.
+    `radius` is ``inflation_radius``, metres from the obstacles.
     """
     costs = ((INSCRIBED - 1) * np.exp(-scaling * np.minimum(clearance, radius))).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0
@@ -165,14 +212,22 @@ def _fill_grid(
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
     if cells.shape != grid.shape[:2]:
-        raise InputError("the map", "is one in space", f"{kind} is plane", "cut it, or export another format")
+        raise InputError(
+            "the map", "is one in space", f"{kind} is plane", "cut it, or export another format"
+        )
     origin = f"{about}.origin"
     every = {
         "header.frame_id": frame_id,
         f"{about}.resolution": grid.spacing,
         **fields,
-        **{f"{origin}.position.{name}": x for name, x in zip("xyz", (*grid.lower, 0.0), strict=True)},
-        **{f"{origin}.orientation.{name}": x for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)},
+        **{
+            f"{origin}.position.{name}": x
+            for name, x in zip("xyz", (*grid.lower, 0.0), strict=True)
+        },
+        **{
+            f"{origin}.orientation.{name}": x
+            for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)
+        },
         "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
     }
     return _set_fields(msg, kind, every)
@@ -203,7 +258,9 @@ def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Call
     if declared is not None:
         kinds = dict(declared())
     else:
-        kinds = dict(zip(getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ()), strict=False))  # ROS 1
+        kinds = dict(
+            zip(getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ()), strict=False)
+        )  # ROS 1
     named = re.search(r"(\w+)/(\w+)", kinds.get(name, ""))
     if named is None:
         return otherwise

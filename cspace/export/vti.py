@@ -33,11 +33,13 @@ def write_vti(
 ) -> None:
     """Write arrays over the cells of a grid as ``.vti``.
 
-    They become cell data; viewers show the first array; the origin is the lower corner of the grid. A plane grid
-    becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or float64. The arrays of `about`,
-    float64 with shape (n,), become field data: numbers about the whole.
+    They become cell data; viewers show the first array; the origin is the lower corner of the grid.
+    A plane grid becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or
+    float64. The arrays of `about`, float64 with shape (n,), become field data: numbers about the
+    whole.
 
-    Raises InputError if an array has another shape or type, and FileError as :func:`cspace.files.access.replacing`.
+    Raises InputError if an array has another shape or type, and FileError as
+    :func:`cspace.files.access.replacing`.
     """
     for name, array in arrays.items():
         if array.shape != grid.shape or str(array.dtype) not in _VTK_TYPES:
@@ -47,7 +49,9 @@ def write_vti(
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(_vti_header(arrays, grid, about or {}).encode())
         for numbers in (about or {}).values():
-            file.write(np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes())
+            file.write(
+                np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes()
+            )
         for array in arrays.values():
             kind = np.dtype(_VTK_TYPES[str(array.dtype)][1])
             file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
@@ -80,6 +84,7 @@ def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[s
         f'  <ImageData WholeExtent="{extent}" Origin="{origin}" '
         f'Spacing="{" ".join([repr(grid.spacing)] * 3)}">\n'
         f'{fields}    <Piece Extent="{extent}">\n'
-        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}      </CellData>\n"
+        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}     "
+        " </CellData>\n"
         '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
     )

@@ -1,7 +1,7 @@
 """Reading of files of bounded size, and atomic writing of outputs.
 
-Errors name the file. An output is complete or absent: it is written under a temporary name beside the target, then
-renamed.
+Errors name the file. An output is complete or absent: it is written under a temporary name beside
+the target, then renamed.
 """
 
 from __future__ import annotations
@@ -69,18 +69,23 @@ def check_file(
 ) -> Path:
     """Return `path` as a Path, if a readable plain file is there.
 
-    `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per byte of the file.
-    `limit` is the limit of :mod:`cspace.limits` for its size.
+    `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per
+    byte of the file. `limit` is the limit of :mod:`cspace.limits` for its size.
 
-    Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not a plain file, is
-    larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
+    Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not
+    a plain file, is larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
     """
     file, what = inspect_path(path, kind)
     if not what:
         hint = suggest_name(file) or "check the name and the folder"
         raise FileError(str(file), "does not exist", f"{_with_article(kind)} is needed", hint)
     if what != "file":
-        raise FileError(str(file), f"is {what}", f"{_with_article(kind)} must be a plain file", "pass the file itself")
+        raise FileError(
+            str(file),
+            f"is {what}",
+            f"{_with_article(kind)} must be a plain file",
+            "pass the file itself",
+        )
     try:
         size = file.stat().st_size
     except OSError as error:  # another process has just removed it
@@ -103,7 +108,9 @@ def _refuse_pointer(file: Path, kind: str) -> None:
         raise read_error(file, kind, error) from error
     if is_pointer:
         rule = f"the {kind} itself has not been fetched"
-        raise FileError(str(file), "is a git-lfs pointer", rule, "run git lfs pull in its repository")
+        raise FileError(
+            str(file), "is a git-lfs pointer", rule, "run git lfs pull in its repository"
+        )
 
 
 def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
@@ -117,7 +124,14 @@ def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
         file = Path(path)
         if file.is_file():
             return file, "file"
-        return file, "a folder" if file.is_dir() else "a device, a pipe or a socket" if file.exists() else ""
+        return (
+            file,
+            "a folder"
+            if file.is_dir()
+            else "a device, a pipe or a socket"
+            if file.exists()
+            else "",
+        )
     except (TypeError, ValueError) as error:
         raise name_error(path) from error
     except OSError as error:
@@ -150,20 +164,29 @@ def suggest_converter(path: Path) -> str:
 
 def name_error(path: object) -> InputError:
     """Return the error for a value that cannot be a file name."""
-    return InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path)
+    return InputError(
+        "path",
+        f"is {path!r}",
+        "it must be a file name",
+        "pass a string or a pathlib.Path",
+        value=path,
+    )
 
 
 def read_error(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """Return the error for a file that the system refuses to read."""
-    problem, rule = f"cannot be read: {error.strerror or error}", f"{_with_article(kind)} must be readable"
+    problem, rule = (
+        f"cannot be read: {error.strerror or error}",
+        f"{_with_article(kind)} must be readable",
+    )
     return FileError(os.fspath(path), problem, rule, "check its permissions")
 
 
 class ContentError(Exception):
     """An error in the content of a file, without its name.
 
-    :func:`decoding` raises it again with the name. `kind` is the type of that error; the other parameters are those
-    of :class:`cspace.errors.CspaceError`.
+    :func:`decoding` raises it again with the name. `kind` is the type of that error; the other
+    parameters are those of :class:`cspace.errors.CspaceError`.
     """
 
     def __init__(
@@ -183,7 +206,8 @@ class ContentError(Exception):
 def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[None]:
     """Turn any exception of a decoder into an error naming the file.
 
-    `advice` is the rule and the hint for exceptions other than :class:`ContentError`, instead of its defaults.
+    `advice` is the rule and the hint for exceptions other than :class:`ContentError`, instead of
+    its defaults.
     """
     try:
         yield
@@ -199,7 +223,9 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
         raise FileError(os.fspath(path), *ContentError(problem, *advice).parts) from error
 
 
-def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
+def check_suffix(
+    path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path"
+) -> str:
     """Return the suffix of a file name, in lower case.
 
     Raises InputError if `path` is not a file name, or its suffix is not in `known`.
@@ -224,7 +250,8 @@ def read_bytes(
 ) -> bytes:
     """Return the content of a file; parameters as for :func:`check_file`.
 
-    Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to read the file.
+    Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to
+    read the file.
     """
     file = check_file(path, kind, memory, limit)
     try:
@@ -282,19 +309,21 @@ def read_text(
 def read_columns(text: str, first: int = 1) -> Floats:
     """Parse lines of numbers into an array of shape (n, columns).
 
-    Without numbers the shape is (0, 0). Commas separate columns if the first row has one, blanks otherwise; ``#``
-    starts a comment. `first` is the number of the first line, for messages. A text truncated within its last number
-    cannot be detected.
+    Without numbers the shape is (0, 0). Commas separate columns if the first row has one, blanks
+    otherwise; ``#`` starts a comment. `first` is the number of the first line, for messages. A text
+    truncated within its last number cannot be detected.
 
-    Raises ContentError, naming the line, if a line holds anything but numbers or its length differs from the first
-    row's.
+    Raises ContentError, naming the line, if a line holds anything but numbers or its length differs
+    from the first row's.
     """
     row = next((content for line in text.split("\n") if (content := _strip_comment(line))), "")
     if not row:
         return np.zeros((0, 0))
     separator = "," if "," in row else None
     try:
-        return np.loadtxt(io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2)
+        return np.loadtxt(
+            io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2
+        )
     except ValueError as error:
         raise _line_error(text, first, separator, len(row.split(separator)), error) from error
 
@@ -304,7 +333,9 @@ def _strip_comment(line: str) -> str:
     return line.partition("#")[0].strip()
 
 
-def _line_error(text: str, first: int, separator: str | None, columns: int, error: ValueError) -> ContentError:
+def _line_error(
+    text: str, first: int, separator: str | None, columns: int, error: ValueError
+) -> ContentError:
     """Return the error for the first line that cannot be parsed."""
     for number, line in enumerate(text.split("\n"), start=first):
         parts = _strip_comment(line).split(separator) if _strip_comment(line) else []
@@ -315,8 +346,12 @@ def _line_error(text: str, first: int, separator: str | None, columns: int, erro
         except ValueError:
             rule = "only numbers; put '#' before a heading"
         problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
-        return ContentError(problem, f"it must hold {rule}", "correct the line, or fetch a truncated file again")
-    return ContentError(f"cannot be read: {error}", "it must hold columns of numbers", "correct that line")
+        return ContentError(
+            problem, f"it must hold {rule}", "correct the line, or fetch a truncated file again"
+        )
+    return ContentError(
+        f"cannot be read: {error}", "it must hold columns of numbers", "correct that line"
+    )
 
 
 def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
@@ -337,7 +372,8 @@ def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDA
 
     Raises ValueError if a token is not a number, and OverflowError if it needs more than 64 bits.
     """
-    # An array of texts is as wide as its longest entry, so one long token would multiply the memory.
+    # An array of texts is as wide as its longest entry, so one long token would multiply the
+    # memory.
     if max(map(len, tokens), default=0) > _MAX_NUMBER_BYTES:
         return np.array(list(map(kind, tokens)), dtype=np.dtype(kind))
     return np.array(tokens, dtype=np.bytes_).astype(kind) if tokens else np.empty(0, kind)
@@ -362,20 +398,24 @@ def _with_article(kind: str) -> str:
 
 @contextmanager
 def replacing(
-    path: str | os.PathLike[str], overwrite: bool = False, *, folder: Callable[[Path], bool] | None = None
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    folder: Callable[[Path], bool] | None = None,
 ) -> Iterator[Path]:
     """Yield a temporary name; rename it to `path` if the block succeeds.
 
-    The temporary name has the folder and suffix of the target; a link is followed. Any exception in the block, Ctrl-C
-    included, removes the temporary file and leaves the target unchanged. The target is checked before the block, so
-    that no long work is lost to an unusable name. Nest outputs that belong together; the file that refers to the others
-    goes outermost::
+    The temporary name has the folder and suffix of the target; a link is followed. Any exception in
+    the block, Ctrl-C included, removes the temporary file and leaves the target unchanged. The
+    target is checked before the block, so that no long work is lost to an unusable name. Nest
+    outputs that belong together; the file that refers to the others goes outermost::
 
         with replacing("map.yaml") as yaml, replacing("map.pgm") as pgm:
             ...
 
-    With `overwrite`, a folder replaces only a folder and a file only a file. Pass `folder` if the output is a folder:
-    it returns True for an existing folder that is an earlier output, so that nothing else is ever removed.
+    With `overwrite`, a folder replaces only a folder and a file only a file. Pass `folder` if the
+    output is a folder: it returns True for an existing folder that is an earlier output, so that
+    nothing else is ever removed.
 
     Raises FileError if the target may not be written, or if writing fails.
     """
@@ -395,8 +435,13 @@ def replacing(
     except FileError:
         raise
     except OSError as error:
-        problem, rule = f"cannot be written: {error.strerror or error}", "outputs need a writable folder and free space"
-        raise FileError(str(target), problem, rule, "free some space or choose another folder") from error
+        problem, rule = (
+            f"cannot be written: {error.strerror or error}",
+            "outputs need a writable folder and free space",
+        )
+        raise FileError(
+            str(target), problem, rule, "free some space or choose another folder"
+        ) from error
 
 
 def check_output(target: Path, overwrite: bool) -> None:
@@ -404,7 +449,8 @@ def check_output(target: Path, overwrite: bool) -> None:
 
     Call it before any work; :func:`replacing` checks the kind of the target.
 
-    Raises FileError if the parent folder is missing or read-only, or the target exists and `overwrite` is False.
+    Raises FileError if the parent folder is missing or read-only, or the target exists and
+    `overwrite` is False.
     """
     parent = target.parent
     if not parent.is_dir():
@@ -412,9 +458,16 @@ def check_output(target: Path, overwrite: bool) -> None:
         raise FileError(str(target), problem, "outputs go to an existing folder", "create it first")
     if not os.access(parent, os.W_OK | os.X_OK):
         problem = f"cannot be written: no permission to write in {parent}"
-        raise FileError(str(target), problem, "outputs need a writable folder", "change its permissions or use another")
+        raise FileError(
+            str(target),
+            problem,
+            "outputs need a writable folder",
+            "change its permissions or use another",
+        )
     if target.exists() and not overwrite:
-        raise FileError(str(target), "exists", "existing outputs are kept by default", "pass overwrite=True")
+        raise FileError(
+            str(target), "exists", "existing outputs are kept by default", "pass overwrite=True"
+        )
 
 
 def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
@@ -423,18 +476,26 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     if not target.exists():
         return
     if folder is None and not target.is_file():
-        raise FileError(str(target), "is not a plain file", "a file replaces only a file", "choose another name")
+        raise FileError(
+            str(target), "is not a plain file", "a file replaces only a file", "choose another name"
+        )
     if folder is not None and not target.is_dir():
-        raise FileError(str(target), "is not a folder", "a folder replaces only a folder", "choose another name")
+        raise FileError(
+            str(target), "is not a folder", "a folder replaces only a folder", "choose another name"
+        )
     if folder is not None and any(target.iterdir()) and not folder(target):
-        rule, hint = "only an earlier output is replaced", "choose another name, or remove the folder yourself"
+        rule, hint = (
+            "only an earlier output is replaced",
+            "choose another name, or remove the folder yourself",
+        )
         raise FileError(str(target), "holds more than an earlier output", rule, hint)
 
 
 def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) -> Result:
     """Read an output, and again whenever another process replaced it meanwhile.
 
-    :func:`replacing` renames a folder twice. A reader can find it missing in between, or find files of both folders.
+    :func:`replacing` renames a folder twice. A reader can find it missing in between, or find files
+    of both folders.
 
     Errors of `read` are raised if the output stays unchanged.
     """
@@ -443,7 +504,9 @@ def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) 
         try:
             return read()
         except FileError:
-            is_between = before is None and any(Path(os.path.realpath(path)).parent.glob(f"{_TEMPORARY_PREFIX}*"))
+            is_between = before is None and any(
+                Path(os.path.realpath(path)).parent.glob(f"{_TEMPORARY_PREFIX}*")
+            )
             if _fingerprint(path) == before and not is_between:
                 raise
             time.sleep(_RETRY_SECONDS)

@@ -34,7 +34,18 @@ class Format(NamedTuple):
     dimension: int | None
 
 
-_IMAGE_SUFFIXES: Final = (".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_IMAGE_SUFFIXES: Final = (
+    ".png",
+    ".pgm",
+    ".ppm",
+    ".pbm",
+    ".pnm",
+    ".jpg",
+    ".jpeg",
+    ".bmp",
+    ".tif",
+    ".tiff",
+)
 
 WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(ros.ROS_MAP_SUFFIXES, Format("from_ros_map", 2)),
@@ -55,12 +66,15 @@ def find_constructor(path: StrPath) -> str:
 
     The suffix decides, then the header.
 
-    Raises InputError if the suffix is unknown. Raises FileError if the header is needed and is missing or malformed.
+    Raises InputError if the suffix is unknown. Raises FileError if the header is needed and is
+    missing or malformed.
     """
     suffix = check_suffix(path, WORKSPACE_FORMATS, "the suffix selects the format")
     if suffix == ".npy":
         array = read_npy(path)
-        return "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
+        return (
+            "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
+        )
     if suffix == ".ply":
         return "from_mesh" if read_ply_header(path).faces else "from_points"
     return WORKSPACE_FORMATS[suffix].method
@@ -93,12 +107,16 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
 def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
     """Map an array of cells from a ``.npy`` file into memory, read-only.
 
-    Raises InputError if it looks like points saved as whole numbers, and FileError as :func:`read_npy`.
+    Raises InputError if it looks like points saved as whole numbers, and FileError as
+    :func:`read_npy`.
     """
     array = read_npy(path)
     if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
         problem = f"holds {len(array)} rows of three whole numbers beyond 0 and 1"
-        rule, hint = "cells are booleans and points are floats", "save points as array.astype(float), in metres"
+        rule, hint = (
+            "cells are booleans and points are floats",
+            "save points as array.astype(float), in metres",
+        )
         raise InputError(os.fspath(path), problem, rule, hint)
     return array
 

@@ -1,7 +1,7 @@
 """Cells of images and of MovingAI benchmark maps.
 
-Pillow decodes the images. Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012; Brewer and Sturtevant, "Benchmarks
-for Pathfinding in 3D Voxel Space", 2018.
+Pillow decodes the images. Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012; Brewer and
+Sturtevant, "Benchmarks for Pathfinding in 3D Voxel Space", 2018.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ _BYTES_PER_PIXEL: Final = 12
 
 _BOUNDED_FORMATS: Final = ("PNG", "PPM", "BMP")
 _MAX_PIXELS_PER_BYTE: Final = 8 * 1040
-"""Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best ratio."""
+"""Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best
+ratio."""
 
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()
 """Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
@@ -71,16 +72,19 @@ class Shades:
         return pixels if self.opaque is True else pixels & self.opaque
 
 
-def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> Bools:
+def read_image(
+    path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied"
+) -> Bools:
     """Read the occupied cells of an image, shape (nx, ny).
 
-    Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or TIFF. The first row
-    is the top of the map. The shade of a pixel is the mean of its colour channels, from 0 (black) to 1 (white).
-    Pixels below `threshold` are dark, and `dark` says whether dark means "occupied" or "free". A pixel that is not
-    fully opaque is always occupied.
+    Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
+    TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
+    channels, from 0 (black) to 1 (white). Pixels below `threshold` are dark, and `dark` says
+    whether dark means "occupied" or "free". A pixel that is not fully opaque is always occupied.
 
-    Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises FileError if the
-    file is missing or too large, cannot be decoded, or has pixels of an unknown mode.
+    Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises
+    FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown
+    mode.
     """
     level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
@@ -98,13 +102,16 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
 
     Grey images of 16 bits keep all their levels. `kind` names the image in messages.
 
-    Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown mode.
+    Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an
+    unknown mode.
     """
     from PIL import Image
 
     file = check_file(path, kind)
     data = read_bytes(file, kind)
-    with decoding(file, kind, f"it must be a whole file of {', '.join(IMAGE_FORMATS)}", "save it again"):
+    with decoding(
+        file, kind, f"it must be a whole file of {', '.join(IMAGE_FORMATS)}", "save it again"
+    ):
         with _PILLOW_LIMIT_LOCK:
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
             try:
@@ -115,8 +122,12 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
         with image, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they concern metadata, which are not used
             check_cells(file, image.size, memory=_BYTES_PER_PIXEL)
-            if image.format in _BOUNDED_FORMATS and math.prod(image.size) > _MAX_PIXELS_PER_BYTE * len(data):
-                raise ContentError(f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
+            if image.format in _BOUNDED_FORMATS and math.prod(
+                image.size
+            ) > _MAX_PIXELS_PER_BYTE * len(data):
+                raise ContentError(
+                    f"declares {image.width} x {image.height} pixels, more than its bytes can hold"
+                )
             image.load()
             return _convert_image(image)
 
@@ -133,7 +144,9 @@ def _convert_image(image: Image) -> Shades:
     if white_level == 65535 and (pixels.min() < 0 or pixels.max() > white_level):
         raise _unknown_pixels(image)
     if pixels.ndim == 2:
-        return Shades(pixels.astype(np.uint16 if white_level > 255 else np.uint8), white_level, True)
+        return Shades(
+            pixels.astype(np.uint16 if white_level > 255 else np.uint8), white_level, True
+        )
     opaque = np.ascontiguousarray(pixels[..., 3] == 255) if mode == "RGBA" else True
     return Shades(pixels[..., :3].sum(axis=2, dtype=np.uint16), white_level, opaque)
 
@@ -142,7 +155,9 @@ def _choose_channels(image: Image) -> tuple[str, int]:
     """Return the mode in which to read an image, and its largest shade."""
     is_clear = image.has_transparency_data
     # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
-    is_deep = image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM"))
+    is_deep = image.mode.startswith("I;16") or (
+        image.mode == "I" and image.format in ("PNG", "PPM")
+    )
     if image.mode in ("1", "L") and not is_clear:
         return "L", 255
     if is_deep and not is_clear:
@@ -154,7 +169,9 @@ def _choose_channels(image: Image) -> tuple[str, int]:
 
 def _unknown_pixels(image: Image) -> ContentError:
     rule = "pixels must be grey of up to 16 bits without transparency, or 8-bit colour"
-    return ContentError(f"has image mode {image.mode!r}", rule, "convert it, e.g. to an 8-bit grey PNG")
+    return ContentError(
+        f"has image mode {image.mode!r}", rule, "convert it, e.g. to an 8-bit grey PNG"
+    )
 
 
 PASSABLE_CHARACTERS: Final = ".GS"
@@ -165,10 +182,11 @@ _DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACT
 def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
     """Read the blocked cells of a ``.map`` file, shape (width, height).
 
-    ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is the top.
+    ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is
+    the top.
 
-    Raises FileError, naming the line, if the file is missing, the header is malformed, a row has the wrong length or
-    another character, or the number of rows is wrong.
+    Raises FileError, naming the line, if the file is missing, the header is malformed, a row has
+    the wrong length or another character, or the number of rows is wrong.
     """
     with decoding(path, "MovingAI map"):
         lines = _read_lines(path, "MovingAI map")
@@ -178,23 +196,35 @@ def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
         for number, line in enumerate(lines[1:3], start=2):
             key, _, value = line.partition(" ")
             if key not in ("height", "width") or not is_count(value.strip()) or int(value) == 0:
-                raise _line_error(number, lines, "'height' or 'width' and a whole number above zero")
+                raise _line_error(
+                    number, lines, "'height' or 'width' and a whole number above zero"
+                )
             sizes[key] = int(value)
         if len(sizes) != 2:
-            raise _line_error(min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3")
+            raise _line_error(
+                min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3"
+            )
         if lines[3:4] != ["map"]:
             raise _line_error(4, lines, "'map'")
         rows, width, height = lines[4:], sizes["width"], sizes["height"]
         for number, row in enumerate(rows, start=5):
             if len(row) != width:
-                raise ContentError(f"line {number} has {len(row)} characters but the header says width {width}")
+                raise ContentError(
+                    f"line {number} has {len(row)} characters but the header says width {width}"
+                )
             wrong = row.translate(_DROP_CELLS)
             if wrong:
                 problem = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
-                rule = f"cells are one of '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}' (blocked)"
+                rule = (
+                    f"cells are one of '{PASSABLE_CHARACTERS}' (passable) or "
+                    f"'{BLOCKED_CHARACTERS}' (blocked)"
+                )
                 raise ContentError(problem, rule, "replace it")
         if len(rows) != height:
-            raise ContentError(f"ends at line {len(lines)} with {len(rows)} rows but the header says height {height}")
+            raise ContentError(
+                f"ends at line {len(lines)} with {len(rows)} rows but the header says height "
+                f"{height}"
+            )
         cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
         blocked = np.isin(cells, np.frombuffer(BLOCKED_CHARACTERS.encode("ascii"), dtype=np.uint8))
         return np.ascontiguousarray(blocked[::-1].T)
@@ -203,16 +233,20 @@ def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
 def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
     """Read the blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
 
-    The first line is ``voxel`` and the numbers of voxels along x, y and z. Each other line is ``x y z`` of a blocked
-    voxel, counted from 0. A file truncated between two lines cannot be detected.
+    The first line is ``voxel`` and the numbers of voxels along x, y and z. Each other line is ``x y
+    z`` of a blocked voxel, counted from 0. A file truncated between two lines cannot be detected.
 
-    Raises FileError, naming the line, if the file is missing, declares too many voxels, or a line is malformed or
-    names a voxel outside the map.
+    Raises FileError, naming the line, if the file is missing, declares too many voxels, or a line
+    is malformed or names a voxel outside the map.
     """
     lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
     with decoding(path, "MovingAI voxel map"):
         kind, *counts = lines[0].split() or [""]
-        if kind != "voxel" or len(counts) != 3 or not all(is_count(count) and int(count) > 0 for count in counts):
+        if (
+            kind != "voxel"
+            or len(counts) != 3
+            or not all(is_count(count) and int(count) > 0 for count in counts)
+        ):
             raise _line_error(1, lines, "'voxel' and three whole numbers above zero")
         nx, ny, nz = map(int, counts)
         check_cells(path, (nx, ny, nz))
@@ -222,10 +256,14 @@ def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
             if not words:
                 continue
             if len(words) != 3 or not all(map(is_count, words)):
-                raise _line_error(number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
+                raise _line_error(
+                    number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on"
+                )
             x, y, z = map(int, words)
             if x >= nx or y >= ny or z >= nz:
-                raise _line_error(number, lines, f"a voxel inside {nx} x {ny} x {nz}, counted from 0")
+                raise _line_error(
+                    number, lines, f"a voxel inside {nx} x {ny} x {nz}, counted from 0"
+                )
             voxels.append((x, y, z))
     blocked = np.zeros((nx, ny, nz), dtype=np.bool_)
     blocked[tuple(np.array(voxels, dtype=np.int64).reshape(-1, 3).T)] = True
@@ -240,4 +278,6 @@ def _read_lines(path: str | os.PathLike[str], kind: str, memory: float = 4.0) ->
 def _line_error(number: int, lines: list[str], rule: str) -> ContentError:
     """Return the error for a line that breaks `rule`."""
     line = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
-    return ContentError(f"line {number} is {line}", f"it must hold {rule}", "correct it or fetch it again")
+    return ContentError(
+        f"line {number} is {line}", f"it must hold {rule}", "correct it or fetch it again"
+    )

@@ -1,14 +1,16 @@
 """Triangle meshes from files and from trimesh objects.
 
-A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with ``process=False``, and a
-separate count of the file's triangles must agree with its result. This package reads STL, OBJ and COLLADA itself.
-For STL the census is the reading. In OBJ files trimesh moves triangles whose corners count backwards or are written in
-mixed forms, loses those on lines with a leading blank, and cuts bent polygons into fans that leave the polygon.
-pycollada drops unknown elements and warns on NumPy 2.5.
+A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with
+``process=False``, and a separate count of the file's triangles must agree with its result. This
+package reads STL, OBJ and COLLADA itself. For STL the census is the reading. In OBJ files trimesh
+moves triangles whose corners count backwards or are written in mixed forms, loses those on lines
+with a leading blank, and cuts bent polygons into fans that leave the polygon. pycollada drops
+unknown elements and warns on NumPy 2.5.
 
-In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not scale quantised
-numbers, and ignores instances, skins and morphs and everything below a camera node. This module refuses all of these by
-name. It counts the triangles of the rest and compares their bounds with the header's.
+In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not
+scale quantised numbers, and ignores instances, skins and morphs and everything below a camera node.
+This module refuses all of these by name. It counts the triangles of the rest and compares their
+bounds with the header's.
 """
 
 from __future__ import annotations
@@ -30,7 +32,14 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Surface
 from cspace.check import check_finite
 from cspace.errors import GeometryError, InputError
-from cspace.files.access import ContentError, check_file, check_suffix, decoding, parse_numbers, read_bytes
+from cspace.files.access import (
+    ContentError,
+    check_file,
+    check_suffix,
+    decoding,
+    parse_numbers,
+    read_bytes,
+)
 from cspace.files.plain import check_nesting, parse_xml
 from cspace.files.polygons import (
     join_surfaces,
@@ -69,11 +78,12 @@ _ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, _FLOAT_TYPE: 12}
 def load_gltf_scene(file: Path) -> tuple[Any, int]:
     """Read a glTF scene and count its triangles.
 
-    Returns the ``trimesh.Scene`` that trimesh reads and the number of triangles that the file declares.
+    Returns the ``trimesh.Scene`` that trimesh reads and the number of triangles that the file
+    declares.
 
-    Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as declared. Raises
-    GeometryError if it holds anything but triangles, or if its shape depends on an extension, a skin, a morph, or on
-    quantised, sparse or compressed numbers.
+    Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as
+    declared. Raises GeometryError if it holds anything but triangles, or if its shape depends on an
+    extension, a skin, a morph, or on quantised, sparse or compressed numbers.
     """
     import trimesh
 
@@ -83,9 +93,15 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
     check_bytes(file, len(text), "has a header of", 20.0, "max_text_bytes")
     header = _parse_gltf_header(text)
     # A mesh may be placed several times, so the memory is checked before trimesh copies it.
-    triangles = [[_count_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
+    triangles = [
+        [_count_triangles(part, header) for part in mesh["primitives"]]
+        for mesh in header.get("meshes", [])
+    ]
     sizes = [
-        sum(surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
+        sum(
+            surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces)
+            for part, faces in pairs
+        )
         for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), triangles)
     ]
     instances = list(_instances(header))
@@ -95,24 +111,33 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
         return trimesh.Scene(), 0
     kind = "glb" if is_binary else "gltf"
     loaded = trimesh.load_scene(
-        io.BytesIO(data), file_type=kind, resolver=_FolderFiles(file), process=False, skip_materials=True
+        io.BytesIO(data),
+        file_type=kind,
+        resolver=_FolderFiles(file),
+        process=False,
+        skip_materials=True,
     )
     primitives = [part for mesh in header["meshes"] for part in mesh["primitives"]]
     if len(primitives) != len(loaded.geometry):
         raise ContentError(f"declares {len(primitives)} parts but {len(loaded.geometry)} were read")
     for primitive, geometry in zip(primitives, loaded.geometry.values(), strict=True):
-        _check_points(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]])
+        _check_points(
+            np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]]
+        )
     return loaded, declared
 
 
 def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
     """Return the number of triangles of a glTF primitive.
 
-    Raises GeometryError if trimesh would misread the primitive, and ContentError if it is malformed.
+    Raises GeometryError if trimesh would misread the primitive, and ContentError if it is
+    malformed.
     """
     mode = primitive.get("mode", _TRIANGLES_MODE)
     if mode != _TRIANGLES_MODE:
-        raise unsupported_part(f"a part of {_MODE_NAMES.get(mode, f'points or lines (mode {mode})')}")
+        raise unsupported_part(
+            f"a part of {_MODE_NAMES.get(mode, f'points or lines (mode {mode})')}"
+        )
     _refuse_extensions(primitive)
     if "POSITION" not in primitive["attributes"]:
         raise unsupported_part("a part without positions of its own")
@@ -127,8 +152,8 @@ def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
 def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
     """Return the number of rows of a glTF accessor.
 
-    ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor is sparse, compressed
-    or quantised, and ContentError if it is malformed or exceeds its buffer.
+    ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
+    is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
     """
     accessor = _look_up(header, "accessors", number)
     if "sparse" in accessor:
@@ -138,11 +163,18 @@ def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
     component = accessor["componentType"]
     if kind == "VEC3" and component != _FLOAT_TYPE:
         raise unsupported_part(f"quantised positions (accessor {number})")
-    if accessor["type"] != kind or component not in _ROW_BYTES or (kind == "SCALAR") == (component == _FLOAT_TYPE):
-        raise ContentError(f"has accessor {number} of {accessor['type']} {component} instead of {kind}")
+    if (
+        accessor["type"] != kind
+        or component not in _ROW_BYTES
+        or (kind == "SCALAR") == (component == _FLOAT_TYPE)
+    ):
+        raise ContentError(
+            f"has accessor {number} of {accessor['type']} {component} instead of {kind}"
+        )
     view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
-    # Offsets, strides and ends are in bytes: of the accessor in its view, and of the view in its buffer.
+    # Offsets, strides and ends are in bytes: of the accessor in its view, and of the view in its
+    # buffer.
     width, count, start = _ROW_BYTES[component], accessor["count"], accessor.get("byteOffset", 0)
     stride, view_start = view.get("byteStride", width), view.get("byteOffset", 0)
     end = start + (count - 1) * stride + width
@@ -157,14 +189,16 @@ def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
 def _instances(header: dict[str, Any]) -> Iterator[int]:
     """Yield the mesh index of each mesh instance.
 
-    Only instances in the scene count. Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is
-    in no scene, below a camera, or moved by a skin or morph.
+    Only instances in the scene count. Raises ContentError if the nodes are not trees. Raises
+    GeometryError if a mesh is in no scene, below a camera, or moved by a skin or morph.
     """
     scenes, nodes = header.get("scenes", []), header.get("nodes", [])
     if not scenes and header.get("meshes"):
         raise unsupported_part("meshes in no scene", "export it again with its scene")
     if len(scenes) > 1 and "scene" not in header:
-        raise unsupported_part(f"{len(scenes)} scenes of which none is the default", "export one scene")
+        raise unsupported_part(
+            f"{len(scenes)} scenes of which none is the default", "export one scene"
+        )
     seen: set[int] = set()
     roots = _look_up(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
     pending = [(number, 1) for number in roots]
@@ -173,7 +207,9 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
         if level > _MAX_NODE_LEVELS:
             raise ContentError(f"has more than {_MAX_NODE_LEVELS} nested nodes")
         if number in seen or not 0 <= number < len(nodes):
-            raise ContentError(f"names node {number} twice, or it is missing; nodes must form trees")
+            raise ContentError(
+                f"names node {number} twice, or it is missing; nodes must form trees"
+            )
         seen.add(number)
         node = nodes[number]
         _refuse_extensions(node)
@@ -190,7 +226,9 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
 def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
     """Refuse a mesh that a skin or a morph moves."""
     if "skin" in node:
-        raise unsupported_part("a mesh that a skin moves", "apply its pose and export it without the skin")
+        raise unsupported_part(
+            "a mesh that a skin moves", "apply its pose and export it without the skin"
+        )
     if any(node.get("weights", mesh.get("weights", []))):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
@@ -198,15 +236,23 @@ def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
 def _check_points(points: Floats, accessor: dict[str, Any]) -> None:
     """Check the vertices of a primitive against its accessor.
 
-    The accessor declares their count and bounds. ``points`` has shape (n, 3). Raises ContentError if they differ.
+    The accessor declares their count and bounds. ``points`` has shape (n, 3). Raises ContentError
+    if they differ.
     """
     if len(points) != accessor["count"]:
-        raise ContentError(f"declares {accessor['count']} vertices of a part but {len(points)} were read")
+        raise ContentError(
+            f"declares {accessor['count']} vertices of a part but {len(points)} were read"
+        )
     if "min" in accessor and "max" in accessor and np.isfinite(points).all():
         declared = np.array([accessor["min"], accessor["max"]], dtype=np.float64)
         measured = np.array([points.min(axis=0), points.max(axis=0)])
-        if declared.shape != (2, 3) or not (np.abs(declared - measured) <= 1e-5 * np.abs(measured).max()).all():
-            raise ContentError(f"declares bounds {declared.tolist()} of a part but {measured.tolist()} were read")
+        if (
+            declared.shape != (2, 3)
+            or not (np.abs(declared - measured) <= 1e-5 * np.abs(measured).max()).all()
+        ):
+            raise ContentError(
+                f"declares bounds {declared.tolist()} of a part but {measured.tolist()} were read"
+            )
 
 
 def _refuse_extensions(element: dict[str, Any]) -> None:
@@ -214,7 +260,9 @@ def _refuse_extensions(element: dict[str, Any]) -> None:
 
     Raises GeometryError, except for extensions of the appearance alone.
     """
-    foreign = [name for name in element.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)]
+    foreign = [
+        name for name in element.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)
+    ]
     if foreign:
         raise unsupported_part(f"a part with the extension {foreign[0]}")
 
@@ -222,7 +270,8 @@ def _refuse_extensions(element: dict[str, Any]) -> None:
 def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     """Return an element of a glTF header.
 
-    ``kind`` is the name of its list, and ``number`` its index. Raises ContentError if the list is shorter.
+    ``kind`` is the name of its list, and ``number`` its index. Raises ContentError if the list is
+    shorter.
     """
     items = header.get(kind, [])
     if not 0 <= number < len(items):
@@ -294,11 +343,14 @@ class _FolderFiles(Mapping[str, bytes]):
 Named = dict[str, Element | None]
 """Elements of a file by id; None if two elements share the id."""
 
-_SHAPELESS_CHILDREN: Final = frozenset(["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"])
+_SHAPELESS_CHILDREN: Final = frozenset(
+    ["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"]
+)
 """Tags of the children of a node that have no shape."""
 
 _MAX_EXTRA_VISITS: Final = 100_000
-"""Largest number of node visits beyond the number of elements; a few nested instances can unfold without end."""
+"""Largest number of node visits beyond the number of elements; a few nested instances can unfold
+without end."""
 
 _SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
 """Tags of the children of a mesh that have no surface."""
@@ -309,8 +361,8 @@ def read_collada(file: Path) -> Surface:
 
     Axes stay as they are; lines are skipped.
 
-    Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an unsupported surface or a
-    polygon whose triangles are ambiguous.
+    Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an
+    unsupported surface or a polygon whose triangles are ambiguous.
     """
     root = parse_xml(read_bytes(file, "mesh", 20.0, "max_text_bytes"))
     for element in root.iter():
@@ -328,17 +380,26 @@ def read_collada(file: Path) -> Surface:
     instances = _place_geometries(root, named, metres)
     # A geometry may be placed several times, so the memory is checked before it is copied.
     arrays: dict[Element, Floats] = {}
-    surfaces = {each: _read_surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in instances)}
-    sizes = {each: sum(surface_bytes(len(points), len(faces)) for points, faces in surfaces[each]) for each in surfaces}
+    surfaces = {
+        each: _read_surfaces(each, named, arrays)
+        for each in dict.fromkeys(each for each, _ in instances)
+    }
+    sizes = {
+        each: sum(surface_bytes(len(points), len(faces)) for points, faces in surfaces[each])
+        for each in surfaces
+    }
     check_bytes(file, sum(sizes[each] for each, _ in instances), "unfolds to", memory=3.0)
-    return join_surfaces([transform_surface(surface, pose) for each, pose in instances for surface in surfaces[each]])
+    return join_surfaces(
+        [transform_surface(surface, pose) for each, pose in instances for surface in surfaces[each]]
+    )
 
 
 def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[Element, Floats]]:
     """List the placed geometries of a COLLADA scene.
 
-    Each has its transform, shape (4, 4), which contains the scale to ``metres`` per unit. Raises ContentError if nodes
-    are nested without end, and GeometryError if the scene has an unsupported element.
+    Each has its transform, shape (4, 4), which contains the scale to ``metres`` per unit. Raises
+    ContentError if nodes are nested without end, and GeometryError if the scene has an unsupported
+    element.
     """
     instance = root.find("scene/instance_visual_scene")
     if instance is None:
@@ -365,7 +426,9 @@ def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[
             if element in path:
                 raise ContentError(f"has the node {element.get('id')!r} within itself")
             transform, children = _local_transform(element)
-            pending += [(child, above @ transform, (*path, element)) for child in reversed(children)]
+            pending += [
+                (child, above @ transform, (*path, element)) for child in reversed(children)
+            ]
         elif element.tag == "instance_geometry":
             instances.append((_resolve_instance(element, named), above))
         else:
@@ -380,7 +443,9 @@ def _resolve_instance(instance: Element, named: Named) -> Element:
     """
     url = instance.get("url", "")
     if not url.startswith("#"):
-        raise unsupported_part(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
+        raise unsupported_part(
+            f"a {instance.tag} of another file ({url!r})", "export it again as one file"
+        )
     target = named.get(url[1:])
     if target is None:
         raise ContentError(f"names {url!r}, which is missing or repeated")
@@ -390,13 +455,15 @@ def _resolve_instance(instance: Element, named: Named) -> Element:
 def _local_transform(node: Element) -> tuple[Floats, list[Element]]:
     """Return the transform and the children of a node.
 
-    ``node`` is of COLLADA. Its children are returned without the elements of its transform, which has shape (4, 4),
-    from the node to its parent.
+    ``node`` is of COLLADA. Its children are returned without the elements of its transform, which
+    has shape (4, 4), from the node to its parent.
     """
     transform, children = np.eye(4), []
     for child in node:
         if child.tag in ("lookat", "skew"):
-            raise unsupported_part(f"a node with the transform {child.tag}", "export it again with matrices")
+            raise unsupported_part(
+                f"a node with the transform {child.tag}", "export it again with matrices"
+            )
         if child.tag not in _TRANSFORMS:
             children.append(child)
             continue
@@ -452,7 +519,11 @@ def _read_surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats
             continue
         if element.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {element.tag}")
-        surfaces += [_read_primitive(part, named, arrays) for part in element if part.tag not in _SURFACELESS_CHILDREN]
+        surfaces += [
+            _read_primitive(part, named, arrays)
+            for part in element
+            if part.tag not in _SURFACELESS_CHILDREN
+        ]
     return surfaces
 
 
@@ -494,14 +565,17 @@ def _find_inputs(element: Element, semantic: str) -> list[Element]:
 def _read_corners(indices: Element, part: Element) -> Ints:
     """Return vertex indices of a COLLADA primitive.
 
-    The result has shape (n,). Each corner has an index for every input of the primitive; the offset of the input VERTEX
-    selects one of them.
+    The result has shape (n,). Each corner has an index for every input of the primitive; the offset
+    of the input VERTEX selects one of them.
     """
     stride = 1 + max((int(each.get("offset", "0")) for each in part.findall("input")), default=0)
     inputs = _find_inputs(part, "VERTEX")
     numbers = _parse_integers(indices)
     if len(inputs) != 1 or len(numbers) % stride:
-        raise ContentError(f"has {part.tag} with {len(inputs)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
+        raise ContentError(
+            f"has {part.tag} with {len(inputs)} inputs VERTEX and {len(numbers)} numbers, "
+            f"{stride} each"
+        )
     return numbers[int(inputs[0].get("offset", "0")) :: stride]
 
 
@@ -511,9 +585,15 @@ def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) 
     The result has shape (n, 3), in units of the file. `arrays` caches the parsed arrays.
     """
     vertices = [_resolve_source(given, named) for given in _find_inputs(part, "VERTEX")]
-    sources = [_resolve_source(given, named) for element in vertices for given in _find_inputs(element, "POSITION")]
+    sources = [
+        _resolve_source(given, named)
+        for element in vertices
+        for given in _find_inputs(element, "POSITION")
+    ]
     if len(sources) != 1:
-        raise ContentError(f"has {part.tag} with {len(sources)} sources of positions instead of one")
+        raise ContentError(
+            f"has {part.tag} with {len(sources)} sources of positions instead of one"
+        )
     accessor = sources[0].find("technique_common/accessor")
     if accessor is None:
         raise ContentError("has a source of positions without an accessor")
@@ -554,17 +634,23 @@ def _parse_integers(element: Element) -> Ints:
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
-        raise ContentError(f"has a {element.tag} that holds more than whole numbers ({error})") from error
+        raise ContentError(
+            f"has a {element.tag} that holds more than whole numbers ({error})"
+        ) from error
 
 
 # Silence trimesh's log of a bad file, because the error that is raised gives the reason.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-_STL_RECORD: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_RECORD: Final = np.dtype(
+    [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+)
 """Layout of a triangle in a binary STL file; the records follow a header of 84 bytes."""
 
 _FACET: Final = re.compile(
-    rb"\bfacet normal \S+ \S+ \S+ outer loop" + 3 * rb" vertex (\S+) (\S+) (\S+)" + rb" endloop endfacet\b"
+    rb"\bfacet normal \S+ \S+ \S+ outer loop"
+    + 3 * rb" vertex (\S+) (\S+) (\S+)"
+    + rb" endloop endfacet\b"
 )
 """A facet of a text STL file, in lower case, with single blanks."""
 
@@ -575,15 +661,17 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     """Read the vertices and triangles of a mesh file.
 
-    The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of ``.glb`` and ``.gltf``
-    are metres by definition, coordinates of ``.dae`` are converted from the file's unit, and other formats are assumed
-    to be in metres. Axes stay as they are, whichever axis the file calls up.
+    The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
+    ``.glb`` and ``.gltf`` are metres by definition, coordinates of ``.dae`` are converted from the
+    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever
+    axis the file calls up.
 
-    Nothing is repaired, merged or dropped: a file with an unsupported part is refused with GeometryError. A polygon of
-    four or more corners is refused too if its triangles are ambiguous: its corners are out of plane by more than
-    rounding, or no fan around one of them covers it. Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``,
-    where they are common, and refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within
-    its last number, cannot be detected.
+    Nothing is repaired, merged or dropped: a file with an unsupported part is refused with
+    GeometryError. A polygon of four or more corners is refused too if its triangles are ambiguous:
+    its corners are out of plane by more than rounding, or no fan around one of them covers it.
+    Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``, where they are common, and
+    refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within its
+    last number, cannot be detected.
 
     Returns
     -------
@@ -601,7 +689,9 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
         check_finite(vertices, f"vertices of {file}")
         wrong = faces[(faces < 0) | (faces >= len(vertices))]
         if len(wrong):
-            raise ContentError(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+            raise ContentError(
+                f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}"
+            )
     return vertices, np.ascontiguousarray(faces)
 
 
@@ -613,12 +703,18 @@ def _read_stl(file: Path) -> Surface:
     data = read_bytes(file, _MESH_KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
-        vertices = np.frombuffer(data, _STL_RECORD, declared, 84)["corners"].reshape(-1, 3).astype(np.float64)
+        vertices = (
+            np.frombuffer(data, _STL_RECORD, declared, 84)["corners"]
+            .reshape(-1, 3)
+            .astype(np.float64)
+        )
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
         held = max(0.0, (len(data) - 84) / _STL_RECORD.itemsize)
-        raise ContentError(f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file")
+        raise ContentError(
+            f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file"
+        )
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
@@ -630,12 +726,18 @@ def _parse_stl_text(data: bytes) -> Floats:
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
-    if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
+    if (
+        not kinds
+        or kinds != [False, True] * (len(kinds) // 2)
+        or text[lines[-1].end() :].strip(b" \t\n\0")
+    ):
         raise ContentError("does not go from solid to endsolid, as a text STL file must")
     if b"\0" in text[: lines[-1].end()]:  # a NUL would end a number
         raise ContentError("is not text")
     if any(b"endfacet" in line[0] for line in lines):
-        raise ContentError("has facets on a line of solid or endsolid; they need lines of their own")
+        raise ContentError(
+            "has facets on a line of solid or endsolid; they need lines of their own"
+        )
     # Single blanks, because patterns that skip blanks take quadratic time on long runs of them.
     text = b" ".join(_SOLIDS.sub(b"", text).split())
     facets = _FACET.findall(text)
@@ -685,10 +787,11 @@ MESH_SUFFIXES: Final = tuple(_READERS)
 def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
     """Join the meshes of a trimesh object.
 
-    Returns vertices, shape (V, 3), and faces, shape (F, 3). `name` is the argument that messages name.
+    Returns vertices, shape (V, 3), and faces, shape (F, 3). `name` is the argument that messages
+    name.
 
-    Raises InputError if it is of another type or a coordinate is not finite. Raises GeometryError if it has no
-    triangles, or anything but triangles.
+    Raises InputError if it is of another type or a coordinate is not finite. Raises GeometryError
+    if it has no triangles, or anything but triangles.
     """
     import trimesh
 
@@ -699,19 +802,31 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
         parts = [(shape, np.eye(4))]
     else:
         hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
-        raise InputError(name, f"is a {type(shape).__name__}", "a mesh is needed", hint, value=shape)
+        raise InputError(
+            name, f"is a {type(shape).__name__}", "a mesh is needed", hint, value=shape
+        )
     surfaces = []
     for part, transform in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
-            content = "cloud of points" if isinstance(part, trimesh.PointCloud) else "part without triangles"
+            content = (
+                "cloud of points"
+                if isinstance(part, trimesh.PointCloud)
+                else "part without triangles"
+            )
             if len(parts) > 1:
                 problem = f"has a {content} ({type(part).__name__}) among its meshes"
                 raise GeometryError(
-                    name, problem, "it would be lost", "remove it, or pass the meshes alone", value=part
+                    name,
+                    problem,
+                    "it would be lost",
+                    "remove it, or pass the meshes alone",
+                    value=part,
                 )
             raise _without_triangles(name, f"{content} ({type(part).__name__})")
         points = check_finite(part.vertices, f"vertices of {name}")
-        surfaces.append(transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform))
+        surfaces.append(
+            transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform)
+        )
     if not surfaces:
         raise _without_triangles(name, "")
     return join_surfaces(surfaces)

@@ -37,17 +37,20 @@ class _OctomapHeader:
     resolution: float
 
 
-def read_octomap(path: str | os.PathLike[str], unknown_is_occupied: bool = True) -> tuple[Floats, float, Bools, Bools]:
+def read_octomap(
+    path: str | os.PathLike[str], unknown_is_occupied: bool = True
+) -> tuple[Floats, float, Bools, Bools]:
     """Read the placement, occupied and unknown cells of an OctoMap.
 
-    Returns the lower corner and the cell size, in metres, and the cells. The first line says whether the tree is
-    binary (``.bt``) or full (``.ot``, of type OcTree or ColorOcTree). The corner lies a whole number of cells from
-    the origin. Coarse leaves are expanded to the finest cells. A leaf of a full tree is occupied if its probability
-    is at least one half, as in OctoMap, because the file holds no other threshold. Cells without a leaf are
-    occupied if `unknown_is_occupied`.
+    Returns the lower corner and the cell size, in metres, and the cells. The first line says
+    whether the tree is binary (``.bt``) or full (``.ot``, of type OcTree or ColorOcTree). The
+    corner lies a whole number of cells from the origin. Coarse leaves are expanded to the finest
+    cells. A leaf of a full tree is occupied if its probability is at least one half, as in OctoMap,
+    because the file holds no other threshold. Cells without a leaf are occupied if
+    `unknown_is_occupied`.
 
-    Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is truncated or damaged, has
-    no known cell, or is larger than :mod:`cspace.limits` allows.
+    Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is
+    truncated or damaged, has no known cell, or is larger than :mod:`cspace.limits` allows.
     """
     # Each byte becomes a leaf of five 8-byte numbers at most, and a copy of it.
     content = read_bytes(path, _OCTOMAP_KIND, memory=80.0)
@@ -101,7 +104,9 @@ def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHead
         problem = f"says size {size[:40]!r} and res {resolution[:40]!r}"
         raise ContentError(problem, "they must be the number of nodes and the cell size in metres")
     if count == 0:
-        raise ContentError("has no known cell", "a map needs some known space", "insert a scan before writing it")
+        raise ContentError(
+            "has no known cell", "a map needs some known space", "insert a scan before writing it"
+        )
     return _OctomapHeader(binary, tree, count, side)
 
 
@@ -114,11 +119,15 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> Ints:
     if header.binary:
         records = np.frombuffer(data, dtype=np.uint8, count=len(data) // 2 * 2).reshape(-1, 2)
     else:
-        record = np.dtype([("value", "<f4"), ("colour", "V", _COLOUR_BYTES[header.tree]), ("children", "u1")])
+        record = np.dtype(
+            [("value", "<f4"), ("colour", "V", _COLOUR_BYTES[header.tree]), ("children", "u1")]
+        )
         full = np.frombuffer(data, dtype=record, count=len(data) // record.itemsize)
         values = full["value"]
         records = np.stack([full["children"], values >= 0.0], axis=1).astype(np.uint8)
-        records.setflags(write=False)  # like those of a binary tree, so that one compiled variant reads both
+        records.setflags(
+            write=False
+        )  # like those of a binary tree, so that one compiled variant reads both
     leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
     stack = np.zeros((OCTREE_LEVELS + 1, 4), dtype=np.int64)
     nodes, count, problem = decode_leaves(records, header.binary, leaves, stack)
@@ -128,10 +137,13 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> Ints:
     if problem == 1:
         raise ContentError(f"ends after {nodes} nodes but its header says {header.size}")
     if problem or nodes != header.size:
-        reason = {2: f"an inner node below level {OCTREE_LEVELS}", 3: "an inner node without children"}.get(
-            problem, f"{'more' if problem else nodes} nodes but its header says {header.size}"
+        reason = {
+            2: f"an inner node below level {OCTREE_LEVELS}",
+            3: "an inner node without children",
+        }.get(problem, f"{'more' if problem else nodes} nodes but its header says {header.size}")
+        raise ContentError(
+            f"holds {reason}", "the octree is invalid", "the file is damaged; fetch it again"
         )
-        raise ContentError(f"holds {reason}", "the octree is invalid", "the file is damaged; fetch it again")
     return leaves[:count]
 
 
@@ -139,19 +151,21 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> Ints:
 def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tuple[int, int, int]:
     """Collect the leaves of an octree in depth-first order.
 
-    Returns the numbers of nodes visited and leaves written, and an error code. `records` has shape (n, 2). A binary
-    tree has one record per inner node, with two bits for each of its eight children: 01 is a free leaf, 10 an
-    occupied leaf, 11 an inner node and 00 unknown. A full tree has one record per node: one bit per child, and 1 if
-    the node is occupied; a node without children is a leaf.
+    Returns the numbers of nodes visited and leaves written, and an error code. `records` has shape
+    (n, 2). A binary tree has one record per inner node, with two bits for each of its eight
+    children: 01 is a free leaf, 10 an occupied leaf, 11 an inner node and 00 unknown. A full tree
+    has one record per node: one bit per child, and 1 if the node is occupied; a node without
+    children is a leaf.
 
-    Writes `leaves`, shape (m, 5): first cell, side in cells, and 1 if occupied. `stack`, shape (levels + 1, 4), must be
-    zeros; it holds, for each level of the current branch, the first cell of the node and a bit for each inner child
-    still to be visited.
+    Writes `leaves`, shape (m, 5): first cell, side in cells, and 1 if occupied. `stack`, shape
+    (levels + 1, 4), must be zeros; it holds, for each level of the current branch, the first cell
+    of the node and a bit for each inner child still to be visited.
 
-    Error codes: 0 for a valid tree, 1 if records are missing, 2 if a node lies too deep, 3 if an inner node has no
-    child, 4 if `leaves` is full.
+    Error codes: 0 for a valid tree, 1 if records are missing, 2 if a node lies too deep, 3 if an
+    inner node has no child, 4 if `leaves` is full.
     """
-    # A loop instead of recursion, so that memory is bounded by `stack` however deep a damaged file leads.
+    # A loop instead of recursion, so that memory is bounded by `stack` however deep a damaged file
+    # leads.
     corner, pending = stack[:, :3], stack[:, 3]
     nodes, count, used, depth = 1, 0, 0, 0
     entering = True
@@ -163,7 +177,8 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
             used += 1
             children = np.int64(0)
             if binary:
-                # Leaves have no record of their own, so they are counted and written with their parent.
+                # Leaves have no record of their own, so they are counted and written with their
+                # parent.
                 kinds = first | second << 8
                 if kinds == 0:
                     return nodes, count, 3
@@ -187,7 +202,8 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
                     _write_child_corner(leaves[count], corner[depth], 0, 0)
                     leaves[count, 3], leaves[count, 4] = 1 << (OCTREE_LEVELS - depth), second
                     count += 1
-            # A node of the last level is a single cell: it has no children, and no record in a binary tree.
+            # A node of the last level is a single cell: it has no children, and no record in a
+            # binary tree.
             if children and depth == OCTREE_LEVELS - binary:
                 return nodes, count, 2
             pending[depth] = children
@@ -195,7 +211,9 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
         if entering:
             child = _lowest_bit(pending[depth])
             pending[depth] &= pending[depth] - 1
-            _write_child_corner(corner[depth + 1], corner[depth], child, 1 << (OCTREE_LEVELS - 1 - depth))
+            _write_child_corner(
+                corner[depth + 1], corner[depth], child, 1 << (OCTREE_LEVELS - 1 - depth)
+            )
             depth += 1
         else:
             depth -= 1

@@ -1,7 +1,7 @@
 """Plain values from untrusted YAML, JSON and XML files.
 
-YAML may hold only text, numbers, booleans, null, lists, and tables with distinct keys of text. Anchors, aliases and
-tags of YAML and entities of XML are refused, and nesting is bounded.
+YAML may hold only text, numbers, booleans, null, lists, and tables with distinct keys of text.
+Anchors, aliases and tags of YAML and entities of XML are refused, and nesting is bounded.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def read_json(
 ) -> Any:
     """Read the value of a JSON file.
 
-    `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of the file,
-    besides the value itself. `limit` is the limit of :mod:`cspace.limits` for its size.
+    `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of
+    the file, besides the value itself. `limit` is the limit of :mod:`cspace.limits` for its size.
 
     Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or
     does not fit into memory.
@@ -196,7 +196,11 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
         levels = level + np.cumsum(steps[letters])
         level = int(levels[-1])
         if levels.max() > _MAX_LEVELS:
-            raise ContentError(f"has more than {_MAX_LEVELS} nested brackets", "it is malformed", "write it flatter")
+            raise ContentError(
+                f"has more than {_MAX_LEVELS} nested brackets",
+                "it is malformed",
+                "write it flatter",
+            )
 
 
 def _integer(word: str) -> int | float:
@@ -208,7 +212,10 @@ def _integer(word: str) -> int | float:
 
 
 def _not_plain(event: Any, what: str) -> ContentError:
-    problem, rule = f"has {what} in line {event.start_mark.line + 1}", "only text, numbers, lists and tables are read"
+    problem, rule = (
+        f"has {what} in line {event.start_mark.line + 1}",
+        "only text, numbers, lists and tables are read",
+    )
     return ContentError(problem, rule, "correct that line")
 
 
@@ -219,4 +226,6 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 def check_expanded(root: Element) -> None:
     """Raise ContentError if a file holds unexpanded xacro macros."""
     if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
-        raise ContentError("holds xacro macros", "expand them first", "run xacro robot.urdf.xacro > robot.urdf")
+        raise ContentError(
+            "holds xacro macros", "expand them first", "run xacro robot.urdf.xacro > robot.urdf"
+        )

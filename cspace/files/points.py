@@ -3,7 +3,8 @@
 ``.pcd`` is the format of the Point Cloud Library (Rusu and Cousins, 2011).
 """
 
-# PCD is read here because pypcd4 1.5 trusts the sizes that a header declares, and needs two more packages.
+# PCD is read here because pypcd4 1.5 trusts the sizes that a header declares, and needs two more
+# packages.
 
 from __future__ import annotations
 
@@ -44,20 +45,27 @@ _PCD_KEYS: Final = (
 def read_points(path: StrPath) -> Floats:
     """Read a point cloud, shape (n, 3), in metres.
 
-    The suffix selects the format. ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y
-    and z, separated by blanks or commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format
-    of the Point Cloud Library. Colours, normals and other columns are skipped. Truncation of a text between two
-    lines, or within its last number, cannot be detected.
+    The suffix selects the format. ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``:
+    lines of x, y and z, separated by blanks or commas, with ``#`` before comments. ``.ply``: its
+    vertices. ``.pcd``: the format of the Point Cloud Library. Colours, normals and other columns
+    are skipped. Truncation of a text between two lines, or within its last number, cannot be
+    detected.
 
-    Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces. Also if a point is
-    not finite: many sensors write NaN where they saw nothing, which is neither free nor occupied.
+    Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces.
+    Also if a point is not finite: many sensors write NaN where they saw nothing, which is neither
+    free nor occupied.
     """
     suffix = check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")
     read = CLOUD_READERS[suffix]
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
-            raise ContentError("holds no point", "a cloud needs one", "check how it was written", kind=GeometryError)
+            raise ContentError(
+                "holds no point",
+                "a cloud needs one",
+                "check how it was written",
+                kind=GeometryError,
+            )
         broken = int((~np.isfinite(points).all(axis=1)).sum())
         if broken:
             problem = f"holds {broken} points of {len(points)} that are not finite"
@@ -72,7 +80,9 @@ def _read_npy(path: StrPath) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         rule = "a cloud is one array of numbers of shape (n, 3)"
-        raise ContentError(f"holds shape {array.shape} and type {array.dtype}", rule, "save one of that shape")
+        raise ContentError(
+            f"holds shape {array.shape} and type {array.dtype}", rule, "save one of that shape"
+        )
     return np.array(array, dtype=np.float64)
 
 
@@ -83,7 +93,9 @@ def _read_text(path: StrPath) -> Floats:
     """
     rows = read_columns(read_text(path, "point cloud", memory=12.0))
     if len(rows) and rows.shape[1] < 3:
-        raise ContentError(f"has {rows.shape[1]} columns", "points have x, y and z", "write three columns")
+        raise ContentError(
+            f"has {rows.shape[1]} columns", "points have x, y and z", "write three columns"
+        )
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
@@ -104,7 +116,9 @@ class _PcdHeader:
 
         Fields are named by index, because padding fields share one name.
         """
-        return np.dtype([(str(n), *entry) for n, entry in enumerate(zip(self.types, self.counts, strict=True))])
+        return np.dtype(
+            [(str(n), *entry) for n, entry in enumerate(zip(self.types, self.counts, strict=True))]
+        )
 
     @property
     def xyz(self) -> list[int]:
@@ -115,9 +129,10 @@ class _PcdHeader:
 def read_pcd(path: str | os.PathLike[str]) -> Floats:
     """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
-    They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may be ``ascii`` or
-    ``binary``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others are skipped. ``VIEWPOINT`` is not
-    applied, as in the Point Cloud Library. Truncation of an ``ascii`` file within its last number cannot be detected.
+    They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may
+    be ``ascii`` or ``binary``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others
+    are skipped. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. Truncation of an
+    ``ascii`` file within its last number cannot be detected.
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
     header, end = _parse_pcd_header(content)
@@ -133,7 +148,9 @@ def _parse_pcd_header(content: bytes) -> tuple[_PcdHeader, int]:
         key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _PCD_KEYS:
             rule = f"a PCD header has lines of {', '.join(_PCD_KEYS)}"
-            raise ContentError(f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format")
+            raise ContentError(
+                f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format"
+            )
         if key:
             entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after
@@ -141,7 +158,9 @@ def _parse_pcd_header(content: bytes) -> tuple[_PcdHeader, int]:
             break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
     if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
-        raise ContentError(f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
+        raise ContentError(
+            f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA"
+        )
     return _check_pcd_header(entries, number), end
 
 
@@ -153,18 +172,26 @@ def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
         counts = tuple(int(word) for word in entries.get("COUNT", ["1"] * len(fields)))
         points = _parse_pcd_size(entries)
     except (ValueError, IndexError) as error:
-        raise ContentError(f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
+        raise ContentError(
+            f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers"
+        ) from error
     types = list(zip(entries["TYPE"], sizes, strict=False))
     complete = len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)
     if not complete or not set(types) <= _PCD_TYPES or min(counts, default=0) < 0:
         rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
         raise ContentError(f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
-    if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
-        raise ContentError(f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
+    if sorted(coordinates) != ["x", "y", "z"] or any(
+        counts[fields.index(axis)] != 1 for axis in "xyz"
+    ):
+        raise ContentError(
+            f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each"
+        )
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
     if length > _MAX_POINT_BYTES:
-        raise ContentError(f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read")
+        raise ContentError(
+            f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read"
+        )
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
     return _PcdHeader(fields, dtypes, counts, points, _parse_pcd_data(entries), lines)
 
@@ -189,7 +216,9 @@ def _parse_pcd_data(entries: dict[str, list[str]]) -> str:
         hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
         raise ContentError("holds compressed points", "only ascii and binary are read", hint)
     if data not in _DECODERS:
-        raise ContentError(f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again")
+        raise ContentError(
+            f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again"
+        )
     return data
 
 
@@ -208,7 +237,9 @@ def _decode_binary(header: _PcdHeader, body: bytes) -> Floats:
     """Decode the points of a binary PCD file, shape (n, 3)."""
     record = header.record
     if len(body) < header.points * record.itemsize:
-        raise ContentError(f"holds {len(body) // record.itemsize} points but its header says {header.points}")
+        raise ContentError(
+            f"holds {len(body) // record.itemsize} points but its header says {header.points}"
+        )
     cloud = np.frombuffer(body, dtype=record, count=header.points)
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 

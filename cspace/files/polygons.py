@@ -1,10 +1,11 @@
 """Triangle surfaces from OBJ and PLY files.
 
-Unambiguous polygons are cut into triangles. trimesh reads the elements of binary PLY (Turk, 1994); this module
-parses its header, for meshes and point clouds.
+Unambiguous polygons are cut into triangles. trimesh reads the elements of binary PLY (Turk, 1994);
+this module parses its header, for meshes and point clouds.
 """
 
-# OBJ and polygons of four or more corners are read here because trimesh 5.2 and meshio move or lose their faces.
+# OBJ and polygons of four or more corners are read here because trimesh 5.2 and meshio move or lose
+# their faces.
 
 from __future__ import annotations
 
@@ -42,12 +43,13 @@ MAX_FANS: Final = 500
 
 MIN_WORK: Final = 2**26
 WORK_PER_CORNER: Final = 16
-"""Maximum number of corners visited in all fans tried for a file: `WORK_PER_CORNER` times its corners, at least
-`MIN_WORK`. Visiting a million takes 0.1 s."""
+"""Maximum number of corners visited in all fans tried for a file: `WORK_PER_CORNER` times its
+corners, at least `MIN_WORK`. Visiting a million takes 0.1 s."""
 
 
 _SKIPPED_STATEMENTS: Final = frozenset(
-    b"vt vn vp g o s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj deg bmat step "
+    b"vt vn vp g o s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
+    b"shadow_obj trace_obj deg bmat step "
     b"cstype parm trim hole scrv sp end con ctech stech curv2".split()
 )
 """OBJ statements that describe no surface."""
@@ -87,12 +89,13 @@ def join_surfaces(parts: Sequence[Surface]) -> Surface:
 def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     """Cut polygons, given by vertex indices one after another, into triangles.
 
-    Return shape (sum of (`sizes` - 2), 3). Each polygon becomes a fan around one of its corners, preferably the first.
-    A polygon that is not flat is refused, because each way to cut it gives another surface. So is a polygon that no
-    fan around one of its first :data:`MAX_FANS` corners covers exactly.
+    Return shape (sum of (`sizes` - 2), 3). Each polygon becomes a fan around one of its corners,
+    preferably the first. A polygon that is not flat is refused, because each way to cut it gives
+    another surface. So is a polygon that no fan around one of its first :data:`MAX_FANS` corners
+    covers exactly.
 
-    Raises ContentError if a polygon has fewer than three corners, names a missing vertex, is not flat, crosses itself,
-    or is so bent that no fan covers it.
+    Raises ContentError if a polygon has fewer than three corners, names a missing vertex, is not
+    flat, crosses itself, or is so bent that no fan covers it.
     """
     if len(sizes) and int(sizes.min()) < 3:
         raise ContentError(f"has a face with {int(sizes.min())} corners; a face needs three")
@@ -100,7 +103,9 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         raise ContentError(f"has faces with {int(sizes.sum())} corners but names {len(corners)}")
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
-        raise ContentError(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+        raise ContentError(
+            f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}"
+        )
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
@@ -117,8 +122,8 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
 def _check_repeats(polygons: Ints) -> None:
     """Refuse polygons, shape (P, n), that repeat few vertices.
 
-    Otherwise two bytes of text could become a triangle. A polygon with holes names the ends of its bridges twice,
-    so at least half of its corners are distinct.
+    Otherwise two bytes of text could become a triangle. A polygon with holes names the ends of its
+    bridges twice, so at least half of its corners are distinct.
     """
     ascending = np.sort(polygons, axis=1)
     distinct = 1 + np.count_nonzero(ascending[:, 1:] != ascending[:, :-1], axis=1)
@@ -141,7 +146,9 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     slack = np.asarray(FILE_ROUNDING + MAX_BEND * size)
     normal, flat = _fit_planes(points, size, slack)
     if not flat.all():
-        raise _face_error(polygons[np.argmin(flat)], "do not lie in one plane, or enclose no area there")
+        raise _face_error(
+            polygons[np.argmin(flat)], "do not lie in one plane, or enclose no area there"
+        )
     count = polygons.shape[1]
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, MAX_FANS)):
@@ -153,11 +160,16 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
         areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
         apex[left[(areas >= -(slack * size)[left, None]).all(axis=1)]] = first
     if (apex < 0).any():
-        problem = "enclose a shape that bends or crosses itself; none of the tried corners sees it whole"
+        problem = (
+            "enclose a shape that bends or crosses itself; none of the tried corners sees it whole"
+        )
         raise _face_error(polygons[np.argmin(apex)], problem)
     order = (apex[:, None] + np.arange(count)) % count
     turned = polygons[np.arange(len(polygons))[:, None], order]
-    fans = np.stack([np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]], axis=2)
+    fans = np.stack(
+        [np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]],
+        axis=2,
+    )
     return np.asarray(fans.reshape(-1, 3)), work
 
 
@@ -184,12 +196,18 @@ def _face_error(polygon: Ints, what: str) -> ContentError:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
     problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    return ContentError(problem, rule, "triangulate the faces where the file is written", kind=GeometryError)
+    return ContentError(
+        problem, rule, "triangulate the faces where the file is written", kind=GeometryError
+    )
 
 
-def unsupported_part(what: str, hint: str = "export it as plain triangles, e.g. as STL") -> ContentError:
+def unsupported_part(
+    what: str, hint: str = "export it as plain triangles, e.g. as STL"
+) -> ContentError:
     """Return the error for an unsupported part of a file."""
-    return ContentError(f"has {what}, which is not read", "it would be lost", hint, kind=GeometryError)
+    return ContentError(
+        f"has {what}, which is not read", "it would be lost", hint, kind=GeometryError
+    )
 
 
 def read_obj(file: Path) -> Surface:
@@ -197,8 +215,9 @@ def read_obj(file: Path) -> Surface:
 
     Lines and points are skipped.
 
-    Raises FileError if a line is malformed or names a missing vertex. Raises GeometryError if the file has free-form
-    surfaces, refers to other files, or has a polygon whose triangles are ambiguous.
+    Raises FileError if a line is malformed or names a missing vertex. Raises GeometryError if the
+    file has free-form surfaces, refers to other files, or has a polygon whose triangles are
+    ambiguous.
     """
     points: list[list[bytes]] = []
     corners: list[bytes] = []
@@ -220,7 +239,9 @@ def read_obj(file: Path) -> Surface:
         elif name in _SURFACE_STATEMENTS:
             raise unsupported_part(f"a statement {name.decode()!r}")
         elif name not in _SKIPPED_STATEMENTS:
-            raise ContentError(f"has a line {line[:60].decode('latin-1')!r}, which is not a statement of OBJ")
+            raise ContentError(
+                f"has a line {line[:60].decode('latin-1')!r}, which is not a statement of OBJ"
+            )
     vertices = _parse_vertices(points)
     counts = np.array(sizes, dtype=np.int64)
     numbers = _parse_indices(corners, np.repeat(np.array(before, dtype=np.int64), counts))
@@ -234,13 +255,21 @@ def _read_lines(file: Path) -> list[bytes]:
         raise ContentError("is not text")
     if b"\\" in data:
         data = re.sub(rb"#[^\r\n]*", b"", data)
-        lost = re.search(rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE)
+        lost = re.search(
+            rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE
+        )
         if lost:
             line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
-            problem = f"has a backslash before the line {line!r}, which would join it to the line before"
+            problem = (
+                f"has a backslash before the line {line!r}, which would join it to the line before"
+            )
             raise ContentError(problem, "a backslash continues a line", "remove it")
         data = re.sub(rb"\\[ \t]*(?:\r\n|\r|\n)", b" ", data)
-    return [line.partition(b"#")[0] for line in data.splitlines()] if b"#" in data else data.splitlines()
+    return (
+        [line.partition(b"#")[0] for line in data.splitlines()]
+        if b"#" in data
+        else data.splitlines()
+    )
 
 
 def _parse_vertices(points: list[list[bytes]]) -> Floats:
@@ -250,7 +279,9 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
     """
     widths = set(map(len, points))
     if widths & {0, 1, 2, 5}:
-        raise ContentError(f"has a vertex with {min(widths & {0, 1, 2, 5})} numbers; a vertex has x, y and z")
+        raise ContentError(
+            f"has a vertex with {min(widths & {0, 1, 2, 5})} numbers; a vertex has x, y and z"
+        )
     weights = [point[3] for point in points if len(point) == 4] if 4 in widths else []
     if any(float(weight) != 1.0 for weight in weights):
         raise unsupported_part("vertices with weights other than 1")
@@ -265,7 +296,9 @@ def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
     try:
         numbers = parse_numbers([corner.partition(b"/")[0] for corner in corners], int)
     except ValueError as error:
-        raise ContentError(f"has a corner of a face that is not a whole number ({error!s:.80})") from error
+        raise ContentError(
+            f"has a corner of a face that is not a whole number ({error!s:.80})"
+        ) from error
     if (numbers == 0).any():
         raise ContentError("has a face that names vertex 0; vertices count from 1")
     return np.where(numbers > 0, numbers - 1, before + numbers)
@@ -315,8 +348,9 @@ class PlyHeader:
 def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
     """Read the header of a PLY file.
 
-    Raises FileError if the file is missing, or has no whole header with vertices. Raises GeometryError if it has
-    surfaces other than faces, such as triangle strips, because they would be lost.
+    Raises FileError if the file is missing, or has no whole header with vertices. Raises
+    GeometryError if it has surfaces other than faces, such as triangle strips, because they would
+    be lost.
     """
     file = check_file(path, PLY_KIND)
     with decoding(file, PLY_KIND), file.open("rb") as stream:
@@ -326,16 +360,22 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
 def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     """Read the vertices and polygons of a PLY file.
 
-    Returns the vertices, shape (V, 3), the corners of all polygons, and the number of corners of each.
+    Returns the vertices, shape (V, 3), the corners of all polygons, and the number of corners of
+    each.
 
-    Raises FileError if the file is missing. Raises ContentError if it is malformed or truncated, holds another number
-    of elements than declared, is binary with polygons of unequal size, or has surfaces of another kind.
+    Raises FileError if the file is missing. Raises ContentError if it is malformed or truncated,
+    holds another number of elements than declared, is binary with polygons of unequal size, or has
+    surfaces of another kind.
     """
     content = read_bytes(path, PLY_KIND, memory=_MEMORY_PER_PLY_BYTE)
     header = _parse_ply_header(content)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise ContentError("has vertices without x, y and z")
-    names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNER_LISTS]
+    names = [
+        name
+        for name, is_list in header.properties.get("face", [])
+        if is_list and name in _CORNER_LISTS
+    ]
     if header.faces and len(names) != 1:
         raise ContentError(f"has faces without one list named {' or '.join(_CORNER_LISTS)}")
     if header.is_text:
@@ -347,22 +387,31 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     with decoding(path, f"{PLY_KIND} with faces of equally many corners"):
         loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
-        vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
-        faces = _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
+        vertices = np.column_stack(
+            [np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"]
+        )
+        faces = (
+            _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
+        )
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
         counts = f"{len(vertices)} and {len(faces[1])} were read"
-        raise ContentError(f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
+        raise ContentError(
+            f"declares {header.vertices} vertices and {header.faces} faces, and {counts}"
+        )
     return vertices.astype(np.float64), *faces
 
 
 def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
     """Read the vertices and polygons of a text file; return as :func:`read_ply`.
 
-    trimesh counts blank lines as elements, skips excess lines and words, and applies the first list's length to all.
+    trimesh counts blank lines as elements, skips excess lines and words, and applies the first
+    list's length to all.
     """
     rows = [tokens for line in text.splitlines() if (tokens := line.split())]
     if len(rows) != sum(header.counts.values()):
-        raise ContentError(f"declares {sum(header.counts.values())} elements but has {len(rows)} lines of them")
+        raise ContentError(
+            f"declares {sum(header.counts.values())} elements but has {len(rows)} lines of them"
+        )
     elements = np.repeat(list(header.counts), list(header.counts.values()))
     columns = [[name for name, _ in header.properties["vertex"]].index(axis) for axis in "xyz"]
     points: list[bytes] = []
@@ -430,7 +479,9 @@ def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[st
     if strange:
         problem = f"has elements {', '.join(strange)} with lists, which may be surfaces"
         rule = "only 'face' is read, so they would be lost"
-        raise ContentError(problem, rule, "write it with faces, e.g. with MeshLab", kind=GeometryError)
+        raise ContentError(
+            problem, rule, "write it with faces, e.g. with MeshLab", kind=GeometryError
+        )
 
 
 def _ply_header_error() -> ContentError:
@@ -449,5 +500,7 @@ def _read_corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:
     size = corners.shape[1] if corners.ndim == 2 else 1
     lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]
     if any((lengths != lengths[0]).any() for lengths in lists):
-        raise ContentError("has faces of different numbers of corners; write it as text, or with triangles only")
+        raise ContentError(
+            "has faces of different numbers of corners; write it as text, or with triangles only"
+        )
     return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)

@@ -1,7 +1,7 @@
 """ROS maps, messages and Nav2 parameter files, without ROS.
 
-A message is any object with the right fields. The classes here are for use without ROS, and have the fields of the
-ROS 2 messages of the same names.
+A message is any object with the right fields. The classes here are for use without ROS, and have
+the fields of the ROS 2 messages of the same names.
 """
 
 from __future__ import annotations
@@ -30,23 +30,32 @@ ROS_MAP_SUFFIXES: Final = (".yaml", ".yml")
 _MAX_METRES: Final = 1e15
 """Maximum coordinate and resolution, in metres; its reciprocal is the minimum resolution."""
 
-_REQUIRED_MAP_KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_REQUIRED_MAP_KEYS: Final = (
+    "image",
+    "resolution",
+    "origin",
+    "negate",
+    "occupied_thresh",
+    "free_thresh",
+)
 
 
 def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
-    The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of the colour channels
-    from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if ``negate`` is 1:
+    The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of
+    the colour channels from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if
+    ``negate`` is 1:
 
-    * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free, the rest is unknown;
-    * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some probability of being
-      occupied is not proven free;
-    * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is free, up to 100 is
-      occupied, above is unknown.
+    * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
+      the rest is unknown;
+    * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some
+      probability of being occupied is not proven free;
+    * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
+      free, up to 100 is occupied, above is unknown.
 
-    In ``trinary`` and ``scale`` a pixel that is not fully opaque is unknown, as in Navigation2 since 2025. Releases
-    disagree about ``p`` equal to a threshold; here it is never free.
+    In ``trinary`` and ``scale`` a pixel that is not fully opaque is unknown, as in Navigation2
+    since 2025. Releases disagree about ``p`` equal to a threshold; here it is never free.
 
     Parameters
     ----------
@@ -110,23 +119,35 @@ def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
     """
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
-        raise _key_error(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
+        raise _key_error(
+            f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'"
+        )
     missing = [key for key in _REQUIRED_MAP_KEYS if key not in document]
     if missing:
         present = ", ".join(document) or "nothing"
-        raise _key_error(f"{missing[0]} is missing", f"there, besides {present:.200}", f"add '{missing[0]}:'")
+        raise _key_error(
+            f"{missing[0]} is missing", f"there, besides {present:.200}", f"add '{missing[0]}:'"
+        )
     image = document["image"]
     if not isinstance(image, str) or not image or "\0" in image:
-        raise _key_error(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
+        raise _key_error(
+            f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'"
+        )
     mode = document.get("mode", "trinary")
     if not isinstance(mode, str) or mode not in MODES:
         raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
     resolution, x, y, yaw = _parse_placement(document)
     negate = document["negate"]
     if isinstance(negate, list | dict) or negate not in (0, 1):
-        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles")
+        raise _key_error(
+            f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles"
+        )
     if negate and mode == "raw":
-        raise _key_error("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on its effect", "remove it")
+        raise _key_error(
+            "negate is 1 in raw mode",
+            "0 there: ROS 1 and ROS 2 disagree on its effect",
+            "remove it",
+        )
     occupied, free = _parse_thresholds(document)
     info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
     return _MapHeader(info, _image_path(path, image), mode, bool(negate), occupied, free)
@@ -140,10 +161,14 @@ def _parse_placement(document: dict[str, Any]) -> tuple[float, float, float, flo
         raise _key_error(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise _key_error(f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
+        raise _key_error(
+            f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'"
+        )
     x, y, yaw = (_finite_number(value, f"origin[{i}]") for i, value in enumerate(origin))
     if max(abs(x), abs(y)) > _MAX_METRES:
-        raise _key_error(f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units")
+        raise _key_error(
+            f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units"
+        )
     return resolution, x, y, yaw
 
 
@@ -173,7 +198,9 @@ def _image_path(path: str | os.PathLike[str], image: str) -> pathlib.Path:
         problem = f"image is {image!r:.60}, which is not a valid path"
         raise _key_error(problem, "the name of a file", "correct it") from error
     if outside:
-        warn_user(f"{os.fspath(path)}: image is {image!r}, which lies outside the folder of the map")
+        warn_user(
+            f"{os.fspath(path)}: image is {image!r}, which lies outside the folder of the map"
+        )
     return file
 
 
@@ -384,7 +411,9 @@ class GridMessage(Protocol):
         ...
 
 
-def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: float) -> tuple[MapInfo, Bools, Bools]:
+def read_occupancy_grid(
+    msg: GridMessage, free_thresh: float, occupied_thresh: float
+) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement, and the free and occupied cells, of a message.
 
     Parameters are as for :meth:`cspace.Workspace.from_occupancy_grid`.
@@ -396,18 +425,34 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
         check_not_negative(occupied_thresh, "occupied_thresh", ""),
     )
     if not 0.0 <= low < high <= 1.0:
-        rule, hint = "free_thresh must be below occupied_thresh, both from 0 to 1", "pass e.g. 0.25 and 0.65"
-        raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, hint, value=free_thresh)
+        rule, hint = (
+            "free_thresh must be below occupied_thresh, both from 0 to 1",
+            "pass e.g. 0.25 and 0.65",
+        )
+        raise InputError(
+            "free_thresh",
+            f"is {low:g} and occupied_thresh is {high:g}",
+            rule,
+            hint,
+            value=free_thresh,
+        )
     width, height = (_parse_size(msg, name) for name in ("width", "height"))
     values = _parse_data(_get_field(msg, "data"))
     if values.shape != (width * height,):
         rule = f"it must have width x height = {width} x {height} values"
-        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the whole message", value=values)
+        raise InputError(
+            "msg.data", f"has shape {values.shape}", rule, "pass the whole message", value=values
+        )
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
     x, y = (
-        float(check_finite(_get_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy"
+        float(
+            check_finite(
+                _get_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}"
+            )
+        )
+        for k in "xy"
     )
     return MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg)), free, occupied
 
@@ -425,7 +470,9 @@ def _get_field(msg: object, path: str) -> Any:
 
 def missing_field_error(argument: str, path: str, kind: str) -> InputError:
     """Return the error for a message without a field."""
-    return InputError(argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message")
+    return InputError(
+        argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message"
+    )
 
 
 def _parse_size(msg: object, name: str) -> int:
@@ -446,10 +493,18 @@ def _parse_data(data: ArrayLike) -> Ints | NDArray[np.int8]:
         values = np.asarray(data)
     except ValueError as error:
         rule = "it must be a flat list of numbers"
-        raise InputError("msg.data", "is ragged", rule, "pass the whole message", value=data) from error
+        raise InputError(
+            "msg.data", "is ragged", rule, "pass the whole message", value=data
+        ) from error
     if values.dtype.kind not in "iu":
         problem = f"holds values of type {values.dtype}"
-        raise InputError("msg.data", problem, "they must be whole numbers, from -1 to 100", "round them", value=data)
+        raise InputError(
+            "msg.data",
+            problem,
+            "they must be whole numbers, from -1 to 100",
+            "round them",
+            value=data,
+        )
     return values
 
 
@@ -469,7 +524,9 @@ def _parse_yaw(msg: object) -> float:
     An unset quaternion, all zeros, counts as no rotation.
     """
     place = "info.origin.orientation"
-    x, y, z, w = check_finite([_get_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
+    x, y, z, w = check_finite(
+        [_get_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}"
+    ).tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:
         return 0.0
@@ -496,7 +553,11 @@ class CostmapRobot(NamedTuple):
 
     def __str__(self) -> str:
         """Describe the robot in the words of the parameters."""
-        size = f"a footprint of {len(self.corners)} corners" if self.corners else f"a robot_radius of {self.radius:g} m"
+        size = (
+            f"a footprint of {len(self.corners)} corners"
+            if self.corners
+            else f"a robot_radius of {self.radius:g} m"
+        )
         return f"{size}, footprint_padding {self.padding:g} m"
 
 
@@ -505,8 +566,8 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
 
     A text has the form of Nav2, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
 
-    Raises GeometryError if it is not a list of at least three points, and InputError if a number is not finite;
-    `name` is the argument that messages name.
+    Raises GeometryError if it is not a list of at least three points, and InputError if a number is
+    not finite; `name` is the argument that messages name.
     """
     rule = "it must be at least three points, each of x and y in metres"
     problem, hint = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
@@ -523,21 +584,30 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
 def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> CostmapRobot:
     """Read the robot of a Nav2 parameter file.
 
-    The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and global costmaps of a
-    Nav2 file, or the top of a ROS 1 ``costmap_common_params.yaml``. If they differ, pass `costmap`, for example
-    "local_costmap".
+    The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and
+    global costmaps of a Nav2 file, or the top of a ROS 1 ``costmap_common_params.yaml``. If they
+    differ, pass `costmap`, for example "local_costmap".
 
-    Raises FileError if the file is missing or malformed, or describes no robot, several, or not that costmap.
+    Raises FileError if the file is missing or malformed, or describes no robot, several, or not
+    that costmap.
     """
     file = os.fspath(path)
     tables = dict(_iterate_tables(read_yaml(path, "Nav2 parameter file"), ()))
     if not tables:
         hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
-        raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint)
-    bases = {name: _parse_robot(table, f"{file}: {name or 'the file'}") for name, table in tables.items()}
-    chosen = {name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)}
+        raise FileError(
+            file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint
+        )
+    bases = {
+        name: _parse_robot(table, f"{file}: {name or 'the file'}") for name, table in tables.items()
+    }
+    chosen = {
+        name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)
+    }
     if not chosen:
-        raise FileError(file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these")
+        raise FileError(
+            file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these"
+        )
     if len(set(chosen.values())) > 1:
         names = "; ".join(f"{name} has {base}" for name, base in chosen.items())
         first = next(iter(chosen))
@@ -567,6 +637,8 @@ def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
         table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
     )
     if footprint in _NO_FOOTPRINT:
-        return CostmapRobot((), check_positive(table["robot_radius"], f"{place}: robot_radius"), padding)
+        return CostmapRobot(
+            (), check_positive(table["robot_radius"], f"{place}: robot_radius"), padding
+        )
     corners: Sequence[Sequence[float]] = parse_footprint(footprint, f"{place}: footprint").tolist()
     return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

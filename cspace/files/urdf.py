@@ -79,7 +79,9 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
         _check_robot(root)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Omit its scene graphs, because they take cubic time for a long chain of links.
-        return yourdfpy.URDF.load(plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False)
+        return yourdfpy.URDF.load(
+            plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
+        )
 
 
 def find_meshes(
@@ -87,8 +89,8 @@ def find_meshes(
 ) -> dict[str, Path]:
     """Find the mesh files of links, by name.
 
-    The files are not read. The search order is documented at :meth:`cspace.Robot.from_urdf`. One warning lists the
-    files that were found only under a part of their names.
+    The files are not read. The search order is documented at :meth:`cspace.Robot.from_urdf`. One
+    warning lists the files that were found only under a part of their names.
 
     Raises FileError if a mesh is missing or ambiguous.
     """
@@ -96,7 +98,9 @@ def find_meshes(
     for link in links:
         for number, collision in enumerate(urdf.link_map[link].collisions):
             if collision.geometry.mesh is not None:
-                places.setdefault(str(collision.geometry.mesh.filename), f"link {link!r}, collision {number}")
+                places.setdefault(
+                    str(collision.geometry.mesh.filename), f"link {link!r}, collision {number}"
+                )
     return locate_meshes(places, path, package_dirs)
 
 
@@ -105,7 +109,8 @@ def locate_meshes(
 ) -> dict[str, Path]:
     """Find the mesh files that a file names.
 
-    See :func:`find_meshes` for the search. ``places`` has, for each mesh, its place in the file, for messages.
+    See :func:`find_meshes` for the search. ``places`` has, for each mesh, its place in the file,
+    for messages.
     """
     folder = Path(path).resolve().parent
     meshes: dict[str, Path] = {}
@@ -118,11 +123,19 @@ def locate_meshes(
             guesses[name] = found[0]
         meshes[name] = found[0]
     if guesses:
-        listed = [f"{name} from {file}" for name, file in list(guesses.items())[:_MAX_LISTED_MESHES]]
-        more = f" and {len(guesses) - _MAX_LISTED_MESHES} more" if len(guesses) > _MAX_LISTED_MESHES else ""
+        listed = [
+            f"{name} from {file}" for name, file in list(guesses.items())[:_MAX_LISTED_MESHES]
+        ]
+        more = (
+            f" and {len(guesses) - _MAX_LISTED_MESHES} more"
+            if len(guesses) > _MAX_LISTED_MESHES
+            else ""
+        )
         warn_user(
-            f"{os.fspath(path)}: meshes are missing under their full names; the only file with the rest of the name is "
-            f"read instead: {', '.join(listed)}{more}; if this is wrong, pass package_dirs=FOLDER, where FOLDER holds "
+            f"{os.fspath(path)}: meshes are missing under their full names; the only file with "
+            "the rest of the name is "
+            f"read instead: {', '.join(listed)}{more}; if this is wrong, pass "
+            "package_dirs=FOLDER, where FOLDER holds "
             "the folder of the package"
         )
     return meshes
@@ -147,7 +160,9 @@ def _check_robot(root: Element) -> None:
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
-            _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
+            _check_geometry(
+                collision.find("geometry"), f"link {link.get('name')!r}, collision {number}"
+            )
 
 
 def _read_names(root: Element, kind: str) -> list[str]:
@@ -159,7 +174,9 @@ def _check_unique(names: list[str], kind: str) -> None:
     """Refuse a name that occurs twice."""
     repeated = [name for name, times in Counter(names).items() if times > 1]
     if repeated:
-        raise ContentError(f"has more than one {kind} {repeated[0]!r}", "names must be unique", "rename one")
+        raise ContentError(
+            f"has more than one {kind} {repeated[0]!r}", "names must be unique", "rename one"
+        )
 
 
 def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
@@ -201,13 +218,21 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
         while child in parents and child not in rooted:
             child = parents[child]
             if child in above:
-                raise ContentError(f"joins {name!r} in a loop of joints", "links must form a tree", "remove a joint")
+                raise ContentError(
+                    f"joins {name!r} in a loop of joints",
+                    "links must form a tree",
+                    "remove a joint",
+                )
             above.add(child)
         rooted |= above
     roots = [name for name in names if name not in parents]
     if len(roots) != 1:
         loose = ", ".join(roots) or "none"
-        raise ContentError(f"has these links without a parent: {loose}", "there must be one root", "join the others")
+        raise ContentError(
+            f"has these links without a parent: {loose}",
+            "there must be one root",
+            "join the others",
+        )
 
 
 def _check_numbers(element: Element, place: str) -> None:
@@ -224,7 +249,9 @@ def _check_numbers(element: Element, place: str) -> None:
                 numbers = []
             if len(numbers) not in {count, 1 if name == "scale" else count}:
                 rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
-                raise ContentError(f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it")
+                raise ContentError(
+                    f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it"
+                )
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
@@ -271,7 +298,8 @@ def fixed_links(urdf: URDF) -> list[str]:
 def zero_poses(urdf: URDF) -> dict[str, Floats]:
     """Return the pose of each link at zero joints.
 
-    Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at its offset.
+    Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at
+    its offset.
     """
     from scipy.spatial.transform import Rotation
 
@@ -282,10 +310,14 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
             motion = np.eye(4)
             offset = joint.mimic.offset if joint.mimic is not None else None
             if offset and joint.type in ("revolute", "continuous"):
-                motion[:3, :3] = Rotation.from_rotvec(offset * joint.axis / np.linalg.norm(joint.axis)).as_matrix()
+                motion[:3, :3] = Rotation.from_rotvec(
+                    offset * joint.axis / np.linalg.norm(joint.axis)
+                ).as_matrix()
             elif offset and joint.type == "prismatic":
                 motion[:3, 3] = offset * joint.axis / np.linalg.norm(joint.axis)
-            poses[joint.child] = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin) @ motion
+            poses[joint.child] = (
+                poses[name] @ (np.eye(4) if joint.origin is None else joint.origin) @ motion
+            )
             order.append(joint.child)
     return poses
 
@@ -298,22 +330,32 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
     Raises InputError if it is of another type or a folder is missing.
     """
     try:
-        folders = [Path(package_dirs)] if isinstance(package_dirs, str | os.PathLike) else [*map(Path, package_dirs)]
+        folders = (
+            [Path(package_dirs)]
+            if isinstance(package_dirs, str | os.PathLike)
+            else [*map(Path, package_dirs)]
+        )
     except TypeError as error:
         rule = "it must be a folder, or a list of folders"
-        raise InputError("package_dirs", f"is {package_dirs!r}", rule, "pass paths", value=package_dirs) from error
+        raise InputError(
+            "package_dirs", f"is {package_dirs!r}", rule, "pass paths", value=package_dirs
+        ) from error
     for folder in folders:
         if not os.path.isdir(folder):  # noqa: PTH112 - Path.is_dir raises OSError for some names
             rule = "each must be an existing folder that holds the folders of packages"
-            raise InputError("package_dirs", f"names {folder}", rule, "correct its name", value=folder)
+            raise InputError(
+                "package_dirs", f"names {folder}", rule, "correct its name", value=folder
+            )
     return folders
 
 
-def _candidate_paths(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def _candidate_paths(
+    name: str, folder: Path, package_dirs: Sequence[Path]
+) -> tuple[list[Path], list[Path]]:
     """Return the candidate paths of a mesh.
 
-    The first list has the paths for its full name, in order of preference; the second list has paths for a part of the
-    name. `folder` is the folder of the URDF.
+    The first list has the paths for its full name, in order of preference; the second list has
+    paths for a part of the name. `folder` is the folder of the URDF.
     """
     scheme, _, relative = name.rpartition("://")
     folders_above = [folder, *folder.parents]
@@ -343,9 +385,15 @@ def _existing_files(places: Iterable[Path]) -> list[Path]:
 
 def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
     """Raise FileError unless a mesh has one file."""
-    hint = "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the folder of its package"
+    hint = (
+        "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the "
+        "folder of its package"
+    )
     if not found:
-        places = f"package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
+        places = (
+            f"package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and "
+            "AMENT_PREFIX_PATH"
+        )
         raise FileError(place, "does not exist", f"the search covers {places}", hint)
     if len(found) > 1:
         rule = f"several files match a part of it: {', '.join(map(str, found))}"
@@ -387,8 +435,8 @@ class Srdf(NamedTuple):
     groups : dict of str to set of str
         Joints of each group.
     states : dict of str to dict of str to float
-        Values of the revolute and prismatic joints, by ``GROUP/STATE``, or by ``STATE`` without a group. States
-        without known joints are omitted.
+        Values of the revolute and prismatic joints, by ``GROUP/STATE``, or by ``STATE`` without a
+        group. States without known joints are omitted.
     end_effectors : dict of str to EndEffector
     """
 
@@ -401,8 +449,8 @@ class Srdf(NamedTuple):
 def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """Read the SRDF of a robot.
 
-    Elements that name unknown links or joints are skipped, and so are pairs with a link without collision geometry. One
-    warning lists all skipped names.
+    Elements that name unknown links or joints are skipped, and so are pairs with a link without
+    collision geometry. One warning lists all skipped names.
 
     Raises FileError if the file is missing or malformed.
     """
@@ -421,7 +469,10 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     if reader.bare:
         skipped.append(f"{', '.join(reader.bare)}, without collision geometry")
     if skipped:
-        warn_user(f"{os.fspath(path)}: names {'; and '.join(skipped)}; such pairs, members and values are skipped")
+        warn_user(
+            f"{os.fspath(path)}: names {'; and '.join(skipped)}; such pairs, members and values "
+            "are skipped"
+        )
     return srdf
 
 
@@ -451,12 +502,15 @@ class _Reader:
     def allowed(self) -> dict[tuple[str, str], str]:
         """Return the pairs of links that may touch.
 
-        Each has its reason. Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
+        Each has its reason. Like MoveIt, apply the defaults first, then enabled, then disabled
+        pairs.
         """
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
         for (name,), why in self._named("disable_default_collisions", "link"):
-            allowed |= {_sorted_pair(name, other): why for other in solid if name in solid and other != name}
+            allowed |= {
+                _sorted_pair(name, other): why for other in solid if name in solid and other != name
+            }
         for (one, other), _ in self._named("enable_collisions", "link1", "link2"):
             allowed.pop(_sorted_pair(one, other), None)
         for (one, other), why in self._named("disable_collisions", "link1", "link2"):
@@ -486,12 +540,16 @@ class _Reader:
         `within` holds the enclosing groups.
         """
         if name in within:
-            raise ContentError(f"has the group {name!r} within itself", "subgroups must end", "remove one of them")
+            raise ContentError(
+                f"has the group {name!r} within itself", "subgroups must end", "remove one of them"
+            )
         joints: set[str] = set()
         for part in elements[name]:
             if part.tag == "joint" and self._known([each := _attribute(part, "name")], self._kinds):
                 joints.add(each)
-            elif part.tag == "link" and self._known([each := _attribute(part, "name")], self._links):
+            elif part.tag == "link" and self._known(
+                [each := _attribute(part, "name")], self._links
+            ):
                 joints |= {self._above[each].name} if each in self._above else set()
             elif part.tag == "chain":
                 ends = _attribute(part, "base_link"), _attribute(part, "tip_link")
@@ -514,7 +572,10 @@ class _Reader:
         states = {}
         for state in self._root.findall("group_state"):
             name = "/".join(filter(None, (state.get("group"), _attribute(state, "name"))))
-            values = {_attribute(each, "name"): _attribute(each, "value") for each in state.findall("joint")}
+            values = {
+                _attribute(each, "name"): _attribute(each, "value")
+                for each in state.findall("joint")
+            }
             if not self._known(values, self._kinds) and values.keys().isdisjoint(self._kinds):
                 continue
             moving = [joint for joint in values if self._kinds.get(joint) in _MOVING_TYPES]
@@ -527,7 +588,9 @@ class _Reader:
         for each in self._root.findall("end_effector"):
             link, group = _attribute(each, "parent_link"), _attribute(each, "group")
             if self._known([link], self._links):
-                effectors[_attribute(each, "name")] = EndEffector(link, group, each.get("parent_group", ""))
+                effectors[_attribute(each, "name")] = EndEffector(
+                    link, group, each.get("parent_group", "")
+                )
         return effectors
 
 

@@ -37,26 +37,33 @@ _WKT: Final = re.compile(
 def read_shapes(source: Any) -> list[BaseGeometry]:
     """Return the simple geometries of all obstacles in `source`.
 
-    Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry, Feature or
-    FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one
-    geometry, or one per line; truncation between two lines cannot be detected); or an iterable of these.
-    Coordinates are metres; a coordinate reference system is ignored. Polygons are filled; lines, rings and points
-    are obstacles without an interior.
+    Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry,
+    Feature or FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json``
+    (GeoJSON) or ``.wkt`` (one geometry, or one per line; truncation between two lines cannot be
+    detected); or an iterable of these. Coordinates are metres; a coordinate reference system is
+    ignored. Polygons are filled; lines, rings and points are obstacles without an interior.
 
-    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that
-    are not finite or three-dimensional.
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has
+    coordinates that are not finite or three-dimensional.
     """
     named = [(name, _split_parts(shape)) for name, shape in _iterate_geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]
     if not shapes:
-        hint = "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles"
-        raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source)
+        hint = (
+            "pass at least one polygon, line or point, or use Workspace.from_array for a map "
+            "without obstacles"
+        )
+        raise GeometryError(
+            "polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source
+        )
     lasts = np.cumsum([len(parts) for _, parts in named])
 
     def name_part(number: int) -> str:
         source = int(np.searchsorted(lasts, number, side="right"))
         name, parts = named[source]
-        return name if len(parts) == 1 else f"{name}, part {number - int(lasts[source]) + len(parts)}"
+        return (
+            name if len(parts) == 1 else f"{name}, part {number - int(lasts[source]) + len(parts)}"
+        )
 
     check_shapes(shapes, name_part)
     return shapes
@@ -82,7 +89,9 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
             yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
-        raise InputError(name, f"is {source!r:.60}", rule, "pass e.g. shapely.box(0, 0, 1, 1)", value=source)
+        raise InputError(
+            name, f"is {source!r:.60}", rule, "pass e.g. shapely.box(0, 0, 1, 1)", value=source
+        )
 
 
 def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -93,7 +102,9 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
             yield name, _from_wkt(source, name)
             return
         rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
-        raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
+        raise InputError(
+            name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source
+        )
     file = os.fspath(source)
     if suffix == ".wkt":
         text = read_text(source, _POLYGONS_KIND, 10.0, "max_text_bytes")
@@ -106,7 +117,9 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         elif _WKT.match(text):
             yield file, _from_wkt(text, file)
         else:
-            raise FileError(file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'")
+            raise FileError(
+                file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'"
+            )
         return
     document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
     if not isinstance(document, dict):
@@ -124,7 +137,9 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
 
     hint = f"correct {text[:60]!r}"
     if "\0" in text:  # the parser would stop there silently
-        raise GeometryError(name, "is not WKT: it holds a NUL character", "it must be text", hint, value=text)
+        raise GeometryError(
+            name, "is not WKT: it holds a NUL character", "it must be text", hint, value=text
+        )
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
@@ -142,9 +157,13 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
-        if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
+        if not isinstance(features, list) or not all(
+            isinstance(feature, Mapping) for feature in features
+        ):
             problem = f"has features {features!r:.60}"
-            raise GeometryError(name, problem, "they must be a list of objects", "correct the file", value=features)
+            raise GeometryError(
+                name, problem, "they must be a list of objects", "correct the file", value=features
+            )
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
@@ -170,7 +189,9 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     import shapely
 
     parts = np.array([shape], dtype=object)
-    while (nested := (shapely.get_type_id(parts) >= _MIN_COLLECTION_TYPE) & ~shapely.is_empty(parts)).any():
+    while (
+        nested := (shapely.get_type_id(parts) >= _MIN_COLLECTION_TYPE) & ~shapely.is_empty(parts)
+    ).any():
         inner, owners = shapely.get_parts(parts[nested], return_index=True)
         places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
         parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
@@ -178,7 +199,9 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
 
 
 def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) -> None:
-    """Raise GeometryError for the first shape that is not finite, plane, valid and filled with points.
+    """Raise GeometryError for the first unusable shape.
+
+    Shapes must be finite, plane, valid and filled with points.
 
     ``name_of`` names the shape at an index in messages.
     """
@@ -190,15 +213,27 @@ def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) 
     if len(broken):
         (x, y), which = points[broken[0]], int(owners[broken[0]])
         rule, hint = "NaN and infinities are refused", "drop or replace it"
-        raise GeometryError(name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which])
+        raise GeometryError(
+            name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
+        )
     flat = "drop them with shapely.force_2d if height does not matter"
     rules = (
-        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it or fill it"),
+        (
+            shapely.is_empty(array),
+            "is empty",
+            "an obstacle must cover some ground",
+            "remove it or fill it",
+        ),
         (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
     )
     for refused, problem, rule, hint in rules:
         for which in np.flatnonzero(refused).tolist():
             raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
     for which in np.flatnonzero(~shapely.is_valid(array)).tolist():
-        problem, hint = f"is not valid: {shapely.is_valid_reason(array[which])}", "redraw it, or try shapely.make_valid"
-        raise GeometryError(name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which])
+        problem, hint = (
+            f"is not valid: {shapely.is_valid_reason(array[which])}",
+            "redraw it, or try shapely.make_valid",
+        )
+        raise GeometryError(
+            name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which]
+        )

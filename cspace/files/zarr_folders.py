@@ -1,9 +1,9 @@
 """Arrays in Zarr folders of version 3, written and read chunk by chunk.
 
-This is the part of the format that the zarr package writes by default, and that package reads all of it. It is not
-used here for two reasons: importing it takes 0.3 s of CPU time, and it trusts the folder. A chunk of a few kilobytes
-can declare gigabytes, the metadata can name any installed package as codec, and a missing chunk is read as the fill
-value, which could pass for free space.
+This is the part of the format that the zarr package writes by default, and that package reads all
+of it. It is not used here for two reasons: importing it takes 0.3 s of CPU time, and it trusts the
+folder. A chunk of a few kilobytes can declare gigabytes, the metadata can name any installed
+package as codec, and a missing chunk is read as the fill value, which could pass for free space.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ WRITTEN_CHUNK_BYTES: Final = 2**24
 """Maximum number of bytes in a chunk that this module writes, unless one row of cells has more."""
 
 ZSTD_LEVEL: Final = 1
-"""Level of zstd; higher levels take more time and save little, or even enlarge slices of rotated robots."""
+"""Level of zstd; higher levels take more time and save little, or even enlarge slices of rotated
+robots."""
 
 MISSING_CHUNKS_ATTRIBUTE: Final = "missing_chunks"
 """Attribute of an array; if it is "fill_value", missing chunks hold the fill value."""
@@ -152,7 +153,10 @@ class Layout:
         The box defaults to the whole array, and cells are clipped to the array.
         """
         box = box or tuple(slice(0, n) for n in self.shape)
-        spans = [range(part.start // side, -(-part.stop // side)) for part, side in zip(box, self.chunks, strict=True)]
+        spans = [
+            range(part.start // side, -(-part.stop // side))
+            for part, side in zip(box, self.chunks, strict=True)
+        ]
         for index in itertools.product(*spans):
             parts = zip(index, self.chunks, self.shape, strict=True)
             cells = tuple(slice(i * side, min((i + 1) * side, n)) for i, side, n in parts)
@@ -170,8 +174,8 @@ class Layout:
     def decode(self, content: bytes) -> NDArray[Any]:
         """Decode a chunk.
 
-        Raises ContentError if its size differs from the declared one, before it is unpacked, and any
-        error of the decoder if it is damaged.
+        Raises ContentError if its size differs from the declared one, before it is unpacked, and
+        any error of the decoder if it is damaged.
         """
         declared = _zstd_size(content) if self.compressed else len(content)
         if declared not in (None, self.chunk_bytes):
@@ -206,8 +210,10 @@ def missing_chunk(name: str) -> ContentError:
     return ContentError(
         f"lacks {name}",
         "a lost chunk would pass for free space",
-        "copy the array again, or write it with zarr.create_array(..., config={'write_empty_chunks': "
-        f'True}}); if missing chunks hold the fill value, set array.attrs["{attribute}"] = "fill_value"',
+        "copy the array again, or write it with zarr.create_array(..., "
+        "config={'write_empty_chunks': "
+        "True}); if missing chunks hold the fill value, set "
+        f'array.attrs["{attribute}"] = "fill_value"',
     )
 
 
@@ -239,7 +245,9 @@ class ZarrArray:
             self._layout = Layout.parse(metadata)
             self._fill = metadata["fill_value"]
             declared = (metadata.get("attributes") or {}).get(MISSING_CHUNKS_ATTRIBUTE)
-        self._may_miss_chunks = declared == "fill_value" and isinstance(self._fill, bool | int | float)
+        self._may_miss_chunks = declared == "fill_value" and isinstance(
+            self._fill, bool | int | float
+        )
         self.shape, self.dtype = self._layout.shape, self._layout.dtype
         self.ndim = len(self.shape)
 

@@ -17,8 +17,8 @@ from cspace.rotations.base import warn_of_degrees
 from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 
 Kernel = Callable[..., int]
-"""``kernel(*rows, out)`` fills ``out``, shape (n,), from rows of shape (n, d). It returns the first unusable
-row's index, or -1."""
+"""``kernel(*rows, out)`` fills ``out``, shape (n,), from rows of shape (n, d). It returns the first
+unusable row's index, or -1."""
 
 Query = Callable[[Sequence[Any], NDArray[Any]], int]
 """``query(parts, out)`` does the same as a kernel for a batch of any size and numeric type."""
@@ -31,7 +31,10 @@ Configuration = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
 """Type of one configuration, shape (size,), for type checkers."""
 
 ConfigurationBatch = (
-    NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
+    NDArray[Number]
+    | Sequence[Sequence[float]]
+    | Sequence[NDArray[Number]]
+    | Sequence[Sequence[Sequence[float]]]
 )
 """Type of a batch of configurations, shape (..., size), for type checkers."""
 
@@ -70,8 +73,8 @@ def evaluate_batch(
     name : str
         Name of the configurations in error messages.
     angles : mapping of int to str
-        Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a single configuration
-        is checked.
+        Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a
+        single configuration is checked.
 
     Raises
     ------
@@ -107,7 +110,9 @@ def evaluate_edges(
             shape = np.broadcast_shapes(shape, rows1.shape)
         except ValueError as error:
             problem = f"has shape {rows0.shape} and q1 {rows1.shape}"
-            raise InputError("q0", problem, "they must broadcast", "pass batches of equal shape", value=q0) from error
+            raise InputError(
+                "q0", problem, "they must broadcast", "pass batches of equal shape", value=q0
+            ) from error
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
     first, second = rows0.reshape(-1, size), rows1.reshape(-1, size)
     out = np.empty(len(first), dtype=np.bool_)
@@ -167,7 +172,10 @@ def _fill_in_chunks(kernel: Kernel, min_items: int, parts: Sequence[Any], out: N
     if len(out) <= min(min_items, ROWS_PER_COPY):
         return int(kernel(*(as_contiguous(part) for part in parts), out))
     ready = all(
-        isinstance(part, np.ndarray) and part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable
+        isinstance(part, np.ndarray)
+        and part.dtype == np.float64
+        and part.flags.c_contiguous
+        and part.flags.writeable
         for part in parts
     )
     step = max(1, len(out)) if ready else ROWS_PER_COPY
@@ -196,4 +204,6 @@ def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
     """Return the error for an unusable row of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     hint = "correct or remove such configurations first"
-    return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), hint, value=numbers)
+    return InputError(
+        name, f"number {index} is {numbers}", Rotations.all_limits(), hint, value=numbers
+    )

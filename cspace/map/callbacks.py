@@ -28,7 +28,10 @@ def state_lookup(map_: Map, size: int) -> Callable[..., int]:
 
 
 def place_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return ``look_up(*q)``: the index of a cell over all rotation cells; -1 if it is not in the grid."""
+    """Return ``look_up(*q)``: the index of a cell over all rotation cells.
+
+    -1 if it is not in the grid.
+    """
     return bind_numbers(place_of, (map_,), size)
 
 
@@ -53,8 +56,10 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[.
     return partial(kernel.get_overload(argument_types), *fixed)
 
 
-def bind_numbers(kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE) -> Callable[..., Any]:
-    """Bind a kernel that takes ``fixed`` and then ``total`` numbers, of which calls give the last ``given``."""
+def bind_numbers(
+    kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
+) -> Callable[..., Any]:
+    """Bind a kernel of ``fixed`` and ``total`` numbers; calls give the last ``given``."""
     look_up = bind_kernel(kernel, fixed, *[0.0] * total)
     return partial(look_up, *[0.0] * (total - given))
 
@@ -82,7 +87,9 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
 
 
 @kernel
-def state_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> int:
+def state_of(
+    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
     numbers = a, b, c, d, e, f, g
     position = position_before(map_, numbers, MAX_SIZE)
@@ -91,7 +98,9 @@ def state_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: flo
 
 
 @kernel
-def place_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> int:
+def place_of(
+    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+) -> int:
     """Return the index of the cell over all rotation cells, or -1."""
     numbers = a, b, c, d, e, f, g
     position = position_before(map_, numbers, MAX_SIZE)
@@ -100,7 +109,10 @@ def place_of(map_: Map, a: float, b: float, c: float, d: float, e: float, f: flo
     if not (is_usable(position, rotation) and is_in_grid(map_, cell)):
         return -1
     _, nx, ny, nz = map_.states.shape
-    return int(((rotation_cell(map_.rotations.borders, rotation) * nx + cell[0]) * ny + cell[1]) * nz + cell[2])
+    return int(
+        ((rotation_cell(map_.rotations.borders, rotation) * nx + cell[0]) * ny + cell[1]) * nz
+        + cell[2]
+    )
 
 
 @kernel
@@ -125,8 +137,14 @@ def motion_of(
     """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
     numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
     middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = position_before(map_, numbers, middle), rotation_before(map_.rotations.borders, numbers, middle)
-    p1, r1 = position_before(map_, numbers, end), rotation_before(map_.rotations.borders, numbers, end)
+    p0, r0 = (
+        position_before(map_, numbers, middle),
+        rotation_before(map_.rotations.borders, numbers, middle),
+    )
+    p1, r1 = (
+        position_before(map_, numbers, end),
+        rotation_before(map_.rotations.borders, numbers, end),
+    )
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
     return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

@@ -42,7 +42,9 @@ class Components:
         True where a configuration outside the grid is not BLOCKED.
     """
 
-    def __init__(self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools) -> None:
+    def __init__(
+        self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools
+    ) -> None:
         self._states, self._slice_of, self._exterior_open = states, slice_of, exterior_open
         rotation, column = np.nonzero(neighbors >= 0)
         pairs = np.sort(np.stack([rotation, neighbors[rotation, column]], axis=1), axis=1)
@@ -57,7 +59,9 @@ class Components:
     @cached_property
     def _passable(self) -> LabelledCells:
         """Components of FREE and MIXED cells."""
-        return LabelledCells.of(self._states <= MIXED, self._slice_of, self._rotation_pairs, self._exterior_open)
+        return LabelledCells.of(
+            self._states <= MIXED, self._slice_of, self._rotation_pairs, self._exterior_open
+        )
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, or -1.
@@ -113,7 +117,9 @@ class LabelledCells:
     components: Ints
 
     @classmethod
-    def of(cls, members: Bools, slice_of: Ints, rotation_pairs: Ints, exterior_open: Bools) -> LabelledCells:
+    def of(
+        cls, members: Bools, slice_of: Ints, rotation_pairs: Ints, exterior_open: Bools
+    ) -> LabelledCells:
         """Label the True cells of slices, and join them across rotation cells.
 
         ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells.
@@ -137,9 +143,14 @@ class LabelledCells:
         return cls(labels, slice_of, first_node, components)
 
     def component_at(self, place: int) -> int:
-        """Return the component of a cell of the grid by its index over all rotation cells; -1 without one."""
+        """Return the component of a cell of the grid by its index over all rotation cells.
+
+        -1 without one.
+        """
         rotation, position = divmod(place, self.labels[0].size)
-        label = int(self.labels.reshape(-1)[self.slice_of[rotation] * self.labels[0].size + position])
+        label = int(
+            self.labels.reshape(-1)[self.slice_of[rotation] * self.labels[0].size + position]
+        )
         return int(self.components[self.first_node[rotation] + label]) if label else -1
 
     def component_of(self, cells: Ints) -> Ints:

@@ -32,8 +32,8 @@ class Contents:
     slice_of : ndarray of int64, shape (rotations,)
         The slice of each rotation cell.
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not copied, unless
-        it is read-only: updates write into it.
+        FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not
+        copied, unless it is read-only: updates write into it.
     outside : {"blocked", "free", "unknown"}
         State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
@@ -45,7 +45,8 @@ class Contents:
     proves_blocked : bool
         True if updates prove BLOCKED, as the build did.
 
-    Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
+    Raises InputError if an array has another shape or type than stated, or ``outside`` is another
+    word.
     """
 
     workspace: Workspace
@@ -62,11 +63,18 @@ class Contents:
     def __post_init__(self) -> None:
         """Check the arrays."""
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
-        for name, array, kind in (("states", self.states, np.uint8), ("overlap_counts", self.overlap_counts, np.int32)):
+        for name, array, kind in (
+            ("states", self.states, np.uint8),
+            ("overlap_counts", self.overlap_counts, np.int32),
+        ):
             if array is not None and (array.shape != shape or array.dtype != kind):
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
                 raise InputError(
-                    name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build", value=array
+                    name,
+                    f"has shape {array.shape} and type {array.dtype}",
+                    rule,
+                    "use cspace.build",
+                    value=array,
                 )
             if isinstance(array, np.ndarray):
                 object.__setattr__(self, name, _writable(array))

@@ -18,9 +18,9 @@ class Locked(Protocol):
 class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """Turn a method into an attribute, computed at first access.
 
-    One thread computes the part and any others wait: all parts of an object share its lock ``_lock``, which an update
-    holds while it changes the object. Copies and pickles of the
-    object must omit its ``__dict__``, where parts are kept.
+    One thread computes the part and any others wait: all parts of an object share its lock
+    ``_lock``, which an update holds while it changes the object. Copies and pickles of the object
+    must omit its ``__dict__``, where parts are kept.
     """
 
     def __init__(self, make: Callable[[Any], Part]) -> None:
@@ -35,7 +35,8 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
         """Return the part, computed at first access."""
         if owner is None:
             return self
-        # Python looks in __dict__ before it calls __get__, so that parts once computed cost nothing.
+        # Python looks in __dict__ before it calls __get__, so that parts once computed cost
+        # nothing.
         parts = vars(owner)
         with owner._lock:
             if self._name not in parts:

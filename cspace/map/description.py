@@ -73,23 +73,34 @@ ARRAYS: Final[dict[str, Stored]] = {
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
     "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
     "overlap_counts": _stored(
-        "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
+        "slice cells",
+        "int32",
+        -1,
+        "number of coinciding pairs of obstacle cell and robot offset",
+        units="1",
     ),
     "slice_of": _stored(
         "rotation",
         "int64",
         np.iinfo(np.int64).max,
         "slice that serves a rotation cell",
-        comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the axis rotation",
+        comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the "
+        "axis rotation",
     ),
     "exterior": _stored(
         "slice corner",
         "int64",
         np.iinfo(np.int64).max,
-        "first and last cell of the box of cells that are MIXED outside the grid, and the state of those beyond it",
+        "first and last cell of the box of cells that are MIXED outside the grid, and the state "
+        "of those beyond it",
     ),
-    "shapes": _stored("byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"),
-    **{axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper()) for axis in AXES},
+    "shapes": _stored(
+        "byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"
+    ),
+    **{
+        axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper())
+        for axis in AXES
+    },
 }
 """Every array that a map may hold, except those that describe its rotation cells."""
 
@@ -130,16 +141,19 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     about = dict(stored()[name].about)
     if name in AXES:
         number = AXES.index(name)
-        about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
+        about |= {
+            "long_name": f"{grid.axes[number]} of the middle of a cell",
+            "units": grid.units[number],
+        }
     return about
 
 
 def metadata_of(contents: Contents) -> dict[str, Any]:
     """Return the metadata of a map in memory.
 
-    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a configuration;
-    ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``. ``inner`` is 1 if
-    BLOCKED is proven, else 0.
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
+    configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
+    ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0.
     """
     grid = contents.grid
     return {
@@ -164,9 +178,9 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`.
 
-    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``,
-    ``unknown`` if there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
-    robot rotates, and ``shapes`` if the obstacles have shapes.
+    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if
+    there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if
+    the robot rotates, and ``shapes`` if the obstacles have shapes.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
@@ -191,7 +205,9 @@ def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
     if shapes is None:
         return {}
     specs = json.dumps([shape.spec for shape in shapes])
-    return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}  # netCDF 3 knows no unsigned bytes
+    return {
+        "shapes": np.frombuffer(specs.encode(), dtype=np.int8)
+    }  # netCDF 3 knows no unsigned bytes
 
 
 def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
@@ -202,7 +218,9 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
     try:
         return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
     except Exception as error:  # shapely and the shapes raise any error for invalid data
-        raise ValueError(f"'shapes' tells of no obstacles ({type(error).__name__}: {error})") from error
+        raise ValueError(
+            f"'shapes' tells of no obstacles ({type(error).__name__}: {error})"
+        ) from error
 
 
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:

@@ -337,7 +337,10 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
     Return the index of the first unusable configuration, or -1.
     """
     for n in range(points.shape[0]):
-        position, rotation = position_in(map_, points, n), rotation_in(map_.rotations.borders, points[n])
+        position, rotation = (
+            position_in(map_, points, n),
+            rotation_in(map_.rotations.borders, points[n]),
+        )
         if not is_usable(position, rotation):
             return n
         out[n] = clearance_at(map_, table, position, rotation)

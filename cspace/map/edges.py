@@ -1,7 +1,7 @@
 """Compiled tests whether an edge is FREE.
 
-An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is walked slab by slab.
-Positions and rotations are as in :mod:`cspace.map.points`.
+An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is
+walked slab by slab. Positions and rotations are as in :mod:`cspace.map.points`.
 """
 
 from __future__ import annotations
@@ -34,15 +34,16 @@ from cspace.rotations.yaw import (
 )
 
 MIN_EXTENT_CELLS: Final = 2.0**-500
-"""Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by it would overflow."""
+"""Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by
+it would overflow."""
 
 
 @kernel
 def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     """Test whether edges are FREE.
 
-    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index of the first
-    unusable edge, or -1.
+    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index
+    of the first unusable edge, or -1.
     """
     for k in range(starts.shape[0]):
         p0, r0 = position_in(map_, starts, k), rotation_in(map_.rotations.borders, starts[k])
@@ -57,8 +58,9 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
 def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
-    All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and the rotation takes
-    the shortest arc; if two arcs are equally short up to rounding, both must be FREE.
+    All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and
+    the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must be
+    FREE.
     """
     if len(r0) == 4:
         return quaternion_edge_is_free(map_, p0, r0, p1, r1)
@@ -70,10 +72,14 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
         angle = signed_angle(yaw0, yaw1, arc)
         cell = first_widened_cell(borders, min(start, start + angle))
         k, low, high = widened_bounds(borders, cell)
-        while not low > max(start, start + angle):  # also for NaN, which the test of the segment refuses
+        while not low > max(
+            start, start + angle
+        ):  # also for NaN, which the test of the segment refuses
             begin, stop = clip_parameters(low, high, start, angle)
             s = int(map_.rotations.slice_of[k])
-            if not segment_is_free(map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)):
+            if not segment_is_free(
+                map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)
+            ):
                 return False
             cell += 1
             k, low, high = widened_bounds(borders, cell)
@@ -124,19 +130,33 @@ def between(first: float, second: float, t: float) -> float:
 
 @kernel
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
-    """Return True if a segment in slice ``s``, from position `first` to `last`, touches only FREE cells."""
+    """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
     lower, upper, spacing = map_.lower, map_.upper, map_.spacing
-    p = (first[0] - lower[0]) / spacing, (first[1] - lower[1]) / spacing, (first[2] - lower[2]) / spacing
-    q = (last[0] - lower[0]) / spacing, (last[1] - lower[1]) / spacing, (last[2] - lower[2]) / spacing
+    p = (
+        (first[0] - lower[0]) / spacing,
+        (first[1] - lower[1]) / spacing,
+        (first[2] - lower[2]) / spacing,
+    )
+    q = (
+        (last[0] - lower[0]) / spacing,
+        (last[1] - lower[1]) / spacing,
+        (last[2] - lower[2]) / spacing,
+    )
     inside, total = True, 0.0
     for axis in range(3):
-        inside &= min(first[axis], last[axis]) >= lower[axis] and max(first[axis], last[axis]) <= upper[axis]
+        inside &= (
+            min(first[axis], last[axis]) >= lower[axis]
+            and max(first[axis], last[axis]) <= upper[axis]
+        )
         total += abs(p[axis]) + abs(q[axis])
     if not total <= MAX_POSITION:  # True for NaN
         return False
-    low, high = grid_box(map_)  # for a segment in the grid, whose configurations are in closed cells of the grid
+    low, high = grid_box(
+        map_
+    )  # for a segment in the grid, whose configurations are in closed cells of the grid
     if not inside:
-        # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
+        # A segment that leaves the grid is proven only if all cells outside both grid and box are
+        # FREE.
         if map_.exterior[s, 2 * map_.dim] != FREE:
             return False
         low, high = outer_box(map_, s)
@@ -147,10 +167,11 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
 def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: Cell) -> bool:
     """Return True if a segment touches only FREE cells in a box.
 
-    The segment leads from `p` to `q`, in cells. The box has the cells from `low` to `high`, both included; cells
-    outside it are not tested.
+    The segment leads from `p` to `q`, in cells. The box has the cells from `low` to `high`, both
+    included; cells outside it are not tested.
     """
-    # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells along z.
+    # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
+    # along z.
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     for i in range(max(low[0], first), min(high[0], last) + 1):
         start, stop = slab_times(p[0], q[0], i, i)
@@ -172,10 +193,10 @@ def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: C
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """Return the range of t in a slab of cells.
 
-    A segment has the coordinates p + t (q - p), in cells; the slab has cells `first` to `last`. The range is widened by
-    SLACK; it is empty, with start > stop, if the segment misses the slab. Every operation rounds monotonically, so the
-    range of several cells contains the range of each. SLACK covers rounding, which grows with the length of the
-    segment.
+    A segment has the coordinates p + t (q - p), in cells; the slab has cells `first` to `last`. The
+    range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab. Every
+    operation rounds monotonically, so the range of several cells contains the range of each. SLACK
+    covers rounding, which grows with the length of the segment.
     """
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
@@ -188,8 +209,8 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
     """Return the range of cells in a range of t.
 
-    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in cells, for t from
-    ``start`` to ``stop``.
+    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in
+    cells, for t from ``start`` to ``stop``.
     """
     begin, end = p + start * (q - p), p + stop * (q - p)
     return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)

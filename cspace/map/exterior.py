@@ -26,14 +26,15 @@ UNKNOWN: Final = "unknown"
 class Exterior:
     """States of configuration cells outside the grid, for each slice.
 
-    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle, if the space
-    outside the workspace is free, or may fit into the workspace, if that space is blocked.
+    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle,
+    if the space outside the workspace is free, or may fit into the workspace, if that space is
+    blocked.
 
     Attributes
     ----------
     table : ndarray of int64, shape (slices, 2 d + 1)
-        First cell of the box, its last cell, and the state of cells outside both grid and box. A box is empty if first
-        > last along an axis. Workspace updates change the table in place.
+        First cell of the box, its last cell, and the state of cells outside both grid and box. A
+        box is empty if first > last along an axis. Workspace updates change the table in place.
     """
 
     table: Ints
@@ -42,8 +43,8 @@ class Exterior:
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """Compute the exterior from outer cells and rasters.
 
-        ``rasters`` belong to the slices. ``policy`` is the space outside the workspace: "blocked", "free" or
-        "unknown".
+        ``rasters`` belong to the slices. ``policy`` is the space outside the workspace: "blocked",
+        "free" or "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
@@ -52,7 +53,9 @@ class Exterior:
         return cls.around(occupied.shape, box, rasters, policy)
 
     @classmethod
-    def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+    def around(
+        cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
+    ) -> Exterior:
         """Compute the exterior from a shape and an obstacle box.
 
         ``box`` has the first and last obstacle cell; only policy "free" reads it.
@@ -61,7 +64,12 @@ class Exterior:
             nowhere = np.repeat([0, -1], len(shape))
             return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
         if policy == "free":
-            return cls(np.array([[*reached_box(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
+            return cls(
+                np.array(
+                    [[*reached_box(box.ravel(), outer), FREE] for outer, _ in rasters],
+                    dtype=np.int64,
+                )
+            )
         # BLOCKED is proven if an inner offset falls outside the workspace.
         last = np.asarray(shape) - 1
         rows = [
@@ -89,8 +97,8 @@ class Exterior:
 def reached_box(obstacles: Ints, outer: Raster) -> Ints:
     """Return the cells from which offsets may reach obstacles.
 
-    Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2 d,); a box is empty
-    if first > last.
+    Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2
+    d,); a box is empty if first > last.
     """
     dim = len(obstacles) // 2
     low, high = obstacles[:dim], obstacles[dim:]

@@ -1,17 +1,17 @@
 """Lower bounds of the length of every collision-free path in the plane.
 
-Let U be the union of the closed cells through which a path may lead; other cells are closed, too, so
-that no path leads through a *pinch*, a corner where just two opposite cells are in U. A shortest path
-in U is a polyline that bends at corners of cells only, and never at a pinch. So let G be the graph of
-all other corners, with moves along a side (1, 0), across a cell (1, 1), and across two cells (2, 1),
-and their mirror images. A move is in G if the cells that it crosses are in U; along a side, one of the
-two cells beside it.
+Let U be the union of the closed cells through which a path may lead; other cells are closed, too,
+so that no path leads through a *pinch*, a corner where just two opposite cells are in U. A shortest
+path in U is a polyline that bends at corners of cells only, and never at a pinch. So let G be the
+graph of all other corners, with moves along a side (1, 0), across a cell (1, 1), and across two
+cells (2, 1), and their mirror images. A move is in G if the cells that it crosses are in U; along a
+side, one of the two cells beside it.
 
 Claim: if a segment in U leads from corner A to corner B, the distance of A and B in G is at most
-STRETCH times its length. Proof: cut the segment where it passes a corner; let it rise from (0, 0) to
-(a, b) with 0 <= b <= a (the rest by symmetry), with height y(x), and cross no corner between. Every
-cell that it crosses is in U. The corners (x, floor of y(x)) that follow are no pinches, as the segment
-crosses the cells to their upper left and upper right.
+STRETCH times its length. Proof: cut the segment where it passes a corner; let it rise from (0, 0)
+to (a, b) with 0 <= b <= a (the rest by symmetry), with height y(x), and cross no corner between.
+Every cell that it crosses is in U. The corners (x, floor of y(x)) that follow are no pinches, as
+the segment crosses the cells to their upper left and upper right.
 
 * b = 0, or a = b, or a = 2 b: the segment is one move.
 * 0 < 2 b < a. In each column k from k to k + 1 in which the floor of y rises from f to f + 1,
@@ -22,11 +22,11 @@ crosses the cells to their upper left and upper right.
   y(k + 2) > f + 1: the cells (k, f) and (k + 1, f) are crossed, and the move from (k, f) to
   (k + 2, f + 1) is in G. Such moves do not overlap; moves across crossed cells join them.
 
-Either way, the moves have two neighbouring directions, at most atan(1/2) apart, and sum up to (a, b).
-Their total length is at most the distance divided by the cosine of half that angle.
+Either way, the moves have two neighbouring directions, at most atan(1/2) apart, and sum up to (a,
+b). Their total length is at most the distance divided by the cosine of half that angle.
 
-A path from p to q, extended by the segments to corners A and B of their cells, leads from A to B. So
-its length is at least d(A, B) / STRETCH - |pA| - |qB|, with d the distance in G.
+A path from p to q, extended by the segments to corners A and B of their cells, leads from A to B.
+So its length is at least d(A, B) / STRETCH - |pA| - |qB|, with d the distance in G.
 """
 
 from __future__ import annotations
@@ -99,7 +99,9 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
         return math.inf
     straight = float(np.linalg.norm(goal - start)) * (1.0 - STRAIGHT_ROUNDING_SHARE)
     pinches = _find_pinches(passable)
-    corners = [_nearest_corner(q, cell, pinches) for q, cell in zip((start, goal), cells, strict=True)]
+    corners = [
+        _nearest_corner(q, cell, pinches) for q, cell in zip((start, goal), cells, strict=True)
+    ]
     if corners[0] is None or corners[1] is None:
         return straight
     distance = _distance_of_corners(passable, pinches, corners[0], corners[1])
@@ -163,7 +165,10 @@ def _list_moves() -> Moves:
 
 
 def _crosses(step: tuple[int, ...], cell: tuple[int, ...]) -> bool:
-    """Return True if the segment from corner (0, 0) to ``step`` crosses a cell or is one of its sides."""
+    """Return True if a segment crosses a cell or is one of its sides.
+
+    The segment leads from corner (0, 0) to ``step``.
+    """
     enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the closed cell
     for along, low in zip(step, cell, strict=True):
         if along == 0:

@@ -22,7 +22,8 @@ class RobotRows(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int64, shape (n, 4)
-        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two axes.
+        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two
+        axes.
     stops : ndarray of int64, shape (slices,)
         End of the rows of each slice.
     """
@@ -40,8 +41,8 @@ class RobotRows(NamedTuple):
 def sum_columns(cells: Bools) -> NDArray[np.int32]:
     """Count obstacle cells along the last axis.
 
-    Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column. In the plane, nx
-    is 1, and j and k are the two axes.
+    Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
+    In the plane, nx is 1, and j and k are the two axes.
     """
     spatial = cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
     counts = np.zeros((*spatial.shape[:2], spatial.shape[2] + 1), dtype=np.int32)
@@ -63,7 +64,10 @@ def count_overlaps(
     ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     for k in range(points.shape[0]):
-        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        position, rotation = (
+            position_in(map_, points, k),
+            rotation_in(map_.rotations.borders, points[k]),
+        )
         if not is_usable(position, rotation):
             return k
         out[k] = overlap_at(map_, counts, robot, outside, position, rotation)
@@ -72,7 +76,12 @@ def count_overlaps(
 
 @kernel
 def overlap_at(
-    map_: Map, counts: NDArray[np.int32], robot: RobotRows, outside: int, position: Row, rotation: Numbers
+    map_: Map,
+    counts: NDArray[np.int32],
+    robot: RobotRows,
+    outside: int,
+    position: Row,
+    rotation: Numbers,
 ) -> int:
     """Return the overlap at one configuration."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1

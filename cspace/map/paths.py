@@ -28,7 +28,8 @@ SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
 
 LONGEST_STRIDE_LOG: Final = 6
-"""Binary logarithm of the number of waypoints that an edge may replace at a time, if edges have costs."""
+"""Binary logarithm of the number of waypoints that an edge may replace at a time, if edges have
+costs."""
 
 MAX_SHORTENING_SECONDS: Final = 0.1
 """Seconds after the time limit in which a path found in time may still be shortened."""
@@ -52,12 +53,14 @@ def in_time(check: Check, until: float) -> Check:
     return check if end == math.inf else lambda *both: clock() < end and check(*both)
 
 
-def pulled_straight(path: Floats, rotations: Rotations, check: Check, cost: Cost | None = None) -> Floats:
+def pulled_straight(
+    path: Floats, rotations: Rotations, check: Check, cost: Cost | None = None
+) -> Floats:
     """Shorten a path by skipping waypoints and cutting corners.
 
-    Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two configurations. So
-    does every edge of the result. With a ``cost`` of edges, which takes the same coordinates, each change lowers the
-    cost of the path instead of its length.
+    Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
+    configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
+    coordinates, each change lowers the cost of the path instead of its length.
     """
     size = path.shape[1]
 
@@ -93,15 +96,17 @@ def path_length(path: Floats, rotations: Rotations) -> float:
     A radian counts as :data:`METRES_PER_RADIAN`.
     """
     steps, dim = rotations.steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(steps[:, dim:], axis=1)
+    lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(
+        steps[:, dim:], axis=1
+    )
     return float(lengths.sum())
 
 
 def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | None) -> Floats:
     """Replace corners by free edges.
 
-    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is chosen. With a cost,
-    it may not cost more than the way around the corner.
+    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
+    chosen. With a cost, it may not cost more than the way around the corner.
     """
     shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
@@ -122,7 +127,9 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
             else:
                 high = center
         kept += [backward[low], forward[low]] if low else [corner]
-    is_yaw = [False] * (path.shape[1] - len(rotations.names)) + [name == "yaw" for name in rotations.names]
+    is_yaw = [False] * (path.shape[1] - len(rotations.names)) + [
+        name == "yaw" for name in rotations.names
+    ]
     return wrapped(np.array([*kept, path[-1]]), is_yaw)
 
 
@@ -131,7 +138,11 @@ def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
 
     An edge may skip to the 2nd, 4th, 8th, ... waypoint ahead.
     """
-    rows, least, previous = points.tolist(), np.full(len(points), math.inf), np.zeros(len(points), dtype=np.int64)
+    rows, least, previous = (
+        points.tolist(),
+        np.full(len(points), math.inf),
+        np.zeros(len(points), dtype=np.int64),
+    )
     least[0] = 0.0
     for here in range(1, len(rows)):
         for before in [here - 2**k for k in range(LONGEST_STRIDE_LOG + 1) if here >= 2**k]:
@@ -144,7 +155,9 @@ def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
     return points[kept[::-1]]
 
 
-def _saves(cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]) -> bool:
+def _saves(
+    cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
+) -> bool:
     """Return whether the edge past a corner costs at most as much as the edges to and from it."""
     return cost is None or cost(*before, *beyond) <= cost(*before, *corner) + cost(*corner, *beyond)
 

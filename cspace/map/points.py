@@ -1,7 +1,8 @@
 """Look-ups of configurations for kernels: cells, states, and free neighborhoods.
 
-Kernels take a configuration as a position (three numbers, in the middle of the layer in the plane) and a rotation (a
-tuple, see :mod:`cspace.rotations.lookup`), or configurations as rows of an array, shape (n, size).
+Kernels take a configuration as a position (three numbers, in the middle of the layer in the plane)
+and a rotation (a tuple, see :mod:`cspace.rotations.lookup`), or configurations as rows of an array,
+shape (n, size).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ MAX_POSITION: Final = 8.0 * MAX_COORDINATE
 """Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
 
 
-# ---- configurations --------------------------------------------------------------------------------------------------
+# ---- configurations ------------------------------------------------------------------------------
 
 
 @inlined
@@ -55,12 +56,14 @@ def is_usable(position: Row, rotation: Numbers) -> bool:
 def first_bad_row(map_: Map, points: Floats) -> int:
     """Return the index of the first configuration that is not usable, or -1."""
     for k in range(points.shape[0]):
-        if not is_usable(position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])):
+        if not is_usable(
+            position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        ):
             return k
     return -1
 
 
-# ---- states ----------------------------------------------------------------------------------------------------------
+# ---- states --------------------------------------------------------------------------------------
 
 
 @inlined
@@ -124,14 +127,17 @@ def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
 def classify(map_: Map, points: Floats, out: States) -> int:
     """Write states; return the index of the first unusable configuration, or -1."""
     for k in range(points.shape[0]):
-        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        position, rotation = (
+            position_in(map_, points, k),
+            rotation_in(map_.rotations.borders, points[k]),
+        )
         if not is_usable(position, rotation):
             return k
         out[k] = state_at(map_, position, rotation)
     return -1
 
 
-# ---- boxes of cells --------------------------------------------------------------------------------------------------
+# ---- boxes of cells ------------------------------------------------------------------------------
 
 
 @inlined
@@ -164,7 +170,7 @@ def grid_box(map_: Map) -> tuple[Cell, Cell]:
 
 @kernel
 def outer_box(map_: Map, s: int) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the smallest box around the grid and the exterior box."""
+    """Return the first and the last cell of the box around the grid and the exterior box."""
     (a, b, c), (x, y, z) = exterior_box(map_, s)
     _, nx, ny, nz = map_.states.shape
     return (min(a, 0), min(b, 0), min(c, 0)), (max(x, nx - 1), max(y, ny - 1), max(z, nz - 1))
@@ -172,7 +178,7 @@ def outer_box(map_: Map, s: int) -> tuple[Cell, Cell]:
 
 @inlined
 def near_cells(map_: Map, position: Row, reach: float, axis: int) -> tuple[int, int]:
-    """Return the first and the last closed cell along an axis within ``reach`` cells of a position."""
+    """Return the first and the last closed cell along an axis within ``reach`` cells."""
     place = (position[axis] - map_.lower[axis]) / map_.spacing
     return math.ceil(place - reach) - 1, math.floor(place + reach)
 
@@ -181,7 +187,8 @@ def near_cells(map_: Map, position: Row, reach: float, axis: int) -> tuple[int, 
 def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     """Return True if all cells of a slice within ``distance`` along each axis are FREE.
 
-    The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the layer.
+    The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the
+    layer.
     """
     reach, total = distance / map_.spacing + SLACK, 0.0
     for axis in range(3):
@@ -192,7 +199,14 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     j0, j1 = near_cells(map_, position, reach, 1)
     k0, k1 = near_cells(map_, position, reach, 2)
     low, high = grid_box(map_)
-    inside = low[0] <= i0 and low[1] <= j0 and low[2] <= k0 and i1 <= high[0] and j1 <= high[1] and k1 <= high[2]
+    inside = (
+        low[0] <= i0
+        and low[1] <= j0
+        and low[2] <= k0
+        and i1 <= high[0]
+        and j1 <= high[1]
+        and k1 <= high[2]
+    )
     if not inside:
         if map_.exterior[s, 2 * map_.dim] != FREE:
             return False
@@ -211,7 +225,10 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     Return the index of the first unusable configuration, or -1. The distance is along each axis.
     """
     for k in range(points.shape[0]):
-        position, rotation = position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+        position, rotation = (
+            position_in(map_, points, k),
+            rotation_in(map_.rotations.borders, points[k]),
+        )
         if not is_usable(position, rotation):
             return k
         out[k] = around_is_free(map_, position, rotation, distance, angle)
@@ -219,8 +236,10 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 
 
 @kernel
-def around_is_free(map_: Map, position: Row, rotation: Numbers, distance: float, angle: float) -> bool:
-    """Return True if all configurations within ``distance`` and ``angle`` of another are proven free."""
+def around_is_free(
+    map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
+) -> bool:
+    """Return True if all configurations within ``distance`` and ``angle`` are proven free."""
     if len(rotation) == 4:
         return quaternions_around_are_free(map_, position, rotation, distance, angle)
     borders = map_.rotations.borders
@@ -238,10 +257,14 @@ def around_is_free(map_: Map, position: Row, rotation: Numbers, distance: float,
 
 
 @kernel
-def quaternions_around_are_free(map_: Map, position: Row, rotation: Numbers, distance: float, angle: float) -> bool:
+def quaternions_around_are_free(
+    map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
+) -> bool:
     """Return the answer of :func:`around_is_free` for quaternions."""
     borders, q = map_.rotations.borders[0], normalise(rotation, 1.0)
-    reach = math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK  # a rotation's angle is twice that of its quaternion
+    reach = (
+        math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
+    )  # a rotation's angle is twice that of its quaternion
     for chart in range(4):
         largest, a, b, c = split(q, chart)
         i0, i1 = parts_around(borders, largest, a, reach)

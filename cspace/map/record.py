@@ -13,13 +13,14 @@ from cspace.rotations.base import RotationTable
 class Map(NamedTuple):
     """Cells of a map, of one type for all kinds of maps.
 
-    The plane is space with one layer of cells along the first axis; a position in it is in the middle of that layer.
-    The arrays are views of the map's own arrays, so updates are visible here.
+    The plane is space with one layer of cells along the first axis; a position in it is in the
+    middle of that layer. The arrays are views of the map's own arrays, so updates are visible here.
 
     Attributes
     ----------
     states : ndarray of uint8, shape (slices, nx, ny, nz)
-        FREE, MIXED or BLOCKED; read-only. In the plane nx is 1, and ny and nz count the cells along x and y.
+        FREE, MIXED or BLOCKED; read-only. In the plane nx is 1, and ny and nz count the cells along
+        x and y.
     dim : int
         2 in the plane, 3 in space.
     lower, upper : tuple of float, length 3

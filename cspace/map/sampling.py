@@ -12,7 +12,8 @@ from cspace.grid import Grid
 from cspace.rotations import Rotations
 
 BORDER_MARGIN: Final = 2.0**-20
-"""Share of a cell, along its border, without samples, so that rounding never moves one into the next cell."""
+"""Share of a cell, along its border, without samples, so that rounding never moves one into the
+next cell."""
 
 FIRST_REACH_CELLS: Final = 16.0
 """Distance, in cells, within which the nearest FREE cell is searched first."""
@@ -49,7 +50,12 @@ class FreeCells:
 
 
 def sample(
-    free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
+    free: FreeCells,
+    slice_of: Ints,
+    rotations: Rotations,
+    grid: Grid,
+    n: int,
+    rng: np.random.Generator,
 ) -> Floats:
     """Return uniform configurations from all FREE cells.
 
@@ -62,7 +68,9 @@ def sample(
     return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
 
 
-def nearest(states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
+def nearest(
+    states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats
+) -> Floats | None:
     """Return the center of the FREE cell nearest to a configuration, or None.
 
     A radian counts as half a metre.
@@ -88,8 +96,9 @@ def nearest(states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q:
 def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
     """Return the center of the FREE cell of a slice nearest to a position, or None.
 
-    The search looks at cells within a distance of the grid's point nearest to the position, and doubles it until it
-    finds one. Each cell nearer to the position is within that distance of this point, because the grid is convex.
+    The search looks at cells within a distance of the grid's point nearest to the position, and
+    doubles it until it finds one. Each cell nearer to the position is within that distance of this
+    point, because the grid is convex.
     """
     shape = np.array(states.shape)
     nearest_point = np.clip(position, grid.lower, grid.upper)
@@ -116,8 +125,8 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
 def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
     """Return numbers in the order of the distances of centers from a position.
 
-    They are squared distances less the one of ``nearest_point``, and scaled, because squares of far positions would
-    lose the difference, or overflow.
+    They are squared distances less the one of ``nearest_point``, and scaled, because squares of far
+    positions would lose the difference, or overflow.
     """
     offsets, beyond = centers - nearest_point, nearest_point - position
     scale = max(1.0, float(np.abs(beyond).max()))

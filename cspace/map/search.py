@@ -197,7 +197,9 @@ def find_chain(
         factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
     )
     size = math.prod(shape)
-    start_cell = int(start[0]) * size + int(np.ravel_multi_index(tuple(start[1:]), states.shape[1:]))
+    start_cell = int(start[0]) * size + int(
+        np.ravel_multi_index(tuple(start[1:]), states.shape[1:])
+    )
     goal_cell = int(goal[0]) * size + int(np.ravel_multi_index(tuple(goal[1:]), states.shape[1:]))
     estimate = _estimate_cost(graph, start_cell, goal_cell, weight, until)
     progress = search(graph, estimate, start_cell, goal_cell, until)
@@ -242,7 +244,9 @@ def _list_moves(reach: tuple[int, int, int, int]) -> Moves:
     """
     *largest, largest_sum = reach
     offsets = product(*(range(-each, each + 1) for each in largest))
-    steps = [each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= largest_sum]
+    steps = [
+        each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= largest_sum
+    ]
     steps.sort(key=lambda step: math.hypot(*step))
     needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
     return Moves(np.array(steps), np.linalg.norm(steps, axis=1), np.array(steps), np.array(needed))
@@ -394,7 +398,16 @@ def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
 
 @kernel
 def step_cost(
-    graph: Graph, length: float, here: int, i: int, j: int, k: int, there: int, u: int, v: int, w: int
+    graph: Graph,
+    length: float,
+    here: int,
+    i: int,
+    j: int,
+    k: int,
+    there: int,
+    u: int,
+    v: int,
+    w: int,
 ) -> float:
     """Return the cost of a step from cell (i, j, k) of a slice to (u, v, w) of another."""
     cost = length

@@ -17,19 +17,21 @@ from cspace.map.search import find_chain
 from cspace.rotations import Rotations
 
 MAX_CHAIN_EXCESS: Final = 1.15
-"""Length of a chain of cells over that of the path, from which a chain no longer promises a shorter path."""
+"""Length of a chain of cells over that of the path, from which a chain no longer promises a shorter
+path."""
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
-"""Bytes of memory that a search takes for each cell of the map: states, marks, costs, and how a cell was reached."""
+"""Bytes of memory that a search takes for each cell of the map: states, marks, costs, and how a
+cell was reached."""
 
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
     """A search in which geometry decides MIXED cells.
 
-    It decides the cells on the way of the search. MIXED cells count as FREE until geometry tests their centers. The
-    search then repeats without the cells that failed, until all cells near a chain are decided and geometry proves the
-    edges along it.
+    It decides the cells on the way of the search. MIXED cells count as FREE until geometry tests
+    their centers. The search then repeats without the cells that failed, until all cells near a
+    chain are decided and geometry proves the edges along it.
 
     Attributes
     ----------
@@ -55,16 +57,21 @@ class Undecided:
     def find(self, endpoints: Floats, cells: Ints, max_length: float, until: float) -> Floats:
         """Find a path between two configurations.
 
-        ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined by edges that
-        geometry proves. The length n is 0 if no chain is found, if all chains left promise no path of at most
-        ``max_length``, or if time is over.
+        ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined
+        by edges that geometry proves. The length n is 0 if no chain is found, if all chains left
+        promise no path of at most ``max_length``, or if time is over.
         """
         none = endpoints[:0]
         mixed = self.states == MIXED
         passable = np.where(mixed, FREE, self.states)
-        mixed[tuple(cells.T)] = False  # start and goal are free wherever the centers of their cells are
+        mixed[tuple(cells.T)] = (
+            False  # start and goal are free wherever the centers of their cells are
+        )
         undecided = mixed.copy()
-        slice_of, turns = np.arange(len(self.rotations)), (self.rotations.neighbors, self.turn_costs)
+        slice_of, turns = (
+            np.arange(len(self.rotations)),
+            (self.rotations.neighbors, self.turn_costs),
+        )
         while clock() < until:
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
@@ -75,11 +82,17 @@ class Undecided:
                 return none
             failed = near = _cells_near(chain, undecided)
             if len(near):
-                centers = np.column_stack([self.grid.center_of(near[:, 1:]), self.rotations.centers[near[:, 0]]])
+                centers = np.column_stack(
+                    [self.grid.center_of(near[:, 1:]), self.rotations.centers[near[:, 0]]]
+                )
                 undecided[tuple(near.T)] = False
                 failed = near[~self.are_free(centers)]
             else:
-                failing = [edge for edge in itertools.pairwise(path) if not self.edge_is_free(*edge[0], *edge[1])]
+                failing = [
+                    edge
+                    for edge in itertools.pairwise(path)
+                    if not self.edge_is_free(*edge[0], *edge[1])
+                ]
                 if not failing:
                     return path
                 failed = self._cells_beside(np.array(failing), mixed & (passable == FREE))
@@ -103,7 +116,10 @@ class Undecided:
 
         They lie in the boxes around edges, shape (n, 2, size), and are set in ``which``.
         """
-        rotations, positions = self.rotations.find_cells(edges), self.grid.cell_of(edges[..., : self.grid.dim])
+        rotations, positions = (
+            self.rotations.find_cells(edges),
+            self.grid.cell_of(edges[..., : self.grid.dim]),
+        )
         found = []
         for turned, (first, last) in zip(rotations, np.sort(positions, axis=1), strict=True):
             box = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]

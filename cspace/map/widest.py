@@ -258,7 +258,9 @@ def find_widest_path(
     return np.concatenate(pieces)
 
 
-def _cut_wide_map(widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float) -> Map:
+def _cut_wide_map(
+    widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
+) -> Map:
     """Return a map around positions in which cells of ``min_width`` or above are FREE."""
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])

@@ -166,7 +166,9 @@ def draw_arm(
     return axes
 
 
-def paint_arm(figure: ArmFigure, stands: list[Floats], camera: Any = None, ax: Any = None) -> Painting:
+def paint_arm(
+    figure: ArmFigure, stands: list[Floats], camera: Any = None, ax: Any = None
+) -> Painting:
     """Return a picture of the obstacles near an arm, with space for it at configurations."""
     arms = [surface for q in stands for surface in figure.pose_links(q).values()]
     corners = np.concatenate([vertices for vertices, _ in arms])

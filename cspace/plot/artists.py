@@ -135,7 +135,9 @@ def _merge_classes(ground: Classes, states: NDArray[np.uint8]) -> Classes:
     return np.asarray(table[ground, states])
 
 
-def draw_cells(ax: Axes, grid: Grid, classes: Classes, window: Box, pair: Sequence[int] = (0, 1)) -> AxesImage:
+def draw_cells(
+    ax: Axes, grid: Grid, classes: Classes, window: Box, pair: Sequence[int] = (0, 1)
+) -> AxesImage:
     """Draw the cells of a window by class, on two axes of the grid.
 
     If cells are smaller than pixels, blocks of cells show their largest class, so that no obstacle
@@ -188,7 +190,9 @@ def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
     return Patch(facecolor=color, edgecolor=edge, linewidth=0.6, label=label, **style)
 
 
-def draw_path(ax: Any, points: Floats, lost: Bools, pair: Sequence[int] = (0, 1), **style: Any) -> list[Any]:
+def draw_path(
+    ax: Any, points: Floats, lost: Bools, pair: Sequence[int] = (0, 1), **style: Any
+) -> list[Any]:
     """Draw a path, its ``lost`` steps dashed; return the legend entries.
 
     ``pair`` are the columns of ``points`` to draw, three in space.
@@ -274,7 +278,9 @@ def axes_size(box: Floats, longer_side: float = AXES_INCHES) -> tuple[float, flo
     return float(width), float(height)
 
 
-def new_figure(width: float, height: float, dpi: float = 150.0, layout: Any = "compressed") -> Figure:
+def new_figure(
+    width: float, height: float, dpi: float = 150.0, layout: Any = "compressed"
+) -> Figure:
     """Return a figure without a window; sizes are in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -287,21 +287,27 @@ def save_plot(
     Examples
     --------
     >>> import numpy as np, cspace
-    >>> space = cspace.build(cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
     >>> save_plot(space, "map.png", overwrite=True).name
     'map.png'
     """
     if "ax" in options:
         hint = "use plot and ax.figure.savefig instead"
-        raise InputError("ax", "is given", "save_plot draws a new figure", hint, value=options["ax"])
+        raise InputError(
+            "ax", "is given", "save_plot draws a new figure", hint, value=options["ax"]
+        )
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 
-def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
+def save_figure(
+    draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
+) -> Path:
     """Save the figure that ``draw`` returns, after checking the other arguments.
 
-    Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above zero or too large;
-    FileError if the file exists and ``overwrite`` is not set, or if it cannot be written.
+    Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above
+    zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be
+    written.
     """
     target = Path(file)
     check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file")
@@ -318,8 +324,8 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
 def thumbnail(subject: object) -> bytes:
     r"""Return a small PNG of a map, workspace, robot or plan.
 
-    It has no axes and no text, and its longer side is about 200 pixels. In space, maps and workspaces show the layer
-    of cells at half their height, and robots their outline from above.
+    It has no axes and no text, and its longer side is about 200 pixels. In space, maps and
+    workspaces show the layer of cells at half their height, and robots their outline from above.
 
     Parameters
     ----------

@@ -297,7 +297,9 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
     return rows.reshape(-1, points.shape[1])
 
 
-def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
+def collect_marks(
+    space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
+) -> dict[str, Floats]:
     """Return start and goal by name; by default, the path or plan gives them."""
     marks = {}
     size = len(space.axes)
@@ -327,7 +329,9 @@ def _choose_stations(body: Body, points: Floats, every: float | None, zoom: floa
     return body.interpolate(points, np.arange(1, count) / max(count, 1))
 
 
-def _choose_center(space: MapLike, center: Any, body: Body, points: Floats, marks: dict[str, Floats]) -> Floats:
+def _choose_center(
+    space: MapLike, center: Any, body: Body, points: Floats, marks: dict[str, Floats]
+) -> Floats:
     """Return the point of the grid through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the

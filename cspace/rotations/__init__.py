@@ -1,6 +1,7 @@
 """Rotation cells: the sets of rotations that a map distinguishes.
 
-Each kind of rotation cells has a file here and a line below. :mod:`cspace.rotations.lookup` is what kernels call.
+Each kind of rotation cells has a file here and a line below. :mod:`cspace.rotations.lookup` is what
+kernels call.
 """
 
 from cspace.rotations.base import NO_ROTATION as NO_ROTATION

@@ -44,25 +44,33 @@ def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[
     These are yaws and continuous joints.
     """
     joints = [*periodic_axes, *[False] * (len(axes) - len(periodic_axes))]
-    return {k: name for k, (name, turns) in enumerate(zip(axes, joints, strict=True)) if name == "yaw" or turns}
+    return {
+        k: name
+        for k, (name, turns) in enumerate(zip(axes, joints, strict=True))
+        if name == "yaw" or turns
+    }
 
 
 def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
     """Warn if an angle of one configuration is beyond a whole turn.
 
-    ``angles`` comes from :func:`angle_axes`. The text leaves out the value, so that Python prints it once for each line
-    of the user's program.
+    ``angles`` comes from :func:`angle_axes`. The text leaves out the value, so that Python prints
+    it once for each line of the user's program.
     """
     for k, axis in angles.items():
         if abs(q[k]) > MAX_EXPECTED_ANGLE:
             rule = "angles are in radians, and whole turns are ignored"
-            warn_user(f"{name}: {axis} is beyond a whole turn; {rule}; use numpy.radians for degrees", AngleWarning)
+            warn_user(
+                f"{name}: {axis} is beyond a whole turn; {rule}; use numpy.radians for degrees",
+                AngleWarning,
+            )
 
 
 def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Reduce angles of steps, shape (..., size), to [-pi, pi].
 
-    It equals :func:`math.remainder` to the last bit, so that half turns have the same sign everywhere.
+    It equals :func:`math.remainder` to the last bit, so that half turns have the same sign
+    everywhere.
     """
     rest = np.fmod(steps, 2.0 * TWO_PI)  # exact, as is what follows
     return np.where(periodic_axes, rest - TWO_PI * np.rint(rest / TWO_PI), steps)
@@ -90,7 +98,8 @@ class RotationCell:
     Attributes
     ----------
     matrix : ndarray of float64, shape (d, d), or None
-        Representative rotation; None for the identity, which leaves coordinates unchanged to the last bit.
+        Representative rotation; None for the identity, which leaves coordinates unchanged to the
+        last bit.
     covering_angle : float
         Largest angle between a rotation of the cell and the representative, radians.
     about_z : bool
@@ -109,7 +118,10 @@ class RotationCell:
         if self.matrix is None:
             return points
         # A matrix product may round equal points in different rows differently.
-        return sum((points[..., k, None] * column for k, column in enumerate(self.matrix.T)), start=np.zeros(()))
+        return sum(
+            (points[..., k, None] * column for k, column in enumerate(self.matrix.T)),
+            start=np.zeros(()),
+        )
 
     def displacement(self, points: Floats) -> Floats:
         """Return the maximum displacement of points, shape (..., d), within the cell."""
@@ -153,9 +165,9 @@ class RotationTable(NamedTuple):
     Attributes
     ----------
     borders : ndarray of float64
-        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries of the parts of an
-        axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows the number of axes, so it has no
-        quaternions unless the map has.
+        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries
+        of the parts of an axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows
+        the number of axes, so it has no quaternions unless the map has.
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
     """
@@ -183,13 +195,15 @@ class Symmetric(Protocol):
 class Rotations(ABC):
     """Rotation cells of a map.
 
-    Each cell has a slice, and cells may share slices. There are three kinds: ``OneRotation`` of a robot that only
-    translates, ``YawRotations`` in SE(2) and R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and
-    :meth:`quaternions` make them. By default, methods are for a robot that only translates.
+    Each cell has a slice, and cells may share slices. There are three kinds: ``OneRotation`` of a
+    robot that only translates, ``YawRotations`` in SE(2) and R^3 x SO(2), and
+    ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default,
+    methods are for a robot that only translates.
 
-    A configuration consists of the d coordinates of a position, followed by the coordinates of a rotation. A *step*
-    between configurations consists of d metres and a rotation vector, in radians, whose length is the angle. That
-    vector has no entries, one in the plane and about z, or three in space, about axes fixed to the robot.
+    A configuration consists of the d coordinates of a position, followed by the coordinates of a
+    rotation. A *step* between configurations consists of d metres and a rotation vector, in
+    radians, whose length is the angle. That vector has no entries, one in the plane and about z, or
+    three in space, about axes fixed to the robot.
 
     Attributes
     ----------
@@ -227,14 +241,15 @@ class Rotations(ABC):
         Parameters
         ----------
         value : int, sequence of float, Rotations or None
-            A number of equal cells of yaw, from 1 to 2^16, the first centered at 0; or the n + 1 boundaries of such
-            cells in radians, ascending over a whole turn; or rotation cells, which are returned. None for a robot that
-            only translates.
+            A number of equal cells of yaw, from 1 to 2^16, the first centered at 0; or the n + 1
+            boundaries of such cells in radians, ascending over a whole turn; or rotation cells,
+            which are returned. None for a robot that only translates.
 
         Raises
         ------
         InputError
-            If the count is not a whole number from 1 to 2^16, or the boundaries do not ascend over a whole turn.
+            If the count is not a whole number from 1 to 2^16, or the boundaries do not ascend over
+            a whole turn.
         """
         if isinstance(value, Rotations):
             return value
@@ -244,9 +259,10 @@ class Rotations(ABC):
     def quaternions(n: int) -> Rotations:
         """Make 4 n^3 cells of all rotations in space, for SE(3).
 
-        Their rotations are up to about 150 / n degrees from their centers. A unit quaternion (x, y, z, w), or its
-        negative, is divided by its component of the largest modulus (the first of equals). The three quotients lie in
-        [-1, 1], which is cut into n parts, at the tangents of equal angles.
+        Their rotations are up to about 150 / n degrees from their centers. A unit quaternion (x, y,
+        z, w), or its negative, is divided by its component of the largest modulus (the first of
+        equals). The three quotients lie in [-1, 1], which is cut into n parts, at the tangents of
+        equal angles.
 
         Parameters
         ----------
@@ -289,7 +305,9 @@ class Rotations(ABC):
     def all_units() -> dict[str, str]:
         """Return the units of all coordinates of rotations, by name."""
         kinds = Rotations.KINDS.values()
-        return {name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)}
+        return {
+            name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)
+        }
 
     @staticmethod
     def all_limits() -> str:
@@ -312,17 +330,24 @@ class Rotations(ABC):
     def make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
 
-        Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged to the last bit.
+        Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged
+        to the last bit.
 
-        Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion is not 1 within 1e-6.
+        Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion
+        is not 1 within 1e-6.
         """
         position, rotation = self.split_configurations(q)
         return np.concatenate([position, self.canonical_rotation(rotation, name)], axis=-1)
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
-        (position0, rotation0), (position1, rotation1) = self.split_configurations(q0), self.split_configurations(q1)
-        return np.concatenate([position1 - position0, self.rotation_between(rotation0, rotation1)], axis=-1)
+        (position0, rotation0), (position1, rotation1) = (
+            self.split_configurations(q0),
+            self.split_configurations(q1),
+        )
+        return np.concatenate(
+            [position1 - position0, self.rotation_between(rotation0, rotation1)], axis=-1
+        )
 
     def add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps or fractions of steps.
@@ -331,7 +356,9 @@ class Rotations(ABC):
         """
         position, rotation = self.split_configurations(q)
         dim = position.shape[-1]
-        return np.concatenate([position + steps[..., :dim], self.rotate(rotation, steps[..., dim:])], axis=-1)
+        return np.concatenate(
+            [position + steps[..., :dim], self.rotate(rotation, steps[..., dim:])], axis=-1
+        )
 
     def rotation_matrices(self, q: Floats) -> Floats:
         """Return the rotation matrices of configurations, shape (..., d, d)."""
@@ -345,8 +372,14 @@ class Rotations(ABC):
         """
         numbers = np.atleast_1d(check_finite(rotation, name))
         if numbers.shape != (len(self.names),):
-            rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
-            raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)
+            rule = (
+                f"a rotation is given by {', '.join(self.names)}"
+                if self.names
+                else "the robot does not turn"
+            )
+            raise InputError(
+                name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation
+            )
         canonical = self.canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
@@ -366,7 +399,9 @@ class Rotations(ABC):
         """Return the yaw of a configuration, radians; None if there is none."""
         return None
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(
+        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
+    ) -> Sequence[float]:
         """Sample a rotation within an angle, from uniform numbers of [0, 1).
 
         Uses plain floats, because samples are made one by one.
@@ -413,12 +448,19 @@ class Rotations(ABC):
         Raises
         ------
         InputError
-            If it is not one rotation, or it is missing and there are several cells; ``rule`` says why one is needed.
+            If it is not one rotation, or it is missing and there are several cells; ``rule`` says
+            why one is needed.
         """
         if rotation is None and len(self) > 1:
             rule = f"{rule}, and this map has {len(self)} rotation cells"
-            raise InputError(name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}")
-        return int(self.find_cells(self.centers[0] if rotation is None else self.check_rotation(rotation, name)))
+            raise InputError(
+                name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}"
+            )
+        return int(
+            self.find_cells(
+                self.centers[0] if rotation is None else self.check_rotation(rotation, name)
+            )
+        )
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations, shape (..., d + size)."""
@@ -454,8 +496,8 @@ class Rotations(ABC):
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
-        Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered from 0, in the order
-        of their first cells.
+        Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered
+        from 0, in the order of their first cells.
         """
         return np.zeros(1, dtype=np.int64)
 
@@ -472,8 +514,8 @@ class Rotations(ABC):
     def covering_angles(self) -> Floats:
         """Covering angle of each cell, radians.
 
-        It is the largest angle between the center of a cell and a rotation in it; shape (count,). The angle includes
-        rounding. It is 0 if the robot does not turn.
+        It is the largest angle between the center of a cell and a rotation in it; shape (count,).
+        The angle includes rounding. It is 0 if the robot does not turn.
         """
         return np.zeros(1)
 
@@ -508,16 +550,17 @@ class Rotations(ABC):
     def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
 
-        ``q`` are configurations, shape (..., d + size); the result has the shape (..., count), radians.
+        ``q`` are configurations, shape (..., d + size); the result has the shape (..., count),
+        radians.
         """
         return np.zeros((*q.shape[:-1], 1))
 
     def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Return the rotation cells near configurations.
 
-        They have a rotation within an angle of the rotation of each configuration. ``q`` has the shape (n, d + size),
-        ``angles`` the shape (n,). Returns pairs of configuration index and cell, shape (m,) each, in the order of the
-        configurations; rounding is included.
+        They have a rotation within an angle of the rotation of each configuration. ``q`` has the
+        shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
+        cell, shape (m,) each, in the order of the configurations; rounding is included.
         """
         rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // len(self))
         for k in range(0, max(len(q), 1), batch):
@@ -538,9 +581,10 @@ class Rotations(ABC):
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the rotations and mirrors that map cells to cells.
 
-        Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A equals S R M A for every
-        rotation R, so S maps the raster for R to that for S R M. Returns each S, shape (d, d), with the image of each
-        cell, shape (count,); the identity is among them.
+        Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A
+        equals S R M A for every rotation R, so S maps the raster for R to that for S R M. Returns
+        each S, shape (d, d), with the image of each cell, shape (count,); the identity is among
+        them.
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
@@ -563,10 +607,11 @@ class Rotations(ABC):
         """Describe the cell that contains a rotation, or else all cells."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:
-            return (
-                f"{self.format_rotation(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
-            )
-        width = f"{angles.min():.3g}°" + ("" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°")
+            width = angles[self.cell_of(rotation)].item()
+            return f"{self.format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
+        width = f"{angles.min():.3g}°" + (
+            "" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°"
+        )
         return f"over all rotations, {len(self)} rotation cells of {width}"
 
     def __str__(self) -> str:

@@ -1,8 +1,8 @@
 """Look-ups of rotations for kernels, for all kinds of rotation cells.
 
-A rotation is a tuple: a quaternion, or a single yaw, which is zero for a robot that only translates. Borders are those
-of :class:`cspace.rotations.base.RotationTable`. The branches on the length of a rotation, or on the axes of borders,
-are taken when functions are compiled.
+A rotation is a tuple: a quaternion, or a single yaw, which is zero for a robot that only
+translates. Borders are those of :class:`cspace.rotations.base.RotationTable`. The branches on the
+length of a rotation, or on the axes of borders, are taken when functions are compiled.
 """
 
 from __future__ import annotations
@@ -12,7 +12,15 @@ import math
 from cspace.arrays import Floats, Matrix, Numbers
 from cspace.compiling import inlined, kernel
 from cspace.rotations.base import MAX_ANGLE
-from cspace.rotations.quaternion import cell_index, count_arcs, find_arc, find_parts, is_unit, normalise, slerp
+from cspace.rotations.quaternion import (
+    cell_index,
+    count_arcs,
+    find_arc,
+    find_parts,
+    is_unit,
+    normalise,
+    slerp,
+)
 from cspace.rotations.yaw import count_yaw_arcs, find_cell, signed_angle, wrap_to_cells
 
 
@@ -58,8 +66,9 @@ def arc_count(first: Numbers, second: Numbers) -> int:
 def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[float, float]:
     """Return the angle of a shortest arc, and its error; radians.
 
-    The error bounds the angle between the rotations on the arc and those of a planner that interpolates in its own way:
-    OMPL's may jump between nearly equal quaternions, so that it may be off by the whole angle.
+    The error bounds the angle between the rotations on the arc and those of a planner that
+    interpolates in its own way: OMPL's may jump between nearly equal quaternions, so that it may be
+    off by the whole angle.
     """
     if len(first) == 4:
         path = find_arc(first, second, arc)

@@ -44,7 +44,9 @@ OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
 
 
-_HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
+_HALF_TURNS: Final = np.array(
+    [np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float
+)
 """Matrices of the half turns about x, y and z, and the identity."""
 
 QUARTER_PI = math.pi / 4.0
@@ -53,7 +55,8 @@ QUARTER_PI = math.pi / 4.0
 OMPL_EQUALITY_SLACK = 4e-9
 """Distance of a dot product from 1 up to which unit quaternions count as equal.
 
-OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternions whose norm may be off by as much.
+OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternions whose norm may be
+off by as much.
 """
 
 MIN_ARC_ANGLE = 1e-9
@@ -64,8 +67,9 @@ MIN_ARC_ANGLE = 1e-9
 class QuaternionRotations(Rotations):
     """Cells of quaternions, for SE(3); see :meth:`Rotations.quaternions`.
 
-    The index of a cell is ``((c * n + i) * n + j) * n + k``, with the largest component c and the parts i, j and k of
-    the quotients of the others, in the order x, y, z, w. A boundary belongs to the cell above it.
+    The index of a cell is ``((c * n + i) * n + j) * n + k``, with the largest component c and the
+    parts i, j and k of the quotients of the others, in the order x, y, z, w. A boundary belongs to
+    the cell above it.
 
     Attributes
     ----------
@@ -79,7 +83,9 @@ class QuaternionRotations(Rotations):
     examples = ("0", "0", "0", "1")
     limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
-        "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
+        "quaternion": Coordinate(
+            "representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}
+        ),
         "covering_angle": COVERING_ANGLE,
     }
 
@@ -90,7 +96,13 @@ class QuaternionRotations(Rotations):
         See :meth:`Rotations.quaternions`.
         """
         return cls(
-            check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, "pass e.g. 8, for 2,048 cells of quaternions")
+            check_count(
+                value,
+                "rotations",
+                1,
+                MAX_PARTS_PER_AXIS,
+                "pass e.g. 8, for 2,048 cells of quaternions",
+            )
         )
 
     @classmethod
@@ -112,7 +124,9 @@ class QuaternionRotations(Rotations):
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(
+        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
+    ) -> Sequence[float]:
         """Sample a rotation within an angle of another one.
 
         ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
@@ -131,7 +145,9 @@ class QuaternionRotations(Rotations):
         if not (errors <= NORM_SLACK).all():
             worst = float(norms.reshape(-1)[np.argmax(errors)])
             hint = "divide it by its norm; the order is qx, qy, qz, qw"
-            raise InputError(name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst)
+            raise InputError(
+                name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst
+            )
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
     def rotation_between(self, first: Floats, second: Floats) -> Floats:
@@ -145,12 +161,16 @@ class QuaternionRotations(Rotations):
         difference = multiply(first * [-1.0, -1.0, -1.0, 1.0], nearer - first)[..., :3]
         sine = np.linalg.norm(difference, axis=-1, keepdims=True)
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
-        return np.asarray(difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0))
+        return np.asarray(
+            difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
+        )
 
     def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
-        rotated = multiply(rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1))
+        rotated = multiply(
+            rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
+        )
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
@@ -178,22 +198,29 @@ class QuaternionRotations(Rotations):
     def cell_of(self, rotation: ArrayLike) -> Ints:
         """Return the cells that contain quaternions.
 
-        Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative lie in one cell.
+        Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative
+        lie in one cell.
         """
         q = check_finite(rotation, "rotation")
         if q.ndim == 0 or q.shape[-1] != 4:
             rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
-            raise InputError("rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation)
+            raise InputError(
+                "rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation
+            )
         wrong = np.abs((q * q).sum(axis=-1) - 1.0) > 2.0 * NORM_SLACK
         if wrong.any():
             norm = float(np.linalg.norm(q[wrong][0]))
             rule = f"a quaternion's norm must be 1, within {NORM_SLACK:g}"
-            raise InputError("rotation", f"has a norm of {norm:.9g}", rule, "divide it by its norm", value=norm)
+            raise InputError(
+                "rotation", f"has a norm of {norm:.9g}", rule, "divide it by its norm", value=norm
+            )
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
         quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)
         parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
-        return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
+        return np.asarray(
+            largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64
+        )
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
@@ -222,8 +249,9 @@ class QuaternionRotations(Rotations):
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
-        Cells related by a half turn of the robot share a slice. In quaternions, half turns about the robot's axes
-        permute and negate components, and so map cells to cells; quarter turns do not.
+        Cells related by a half turn of the robot share a slice. In quaternions, half turns about
+        the robot's axes permute and negate components, and so map cells to cells; quarter turns do
+        not.
         """
         if shape.is_round:
             return np.zeros(len(self), dtype=np.int64)
@@ -236,10 +264,12 @@ class QuaternionRotations(Rotations):
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """List the rotations and mirrors between cells.
 
-        They permute and negate quaternion components. So they map cells to cells. Each has its matrix, and the cell to
-        which it maps each cell.
+        They permute and negate quaternion components. So they map cells to cells. Each has its
+        matrix, and the cell to which it maps each cell.
         """
-        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in self._changes(shape)]
+        return [
+            (matrix, self.cell_of(self.centers @ change)) for matrix, change in self._changes(shape)
+        ]
 
     def _changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
         """Return each image as two matrices.
@@ -255,14 +285,19 @@ class QuaternionRotations(Rotations):
         changes = np.round(multiply(multiply(inverses.swapaxes(1, 2), np.eye(4)), rotations))
         matrices = _HALF_TURNS @ symmetries[order, None].swapaxes(-1, -2)
         changes_seen: dict[bytes, tuple[Floats, Floats]] = {}
-        for matrix, change in zip(matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True):
+        for matrix, change in zip(
+            matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True
+        ):
             changes_seen.setdefault(change.tobytes(), (matrix, change))
         return changes_seen.values()
 
     def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form that shapes need."""
         matrices = self.make_matrices(self.centers, dim)
-        return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
+        return [
+            RotationCell(matrix, a)
+            for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)
+        ]
 
     @property
     def centers(self) -> Floats:
@@ -299,18 +334,24 @@ class QuaternionRotations(Rotations):
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a quaternion from each of several cells.
 
-        It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each boundary that is left
-        out.
+        It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each
+        boundary that is left out.
         """
         n, borders = self.n, self.borders
         parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
         low, widths = borders[parts[:, 1:]], np.diff(borders)[parts[:, 1:]]
-        # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell nearest to zero.
+        # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell
+        # nearest to zero.
         max_density = 1.0 + (np.maximum(np.maximum(low, -low - widths), 0.0) ** 2).sum(axis=1)
         quotients, pending = np.empty((len(cells), 3)), np.arange(len(cells))
         while len(pending):
-            drawn = low[pending] + widths[pending] * rng.uniform(margin, 1.0 - margin, (len(pending), 3))
-            accepted = rng.random(len(pending)) * (1.0 + (drawn**2).sum(axis=1)) ** 2 <= max_density[pending] ** 2
+            drawn = low[pending] + widths[pending] * rng.uniform(
+                margin, 1.0 - margin, (len(pending), 3)
+            )
+            accepted = (
+                rng.random(len(pending)) * (1.0 + (drawn**2).sum(axis=1)) ** 2
+                <= max_density[pending] ** 2
+            )
             quotients[pending[accepted]] = drawn[accepted]
             pending = pending[~accepted]
         return _quaternions(parts[:, 0], quotients)
@@ -326,7 +367,8 @@ class QuaternionRotations(Rotations):
     def neighbors(self) -> Ints:
         """Neighbors of each cell along the axes of its chart.
 
-        Their shape is (count, 6). They may lie in another chart, in which another component is largest.
+        Their shape is (count, 6). They may lie in another chart, in which another component is
+        largest.
         """
         parts = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
         charts, parts = parts[:, 0], parts[:, 1:]
@@ -374,7 +416,9 @@ def _chart(n: int) -> _Chart:
     # Cells that differ by mirrors and permutations of the axes have centers that differ likewise.
     mirrored = np.minimum(parts, n - 1 - parts)
     order = np.argsort(mirrored, axis=1, kind="stable")
-    classes, class_of = np.unique(np.take_along_axis(mirrored, order, axis=1), axis=0, return_inverse=True)
+    classes, class_of = np.unique(
+        np.take_along_axis(mirrored, order, axis=1), axis=0, return_inverse=True
+    )
     centers, angles = _smallest_caps(borders[classes[:, None] + _CORNERS])
     quotients = np.empty((n**3, 3))
     np.put_along_axis(quotients, order, centers[class_of.ravel()], axis=1)
@@ -382,7 +426,12 @@ def _chart(n: int) -> _Chart:
     volumes = _integrate_measure(classes, n)[class_of.ravel()]
     volumes = np.tile(volumes / (4.0 * volumes.sum()), 4)
     charts = np.repeat(np.arange(4), n**3)
-    arrays = borders, _quaternions(charts, np.tile(quotients, (4, 1))), np.tile(angles[class_of.ravel()], 4), volumes
+    arrays = (
+        borders,
+        _quaternions(charts, np.tile(quotients, (4, 1))),
+        np.tile(angles[class_of.ravel()], 4),
+        volumes,
+    )
     return _Chart(*map(frozen, arrays))
 
 
@@ -407,9 +456,10 @@ _CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (
 def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     """Return the center and covering angle of boxes.
 
-    The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation nearest to all
-    corners. The smallest ball about the corners on the sphere has two to four corners on its boundary. Its center has
-    the direction of the point nearest to zero in the affine hull of these corners. All choices of corners are tried.
+    The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
+    nearest to all corners. The smallest ball about the corners on the sphere has two to four
+    corners on its boundary. Its center has the direction of the point nearest to zero in the affine
+    hull of these corners. All choices of corners are tried.
     """
     corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
@@ -425,7 +475,8 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
         cosine = (corners @ point[..., None]).min(axis=(1, 2))
         better = ~flat & (cosine > best)
         best[better], center[better] = cosine[better], point[better]
-    # The angle of a rotation is twice that of its quaternion, which is at most the distance of the quotients.
+    # The angle of a rotation is twice that of its quaternion, which is at most the distance of the
+    # quotients.
     angles = 2.0 * np.arccos(best) + 4.0 * QUOTIENT_SLACK
     return center[:, :3] / center[:, 3:], angles
 
@@ -433,8 +484,8 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
 def _quaternions(charts: Ints, quotients: Floats) -> Floats:
     """Return unit quaternions of quotients.
 
-    They have shape (n, 4), and ``quotients`` has shape (n, 3). ``charts``, shape (n,), are the indices of their largest
-    components.
+    They have shape (n, 4), and ``quotients`` has shape (n, 3). ``charts``, shape (n,), are the
+    indices of their largest components.
     """
     quaternions = np.ones((len(charts), 4))
     np.put_along_axis(quaternions, np.asarray(OTHER_COMPONENTS)[charts], quotients, axis=1)
@@ -458,22 +509,24 @@ def multiply(first: Floats, second: Floats) -> Floats:
     )
 
 
-# ---- look-ups for kernels --------------------------------------------------------------------------------------------
+# ---- look-ups for kernels ------------------------------------------------------------------------
 
 
 class Arc(NamedTuple):
     """A shortest arc between two unit quaternions, with its chord.
 
-    SLERP turns evenly from the first to the second. It meets the chord at ``m + s d`` for s from -1 to 1, where m is
-    the midpoint and d half the chord. The time t satisfies ``tan((2 t - 1) half_angle) = s tan(half_angle)``. The chord
-    is straight in every chart, so it meets boundaries at zeros of linear functions of s.
+    SLERP turns evenly from the first to the second. It meets the chord at ``m + s d`` for s from -1
+    to 1, where m is the midpoint and d half the chord. The time t satisfies ``tan((2 t - 1)
+    half_angle) = s tan(half_angle)``. The chord is straight in every chart, so it meets boundaries
+    at zeros of linear functions of s.
 
     Attributes
     ----------
     first, second : tuple of float, length 4
         Ends, at most a right angle apart up to rounding.
     tangent, half_angle : float
-        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its quaternion.
+        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its
+        quaternion.
     is_tiny : bool
         True if OMPL counts the ends as equal, so that its rotation may jump between them.
     """
@@ -532,7 +585,12 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     """Return the chart of a quaternion, and the parts of its quotients."""
     chart = largest_component(q[0], q[1], q[2], q[3])
     largest, a, b, c = split(q, chart)
-    return chart, find_part(borders, a / largest), find_part(borders, b / largest), find_part(borders, c / largest)
+    return (
+        chart,
+        find_part(borders, a / largest),
+        find_part(borders, b / largest),
+        find_part(borders, c / largest),
+    )
 
 
 @kernel
@@ -584,12 +642,18 @@ def count_arcs(q0: Numbers, q1: Numbers) -> int:
 
 @kernel
 def clip_to_interval(
-    share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
+    share: float,
+    largest: float,
+    largest1: float,
+    other: float,
+    other1: float,
+    low: float,
+    high: float,
 ) -> float:
     """Clip a path between quaternions to a part of an axis.
 
-    ``share`` is the fraction of the path so far. For both quaternions the largest component is given, above zero in the
-    first, with another component.
+    ``share`` is the fraction of the path so far. For both quaternions the largest component is
+    given, above zero in the first, with another component.
     """
     for side in range(2):
         # Zero on the boundary, and negative inside.
@@ -604,9 +668,10 @@ def clip_to_interval(
 def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, bool]:
     """Return the cell at a point of the chord, and where the chord leaves it.
 
-    ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before the next cell, and
-    whether there is a next cell. The cell is widened by QUOTIENT_SLACK. A point farther than rounding from the previous
-    cell lies in another one. So there are as many cells as boundaries on the path, and no boundary is crossed twice.
+    ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
+    the next cell, and whether there is a next cell. The cell is widened by QUOTIENT_SLACK. A point
+    farther than rounding from the previous cell lies in another one. So there are as many cells as
+    boundaries on the path, and no boundary is crossed twice.
     """
     a, b = arc.first, arc.second
     q = (
@@ -621,7 +686,9 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, bool]
     share, parts = 1.0, (i, j, k)
     for n in range(3):
         low, high = borders[parts[n]] - QUOTIENT_SLACK, borders[parts[n] + 1] + QUOTIENT_SLACK
-        share = clip_to_interval(share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high)
+        share = clip_to_interval(
+            share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high
+        )
     return cell_index(borders, chart, i, j, k), done + (1.0 - done) * share, share < 1.0
 
 
@@ -635,21 +702,26 @@ def time_on_arc(arc: Arc, done: float) -> float:
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
     """Return the first and last part of an axis near a quaternion.
 
-    The first is above the last if there are none. Near quaternions are within an angle whose sine is ``reach``.
-    ``largest`` and ``other`` are two components of the quaternion. A plane through zero has the quotient u, and is
-    within reach if ``r |sin(atan u - atan(other / largest))| <= reach``, where r is the length of the two components.
+    The first is above the last if there are none. Near quaternions are within an angle whose sine
+    is ``reach``. ``largest`` and ``other`` are two components of the quaternion. A plane through
+    zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other / largest))| <=
+    reach``, where r is the length of the two components.
     """
     last, length = borders.shape[0] - 2, math.hypot(largest, other)
     if not reach < length:
         return 0, last
     center = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER_PI
     swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
-    if center - swing <= -3.0 * QUARTER_PI or center + swing >= 3.0 * QUARTER_PI:  # beyond the other end as well
+    if (
+        center - swing <= -3.0 * QUARTER_PI or center + swing >= 3.0 * QUARTER_PI
+    ):  # beyond the other end as well
         return 0, last
     low, high = max(center - swing, -QUARTER_PI), min(center + swing, QUARTER_PI)
     if low > high:
         return 0, -1
-    return find_part(borders, math.tan(low) - QUOTIENT_SLACK), find_part(borders, math.tan(high) + QUOTIENT_SLACK)
+    return find_part(borders, math.tan(low) - QUOTIENT_SLACK), find_part(
+        borders, math.tan(high) + QUOTIENT_SLACK
+    )
 
 
 @kernel

@@ -40,8 +40,8 @@ _QUARTER_MATRICES: Final = np.array(
 class YawRotations(Rotations):
     """Cells of yaw, in the plane or in space.
 
-    They are for SE(2) and R^3 x SO(2). Cell ``k`` is ``[borders[k], borders[k + 1]]``. The boundaries ascend over one
-    turn, from any angle. Yaws returned by the library are in [-pi, pi).
+    They are for SE(2) and R^3 x SO(2). Cell ``k`` is ``[borders[k], borders[k + 1]]``. The
+    boundaries ascend over one turn, from any angle. Yaws returned by the library are in [-pi, pi).
 
     Attributes
     ----------
@@ -57,7 +57,9 @@ class YawRotations(Rotations):
     limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
-        "yaw_bounds": Coordinate("borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}),
+        "yaw_bounds": Coordinate(
+            "borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}
+        ),
         "covering_angle": COVERING_ANGLE,
     }
 
@@ -65,17 +67,29 @@ class YawRotations(Rotations):
     def of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
-            hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
+            hint = (
+                "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all "
+                "rotations in space"
+            )
             count = check_count(value, "rotations", 1, MAX_YAW_CELLS, hint)
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
             if np.size(value) > MAX_YAW_CELLS + 1:
                 rule = f"there may be at most {MAX_YAW_CELLS} cells"
-                raise InputError("rotations", f"has {np.size(value)} borders", rule, "pass e.g. 72 cells", value=value)
+                raise InputError(
+                    "rotations",
+                    f"has {np.size(value)} borders",
+                    rule,
+                    "pass e.g. 72 cells",
+                    value=value,
+                )
             angles = check_finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
-                rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
+                rule, hint = (
+                    "it must hold at least two borders",
+                    "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
+                )
                 raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
             if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI:
                 raise InputError(
@@ -115,7 +129,9 @@ class YawRotations(Rotations):
         """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
-    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(
+        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
+    ) -> Sequence[float]:
         """Sample a rotation within an angle."""
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         wrapped_yaw = math.remainder(yaw, TWO_PI)
@@ -142,7 +158,12 @@ class YawRotations(Rotations):
         """Return the matrices of yaws."""
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
-        matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = cos, -sin, sin, cos
+        matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = (
+            cos,
+            -sin,
+            sin,
+            cos,
+        )
         return matrices
 
     def __len__(self) -> int:
@@ -174,9 +195,12 @@ class YawRotations(Rotations):
         """
         angles = check_finite(yaw, "yaw")
         check_wrappable(angles, "yaw")
-        # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is unchanged.
+        # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is
+        # unchanged.
         wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
-        return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1).astype(np.int64)
+        return np.clip(
+            np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1
+        ).astype(np.int64)
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
@@ -282,10 +306,12 @@ def check_wrappable(yaws: Floats, name: str) -> None:
     largest = float(np.abs(yaws).max(initial=0.0))
     if largest > MAX_ANGLE:
         rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-        raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
+        raise InputError(
+            name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest
+        )
 
 
-# ---- look-ups for kernels --------------------------------------------------------------------------------------------
+# ---- look-ups for kernels ------------------------------------------------------------------------
 #
 # In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
 
@@ -300,8 +326,8 @@ def wrap_to_cells(borders: Floats, yaw: float) -> float:
 def find_cell(borders: Floats, yaw: float) -> int:
     """Return the cell of a wrapped yaw.
 
-    The first guess assumes that all cells have one width. A boundary belongs to the cell above it. A wrong guess is
-    followed by bisection.
+    The first guess assumes that all cells have one width. A boundary belongs to the cell above it.
+    A wrong guess is followed by bisection.
     """
     count = borders.shape[0] - 1
     guess = (yaw - borders[0]) * (count / TWO_PI)
@@ -336,7 +362,11 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)
     k = cell - revolutions * count
-    return k, borders[k] + revolutions * TWO_PI - ANGLE_SLACK, borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK
+    return (
+        k,
+        borders[k] + revolutions * TWO_PI - ANGLE_SLACK,
+        borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK,
+    )
 
 
 @inlined

@@ -47,7 +47,8 @@ class HasShape(Protocol):
 
 
 ShapeLike: TypeAlias = (
-    "Shape | HasShape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike | BallSet | ArrayLike"
+    "Shape | HasShape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike "
+    "| BallSet | ArrayLike"
 )
 """Types that :func:`as_shape` converts."""
 
@@ -77,16 +78,20 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
     Parameters
     ----------
-    source : Shape, Robot, shapely geometry, GeoJSON mapping, or iterable of these; mesh; str or path; or array-like
-        Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or :meth:`Mesh.of` takes, metres. A
-        string is a short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.SHORT_TEXT_FORMS`), WKT,
-        or the path of a file of polygons or a mesh.
+    source : Shape, Robot, shapely geometry, GeoJSON mapping, mesh, path, or array-like
+        Or an iterable of shapes, robots, geometries or mappings.
+        Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or
+        :meth:`Mesh.of` takes, metres. A string is a short text such as ``"ellipse:0.5,0.3"``
+        (:data:`cspace.shapes.primitives.SHORT_TEXT_FORMS`), WKT, or the path of a file of polygons
+        or a mesh.
     radius : array-like, shape () or (n,), optional
-        Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
+        Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
+        2) or (n, 3).
     name : str
         The caller's argument, for messages.
 
-    Raises InputError if `source` describes no shape, and FileError if it names a missing or malformed file.
+    Raises InputError if `source` describes no shape, and FileError if it names a missing or
+    malformed file.
     """
     import shapely
 
@@ -99,27 +104,40 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
         return _shape_of_text(source, name)
-    if isinstance(getattr(source, "name", None), str) and isinstance(shape := getattr(source, "shape", None), Shape):
+    if isinstance(getattr(source, "name", None), str) and isinstance(
+        shape := getattr(source, "shape", None), Shape
+    ):
         return shape
     if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return _shape_of_sequence(given, name)
     if isinstance(given, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
     if not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
-        hint = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
-        raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", hint, value=source)
+        hint = (
+            "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and "
+            "their radius"
+        )
+        raise InputError(
+            name,
+            f"is a {type(given).__name__}",
+            "a polygon or a mesh is needed",
+            hint,
+            value=source,
+        )
     return _mesh(given)
 
 
 def _shape_of_sequence(given: Any, name: str) -> Shape:
-    """Make the shape of a list or array: geometries, corners of a polygon, or vertices and faces."""
+    """Make the shape of a list or array: geometries, corners, or vertices and faces."""
     import shapely
 
     from cspace.files.vector import read_shapes
 
     if getattr(given, "dtype", None) == np.bool_:
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError(name, "is an array of cells", "their size must be given", hint, value=given)
+        raise InputError(
+            name, "is an array of cells", "their size must be given", hint, value=given
+        )
     first: Any = next(iter(given), {})
     if isinstance(first, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
@@ -129,7 +147,9 @@ def _shape_of_sequence(given: Any, name: str) -> Shape:
             return Polygons.of(given)
         except GeometryError as error:
             hint = f"{error.hint}; for points, pass their radius"
-            raise GeometryError(error.argument, error.problem, error.rule, hint, value=given) from error
+            raise GeometryError(
+                error.argument, error.problem, error.rule, hint, value=given
+            ) from error
     if row in ((2,), (3,)) or (row == () and len(given) in (2, 3)):
         hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
         if row == (2,) or len(given) == 2:
@@ -160,7 +180,12 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
         return _mesh(source)
     if suffix in POLYGON_SUFFIXES or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
-    rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
+    rule = (
+        "it must be a short text, WKT, or a file that ends in "
+        f"{', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
+    )
     kinds = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
-    hint = suggest_converter(Path(source)) or " ".join(filter(None, (suggest_name(Path(source)), kinds)))
+    hint = suggest_converter(Path(source)) or " ".join(
+        filter(None, (suggest_name(Path(source)), kinds))
+    )
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

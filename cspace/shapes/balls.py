@@ -57,9 +57,11 @@ class Balls(ExactShape):
     def of(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Balls:
         """Make balls from centers and radii, or from a decomposition; metres.
 
-        `centers` has shape (n, dim); `radii` has shape (n,), or is one number, or None for a decomposition.
+        `centers` has shape (n, dim); `radii` has shape (n,), or is one number, or None for a
+        decomposition.
 
-        Raises InputError if there is no ball, the shapes do not match, a value is not finite, or a radius is negative.
+        Raises InputError if there is no ball, the shapes do not match, a value is not finite, or a
+        radius is negative.
         """
         return cls(*check_balls(centers, radii))
 
@@ -92,7 +94,9 @@ class Balls(ExactShape):
         """
         if self.dim == 2:
             return float(self.outline.area) / _POLYGON_AREA_RATIO
-        return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
+        return (
+            float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
+        )
 
     @property
     def inscribed_radius(self) -> float:
@@ -112,7 +116,9 @@ class Balls(ExactShape):
 
         growth = rotation.displacement(self.centers)
         centers = rotation.apply(self.centers)
-        return rounded_rasters(RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth)
+        return rounded_rasters(
+            RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth
+        )
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see ``Shape.cells``."""
@@ -141,7 +147,9 @@ class Balls(ExactShape):
             return super().outline
         import shapely
 
-        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_DISC_SIDES // 4))
+        return shapely.union_all(
+            shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_DISC_SIDES // 4)
+        )
 
     @property
     def surface(self) -> Surface:
@@ -187,8 +195,9 @@ class Balls(ExactShape):
 class Point(Balls):
     """The origin, the robot in the joint space of an arm.
 
-    A point inside a cell touches no other cell. So the workspace must mark every cell that obstacles touch, even if
-    only on the cell's boundary. Then the map equals the workspace, cell for cell.
+    A point inside a cell touches no other cell. So the workspace must mark every cell that
+    obstacles touch, even if only on the cell's boundary. Then the map equals the workspace, cell
+    for cell.
     """
 
     shown = False
@@ -237,18 +246,29 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
     if isinstance(centers, BallSet):
         if radii is not None:
             rule = "a decomposition has its own"
-            raise InputError("radii", "is given besides a decomposition", rule, "omit it", value=radii)
+            raise InputError(
+                "radii", "is given besides a decomposition", rule, "omit it", value=radii
+            )
         radii, centers = centers.radii, centers.centers
     elif radii is None:
-        raise InputError("radii", "is missing", "balls need one number, or one per center", "pass it in metres")
+        raise InputError(
+            "radii", "is missing", "balls need one number, or one per center", "pass it in metres"
+        )
     points, sizes = check_finite(centers, "centers"), check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError("centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers)
+        raise InputError(
+            "centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers
+        )
     if sizes.shape not in {(), (len(points),)}:
-        rule, hint = f"it must be one number or ({len(points)},)", "pass one number, or one per center"
+        rule, hint = (
+            f"it must be one number or ({len(points)},)",
+            "pass one number, or one per center",
+        )
         raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"
-        raise InputError("radii", problem, "none may be below zero", "pass lengths in metres", value=radii)
+        raise InputError(
+            "radii", problem, "none may be below zero", "pass lengths in metres", value=radii
+        )
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

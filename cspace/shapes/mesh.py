@@ -57,7 +57,9 @@ class MeshScene(Protocol):
 
 
 Solid = Literal["auto", "surface", "fill"]
-MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
+MeshLike: TypeAlias = (
+    "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
+)
 
 FaceSelection: TypeAlias = "Ints | slice"
 """Indices of some triangles."""
@@ -67,7 +69,8 @@ SOLIDS: Final = ("auto", "surface", "fill")
 
 _MAX_COORDINATE: Final = 1e100
 _MIN_MESH_EXTENT: Final = 1e-100
-"""The largest modulus of a coordinate lies between `_MIN_MESH_EXTENT` and `_MAX_COORDINATE`, or is zero."""
+"""The largest modulus of a coordinate lies between `_MIN_MESH_EXTENT` and `_MAX_COORDINATE`, or is
+zero."""
 
 _MIN_MESH_COORDINATE: Final = 1e-200
 """Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
@@ -92,20 +95,23 @@ class Mesh(ExactShape):
 
     * ``"auto"``: every point where the winding number of all closed bodies together is non-zero.
 
-      A body is a set of triangles that are connected through shared edges. It is closed if its triangles run along each
-      edge equally often in both directions. Exact copies of triangles are dropped first, or cancel if they are a wall
-      between two parts; single reversed triangles are turned back. Any other body (with holes, Moebius strips, more
-      than two triangles at an edge and no consistent winding) is a surface without an interior, and a
-      :class:`MeshWarning` says so.
+      A body is a set of triangles that are connected through shared edges. It is closed if its
+      triangles run along each edge equally often in both directions. Exact copies of triangles are
+      dropped first, or cancel if they are a wall between two parts; single reversed triangles are
+      turned back. Any other body (with holes, Moebius strips, more than two triangles at an edge
+      and no consistent winding) is a surface without an interior, and a :class:`MeshWarning` says
+      so.
 
-      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one is nested in another.
-      A body that faces inward, nested in one that faces outward, is a cavity, which may contain an island, and so on. A
-      body that faces inward and has a corner outside all bodies that face outward cannot be a cavity; it is reversed,
-      and solid. Points where windings cancel, as in some pockets of a body that passes through itself, are hollow.
+      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one
+      is nested in another. A body that faces inward, nested in one that faces outward, is a cavity,
+      which may contain an island, and so on. A body that faces inward and has a corner outside all
+      bodies that face outward cannot be a cavity; it is reversed, and solid. Points where windings
+      cancel, as in some pockets of a body that passes through itself, are hollow.
     * ``"surface"``: nothing.
-    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does not touch. The
-      result depends on the spacing: gaps narrower than about a cell are closed. If a mesh with open bodies encloses no
-      cell at all, it is a surface without an interior, and a :class:`MeshWarning` says so when its cells are made.
+    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does
+      not touch. The result depends on the spacing: gaps narrower than about a cell are closed. If a
+      mesh with open bodies encloses no cell at all, it is a surface without an interior, and a
+      :class:`MeshWarning` says so when its cells are made.
 
     Parameters
     ----------
@@ -139,15 +145,23 @@ class Mesh(ExactShape):
         vertices, faces = _check_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
             hint = "for a cloud of points use Workspace.from_points"
-            raise GeometryError(self.source, "has no triangles", "a mesh needs one", hint, value=self.faces)
+            raise GeometryError(
+                self.source, "has no triangles", "a mesh needs one", hint, value=self.faces
+            )
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             problem = f"has shape {faces.shape} and dtype {faces.dtype}"
-            rule, hint = "it must be (F, 3), of whole numbers", "pass three vertex indices per triangle"
+            rule, hint = (
+                "it must be (F, 3), of whole numbers",
+                "pass three vertex indices per triangle",
+            )
             raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
         low, high = int(faces.min()), int(faces.max())
         if low < 0 or high >= len(vertices):
             problem = f"name vertex {low if low < 0 else high}"
-            rule, hint = f"there are {len(vertices)}, counted from 0", "pass the vertices that belong to the faces"
+            rule, hint = (
+                f"there are {len(vertices)}, counted from 0",
+                "pass the vertices that belong to the faces",
+            )
             raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
         faces = np.array(faces, dtype=np.int64, order="C")
         object.__setattr__(self, "vertices", frozen(vertices))
@@ -167,7 +181,8 @@ class Mesh(ExactShape):
         Raises
         ------
         InputError
-            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is another word.
+            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is another
+            word.
         GeometryError
             If there is no triangle.
         FileError
@@ -186,15 +201,19 @@ class Mesh(ExactShape):
     def convert(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
         """Make a mesh like :meth:`of`, without a warning."""
         if isinstance(shape, Mesh):
-            return shape if solid in ("auto", shape.solid) else cls(shape.vertices, shape.faces, solid, shape.source)
+            return (
+                shape
+                if solid in ("auto", shape.solid)
+                else cls(shape.vertices, shape.faces, solid, shape.source)
+            )
         vertices, faces, source = _read_arrays(shape)
         return cls(vertices, faces, solid, source)
 
     def warn_if_open(self, option: str = "solid={!r}", fills: bool = True) -> None:
         """Warn, once per mesh with ``solid="auto"``, of bodies without an interior.
 
-        `option` is the spelling of ``solid`` in the function that the user called; `fills` is True if that function
-        accepts ``"fill"``.
+        `option` is the spelling of ``solid`` in the function that the user called; `fills` is True
+        if that function accepts ``"fill"``.
         """
         if self.solid == "auto" and not self._warned:
             object.__setattr__(self, "_warned", True)
@@ -303,8 +322,8 @@ class Mesh(ExactShape):
     def project_to_plane(self) -> Shape:
         """Project the mesh onto the plane of x and y.
 
-        The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The micrometre
-        covers the rounding of the union.
+        The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The
+        micrometre covers the rounding of the union.
         """
         import shapely
 
@@ -314,16 +333,27 @@ class Mesh(ExactShape):
         twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
         # Unions and buffers lose triangles seen edge-on, so their longest sides stand for them.
         is_line = 4.0 * twice_area <= _SHADOW_MARGIN * lengths.max(axis=1)
-        shadow = _without_cracks(shapely.union_all(shapely.polygons(corners[~is_line])), _MAX_CRACK_WIDTH * self.span)
+        shadow = _without_cracks(
+            shapely.union_all(shapely.polygons(corners[~is_line])), _MAX_CRACK_WIDTH * self.span
+        )
         within = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
         if within.is_empty:
-            raise GeometryError(self.source, "is flat, seen from above", "it must have an area there", "check its axes")
+            raise GeometryError(
+                self.source,
+                "is flat, seen from above",
+                "it must have an area there",
+                "check its axes",
+            )
         first = lengths[is_line].argmax(axis=1)[:, None]
-        ends = np.take_along_axis(corners[is_line], np.hstack([first, (first + 1) % 3])[..., None], axis=1)
+        ends = np.take_along_axis(
+            corners[is_line], np.hstack([first, (first + 1) % 3])[..., None], axis=1
+        )
         lines = shapely.linestrings(ends)
         near = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
         shapely.prepare(near)
-        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _SHADOW_MARGIN, cap_style="square")
+        apart = shapely.buffer(
+            lines[~shapely.covers(near, lines)], _SHADOW_MARGIN, cap_style="square"
+        )
         around = shapely.union_all([shadow.buffer(_SHADOW_MARGIN, join_style="mitre"), *apart])
         return BoundedShape(Polygons.of(around), Polygons.of(within))
 
@@ -334,19 +364,27 @@ class Mesh(ExactShape):
         far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
         move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
         if far > MAX_ORIGIN_OFFSET * size:
-            problem = f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point"
+            problem = (
+                f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's "
+                "reference point"
+            )
             rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
             raise GeometryError("mesh", problem, rule, f"move its center there first, by {move}")
         if warn and far > size:
             warn_user(
-                f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference "
+                f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which "
+                "is its reference "
                 f"point; if this is not intended, move its center there first, by {move}"
             )
 
     def is_same(self, matrix: Floats) -> bool:
         """Return True if a matrix maps the mesh to itself; see :meth:`Shape.is_same`."""
-        # Sums of the bits as integers do not depend on the order, and few other matrices preserve them.
-        sums = [(self._corners @ turn.T + 0.0).view(np.int64).sum(axis=0) for turn in (np.eye(3), matrix)]
+        # Sums of the bits as integers do not depend on the order, and few other matrices preserve
+        # them.
+        sums = [
+            (self._corners @ turn.T + 0.0).view(np.int64).sum(axis=0)
+            for turn in (np.eye(3), matrix)
+        ]
         return np.array_equal(*sums) and super().is_same(matrix)
 
     @cached_property
@@ -371,7 +409,8 @@ class Mesh(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the closed bodies.
 
-        The answer holds for points farther from the surface than rounding. With ``solid="surface"`` it is all False.
+        The answer holds for points farther from the surface than rounding. With ``solid="surface"``
+        it is all False.
 
         Parameters
         ----------
@@ -419,7 +458,10 @@ class Mesh(ExactShape):
             vertices, faces = _decode(given["vertices"], "<f8"), _decode(given["faces"], "<i8")
             solid, source = given["solid"], str(given["source"])
         except (KeyError, TypeError, ValueError) as error:
-            rule, hint = "a mesh needs vertices, faces, solid and source", "write it again with Mesh.spec"
+            rule, hint = (
+                "a mesh needs vertices, faces, solid and source",
+                "write it again with Mesh.spec",
+            )
             raise InputError("spec", f"is damaged: {error!r}", rule, hint, value=spec) from error
         mesh = cls(vertices, faces, solid, source)
         # The user was warned when the spec was made.
@@ -440,16 +482,24 @@ class Mesh(ExactShape):
         from cspace.raster.surfaces import WindingNumber
 
         counted = np.flatnonzero(self._turns)
-        return WindingNumber(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
+        return WindingNumber(
+            self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted]
+        )
 
-    def _solid_surface(self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)) -> SolidSurface:
+    def _solid_surface(
+        self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)
+    ) -> SolidSurface:
         """Return selected triangles as a surface with its solid.
 
         `columns` selects the enclosing triangles above and below them.
         """
         from cspace.raster.surfaces import ClosedSurface, SolidSurface
 
-        shell = ClosedSurface(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
+        shell = (
+            ClosedSurface(self.vertices, self.faces[columns], self._turns[columns])
+            if self.encloses
+            else None
+        )
         fill = self._warn_of_nothing if self.solid == "fill" else None
         return SolidSurface(self.vertices, self.faces[near], shell, fill, self.source)
 
@@ -459,8 +509,10 @@ class Mesh(ExactShape):
             return
         object.__setattr__(self, "_warned", True)
         message = (
-            f"{self.source} is open and encloses no cell of {spacing:g} m, so filling added none; it counts as a "
-            "surface without an inside; close its gaps, use cells larger than the gaps, or choose the surface only"
+            f"{self.source} is open and encloses no cell of {spacing:g} m, so filling added none; "
+            "it counts as a "
+            "surface without an inside; close its gaps, use cells larger than the gaps, or "
+            "choose the surface only"
         )
         warn_user(message, MeshWarning)
 
@@ -471,42 +523,47 @@ class Mesh(ExactShape):
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
             yield (
-                f"no triangle of {self.source} has an area; it counts as a surface without an inside; pass {surface} "
+                f"no triangle of {self.source} has an area; it counts as a surface without an "
+                f"inside; pass {surface} "
                 "to confirm this"
             )
         if open_bodies:
             yield (
                 f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
-                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} triangles); they count as "
-                f"surfaces without an inside; close their gaps, or pass {surface} if no body has an inside"
-                + f", or {fill} to fill what the cells enclose"
-                * fills
+                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} "
+                "triangles); they count as "
+                f"surfaces without an inside; close their gaps, or pass {surface} if no body has "
+                "an inside" + f", or {fill} to fill what the cells enclose" * fills
             )
         if hollow:
             yield (
-                f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, for example because "
-                "a surface is drawn once for each side; such a body is hollow; draw each surface once"
-                + f", or pass {fill} to fill what the cells enclose"
-                * fills
+                f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, "
+                "for example because "
+                "a surface is drawn once for each side; such a body is hollow; draw each surface "
+                "once" + f", or pass {fill} to fill what the cells enclose" * fills
             )
 
 
 def _merged_faces(points: Floats, faces: Ints) -> Floats:
     """Return rows that identify the surface of closed bodies.
 
-    They do not depend on the diagonals of flat faces. Triangles in one plane across an axis that face the same way
-    are identified by the sides that do not cancel between them, and their multiplicity; other triangles by
-    themselves. `points` are in order, and `faces` index them.
+    They do not depend on the diagonals of flat faces. Triangles in one plane across an axis that
+    face the same way are identified by the sides that do not cancel between them, and their
+    multiplicity; other triangles by themselves. `points` are in order, and `faces` index them.
     """
     corners = points[faces]
     level = (corners == corners[:, :1]).all(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    plane = np.where(level.any(axis=1), (1 + level.argmax(axis=1)) * np.sign((level * normal).sum(axis=1)), 0.0)
+    plane = np.where(
+        level.any(axis=1), (1 + level.argmax(axis=1)) * np.sign((level * normal).sum(axis=1)), 0.0
+    )
     # A triangle that is identified by itself has all of its corners in each of its rows.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
     forth = sides[..., 0] < sides[..., 1]
     third = np.where(plane[:, None] == 0.0, np.roll(faces, -2, axis=1), -1)
-    rows = np.column_stack([np.repeat(plane, 3), np.sort(sides, axis=-1).reshape(-1, 2), third.ravel()])
+    rows = np.column_stack(
+        [np.repeat(plane, 3), np.sort(sides, axis=-1).reshape(-1, 2), third.ravel()]
+    )
     kinds, kind = unique_rows(rows)
     counts = np.bincount(kind, weights=np.where(forth, 1.0, -1.0).ravel())
     kinds, counts = kinds[counts != 0.0], counts[counts != 0.0]
@@ -523,7 +580,11 @@ def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     import shapely
 
     def filled(part: Any) -> BaseGeometry:
-        holes = [hole for hole in part.interiors if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty]
+        holes = [
+            hole
+            for hole in part.interiors
+            if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
+        ]
         return shapely.Polygon(part.exterior, holes)
 
     return shapely.MultiPolygon([filled(part) for part in shapely.get_parts(shadow)])
@@ -548,15 +609,25 @@ def _check_vertices(values: Any, source: str) -> Floats:
     vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         rule, hint = "it must be (V, 3), in metres", "pass x, y, z of each vertex"
-        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values)
+        raise GeometryError(
+            f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values
+        )
     far = float(np.abs(vertices).max(initial=0.0))
     if far > _MAX_COORDINATE:
         rule = f"the limit is {_MAX_COORDINATE:g}"
-        raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
+        raise GeometryError(
+            f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values
+        )
     if 0.0 < far < _MIN_MESH_EXTENT:
         rule = f"they must reach {_MIN_MESH_EXTENT:g}"
-        raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
-    return np.array(np.where(np.abs(vertices) < _MIN_MESH_COORDINATE, 0.0, vertices), dtype=np.float64, order="C")
+        raise GeometryError(
+            f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values
+        )
+    return np.array(
+        np.where(np.abs(vertices) < _MIN_MESH_COORDINATE, 0.0, vertices),
+        dtype=np.float64,
+        order="C",
+    )
 
 
 def _encode(array: NDArray[Any], dtype: str) -> str:

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 _MIN_COORDINATE: Final = 1e-200
-"""Smaller coordinates are set to zero, metres, because shapely fails on numbers whose products underflow."""
+"""Smaller coordinates are set to zero, metres, because shapely fails on numbers whose products
+underflow."""
 
 
 class Polygons(ExactShape):
@@ -55,26 +56,36 @@ class Polygons(ExactShape):
     def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
         """Make polygons with an area from the values that :meth:`cspace.Robot.polygon` takes.
 
-        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon. Raises InputError if
-        a coordinate is NaN or infinite.
+        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon.
+        Raises InputError if a coordinate is NaN or infinite.
         """
         import shapely
 
         if isinstance(shape, shapely.Geometry):
             given = [shape]
-        elif isinstance(shape, Sequence) and shape and all(isinstance(part, shapely.Geometry) for part in shape):
+        elif (
+            isinstance(shape, Sequence)
+            and shape
+            and all(isinstance(part, shapely.Geometry) for part in shape)
+        ):
             given = list(shape)
         else:
             vertices = check_finite(shape, "polygon")
             if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
                 rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
-                raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
+                raise GeometryError(
+                    "polygon", f"has shape {vertices.shape}", rule, hint, value=shape
+                )
             given = [shapely.Polygon(vertices)]
         parts = [part for whole in given for part in shapely.get_parts(whole)]
         if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
-        names = ["polygon"] if len(parts) == 1 else [f"polygon[{number}]" for number in range(len(parts))]
+        names = (
+            ["polygon"]
+            if len(parts) == 1
+            else [f"polygon[{number}]" for number in range(len(parts))]
+        )
         check_shapes(parts, names.__getitem__)
         for name, part in zip(names, parts, strict=True):
             if part.geom_type != "Polygon":
@@ -82,15 +93,17 @@ class Polygons(ExactShape):
                 raise GeometryError(name, problem, rule, "remove other parts", value=part)
             if not part.area > 0.0:
                 problem = f"has area {part.area:g}"
-                raise GeometryError(name, problem, "it must be above zero", "pass its whole boundary", value=part)
+                raise GeometryError(
+                    name, problem, "it must be above zero", "pass its whole boundary", value=part
+                )
         return cls(parts)
 
     @cached_property
     def parts(self) -> list[tuple[Floats, bool]]:
         """Boundary of each simple geometry, and True if filled.
 
-        Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which enclose it by even-odd
-        parity.
+        Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which
+        enclose it by even-odd parity.
         """
         return list(_iterate_parts(self.geometries))
 
@@ -170,7 +183,8 @@ class Polygons(ExactShape):
     def regions(self) -> list[Floats]:
         """Boundary segments of each filled part.
 
-        They are ``(x0, y0, x1, y1)``, shape (E, 4); lines are left out. They enclose the part by even-odd parity.
+        They are ``(x0, y0, x1, y1)``, shape (E, 4); lines are left out. They enclose the part by
+        even-odd parity.
         """
         return [segments for segments, filled in self.parts if filled]
 
@@ -179,21 +193,32 @@ class Polygons(ExactShape):
         """Union of the geometries."""
         import shapely
 
-        return self.geometries[0] if len(self.geometries) == 1 else shapely.union_all(list(self.geometries))
+        return (
+            self.geometries[0]
+            if len(self.geometries) == 1
+            else shapely.union_all(list(self.geometries))
+        )
 
     def _features(self, matrix: Floats) -> Floats:
         """Return undirected boundary segments with the index of their part."""
         segments = np.concatenate([segments for segments, _ in self.parts])
-        number = np.repeat(np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts])
+        number = np.repeat(
+            np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts]
+        )
         endpoints = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
         (x0, y0), (x1, y1) = endpoints[:, 0].T, endpoints[:, 1].T
-        endpoints = np.where(((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], endpoints[:, ::-1], endpoints)
+        endpoints = np.where(
+            ((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], endpoints[:, ::-1], endpoints
+        )
         return np.column_stack([endpoints.reshape(-1, 4), number])
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries]}
+        return {
+            "kind": "polygon",
+            "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries],
+        }
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Polygons:

@@ -13,7 +13,14 @@ from cspace.errors import InputError
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import BoundedShape, BoundsPair, Shape, capsule_bounds, cylinder_bounds, ellipse_bounds
+from cspace.shapes.shape import (
+    BoundedShape,
+    BoundsPair,
+    Shape,
+    capsule_bounds,
+    cylinder_bounds,
+    ellipse_bounds,
+)
 from cspace.shapes.voxels import Box
 
 
@@ -26,19 +33,27 @@ class NamedShape(NamedTuple):
 
 def disc(radius: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make a disc; metres."""
-    return NamedShape(f"disc {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center)], radius))
+    return NamedShape(
+        f"disc {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center)], radius)
+    )
 
 
 def ball(radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make a ball; metres."""
-    return NamedShape(f"ball {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center, dim=3)], radius))
+    return NamedShape(
+        f"ball {check_positive(radius, 'radius'):g} m",
+        Balls.of([check_point(center, dim=3)], radius),
+    )
 
 
 def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make a rectangle, `length` along x and `width` along y; metres."""
     import shapely
 
-    half_length, half_width = check_positive(length, "length") / 2, check_positive(width, "width") / 2
+    half_length, half_width = (
+        check_positive(length, "length") / 2,
+        check_positive(width, "width") / 2,
+    )
     x, y = check_point(center).tolist()
     box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
     return NamedShape(f"rectangle {length:g} m x {width:g} m", Polygons.of(box))
@@ -55,7 +70,10 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
     )
     outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
     is_disc = radii[0] == radii[1] and not center_point.any()
-    return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", BoundedShape(outer, inner, is_round_about_z=is_disc))
+    return NamedShape(
+        f"ellipse {radius_x:g} m x {radius_y:g} m",
+        BoundedShape(outer, inner, is_round_about_z=is_disc),
+    )
 
 
 def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
@@ -67,7 +85,9 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright cylinder between two prisms; metres."""
     sizes = check_positive(radius, "radius"), check_positive(height, "height")
-    return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _translate(cylinder_bounds(*sizes), center))
+    return NamedShape(
+        f"cylinder {radius:g} m, {height:g} m high", _translate(cylinder_bounds(*sizes), center)
+    )
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
@@ -76,7 +96,9 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
     It holds the points within `radius` of a vertical segment of `length`.
     """
     sizes = check_positive(radius, "radius"), check_positive(length, "length")
-    return NamedShape(f"capsule {radius:g} m, {length:g} m long", _translate(capsule_bounds(*sizes), center))
+    return NamedShape(
+        f"capsule {radius:g} m, {length:g} m long", _translate(capsule_bounds(*sizes), center)
+    )
 
 
 def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
@@ -100,7 +122,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
 
-# ---- short texts -----------------------------------------------------------------------------------------------------
+# ---- short texts ---------------------------------------------------------------------------------
 
 
 class Form(NamedTuple):
@@ -171,14 +193,20 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
         solid = parse_short_text(rest, name)
         return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
     if kind == FOOTPRINT:
-        hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use Robot.open(path).footprint() for a file"
+        hint = (
+            f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use "
+            "Robot.open(path).footprint() for a file"
+        )
         rule = "corners or a short text must follow the colon"
         raise InputError(name, f"is {text!r}", rule, hint, value=text)
     form = SHORT_TEXT_FORMS[kind]
     sizes, at, place = rest.partition("@")
     values, center = _numbers(sizes, form.separator), _numbers(place, ",")
     if len(values) != len(form.sizes) or min(values) <= 0.0 or bool(at) != bool(center):
-        rule = f"{form.metavar} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z for a center"
+        rule = (
+            f"{form.metavar} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
+            "for a center"
+        )
         hint = f"write e.g. {kind}:{form.separator.join(['0.3'] * len(form.sizes))}"
         raise InputError(name, f"is {text!r}", rule, hint, value=text)
     return form.make(*values, *[center] if at else [])

@@ -70,11 +70,13 @@ def read_urdf(
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links are as for :meth:`cspace.Robot.from_urdf`. If a shape is curved, return
-    an outer and an inner surface. Without `primitives`, only meshes are accepted.
+    It is in the frame of the first link. Links are as for :meth:`cspace.Robot.from_urdf`. If a
+    shape is curved, return an outer and an inner surface. Without `primitives`, only meshes are
+    accepted.
 
-    Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is missing, the links
-    have no collision geometry, or a size is not above zero. Raises MissingPackageError without yourdfpy.
+    Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is
+    missing, the links have no collision geometry, or a size is not above zero. Raises
+    MissingPackageError without yourdfpy.
     """
     folders = package_folders(package_dirs)
     file = os.fspath(path)
@@ -91,21 +93,35 @@ def read_urdf(
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
             if not primitives and collision.geometry.mesh is None:
-                problem = f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
-                rule, hint = "only a mesh can be a surface without an inside", "omit it, or name links with only meshes"
+                problem = (
+                    f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
+                )
+                rule, hint = (
+                    "only a mesh can be a surface without an inside",
+                    "omit it, or name links with only meshes",
+                )
                 raise InputError("solid", problem, rule, hint, value="surface")
-            transform = pose if collision.origin is None else pose @ check_finite(collision.origin, f"{place}: origin")
+            transform = (
+                pose
+                if collision.origin is None
+                else pose @ check_finite(collision.origin, f"{place}: origin")
+            )
             outer, inner = _bounds_pair(collision.geometry, meshes, place)
             moved = transform_surface(outer, transform)
             pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
-        hint = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
+        hint = (
+            f"name links that have: {', '.join(has_shape)}"
+            if has_shape
+            else "add <collision> to its links"
+        )
         problem = f"is {', '.join(links) or 'not there'}"
         raise InputError("link", problem, "no such link has collision geometry", hint, value=link)
     if link is None and (left := [name for name in has_shape if name not in rigid]):
         warn_user(
-            f"{file}: {', '.join(left)} move against {base} and are omitted; to include them, name all links, which "
+            f"{file}: {', '.join(left)} move against {base} and are omitted; to include them, "
+            "name all links, which "
             "are placed with their joints at zero"
         )
     curved = any(outer is not inner for outer, inner in pairs)
@@ -117,8 +133,8 @@ def link_shapes(
 ) -> Iterator[tuple[Shape, Floats]]:
     """Yield the shapes of a link and their poses.
 
-    Poses are in the frame of the link, shape (4, 4). `meshes` are the files from :func:`find_meshes`; `solid` says
-    which part of a mesh is solid.
+    Poses are in the frame of the link, shape (4, 4). `meshes` are the files from
+    :func:`find_meshes`; `solid` says which part of a mesh is solid.
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
@@ -128,7 +144,12 @@ def link_shapes(
         outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
         outer.warn_if_open(fills=False)
         shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
-        yield shape, np.eye(4) if collision.origin is None else check_finite(collision.origin, f"{place}: origin")
+        yield (
+            shape,
+            np.eye(4)
+            if collision.origin is None
+            else check_finite(collision.origin, f"{place}: origin"),
+        )
 
 
 def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
@@ -149,19 +170,32 @@ def _make_box_bounds(box: Any, meshes: Mapping[str, Path], place: str) -> Bounds
 
 def _make_mesh_bounds(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     """Return the surface of a mesh of a URDF, twice."""
-    scale = check_finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
+    scale = check_finite(
+        np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale"
+    )
     if not scale.all():
-        raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
+        raise InputError(
+            f"{place}: scale",
+            f"is {scale.tolist()}",
+            "no factor may be zero",
+            "correct it",
+            value=scale,
+        )
     surface = transform_surface(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
     return surface, surface
 
 
 def _make_curved_bounds(
-    make: Callable[..., BoundsPair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str
+    make: Callable[..., BoundsPair],
+    names: Sequence[str],
+    shape: Any,
+    meshes: Mapping[str, Path],
+    place: str,
 ) -> BoundsPair:
     """Make the outer and the inner surface of a curved shape of a URDF.
 
-    ``make`` takes the sizes that ``shape`` has under ``names``. ``meshes`` is unused: makers share one signature.
+    ``make`` takes the sizes that ``shape`` has under ``names``. ``meshes`` is unused: makers share
+    one signature.
     """
     sizes = (check_positive(getattr(shape, name), f"{place}: {name}") for name in names)
     return make(*sizes)
@@ -183,7 +217,8 @@ MAX_SHAPES: Final = 10_000
 """Maximum number of shapes in one scene."""
 
 _OPERATIONS: Final = (None, "", "add", 0, "\0")
-"""Ways to write that an object is added: not at all, as a word, a number, or the byte that ROS 2 prints."""
+"""Ways to write that an object is added: not at all, as a word, a number, or the byte that ROS 2
+prints."""
 
 _POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 """For each list of shapes in a collision object, the list of their poses."""
@@ -191,8 +226,14 @@ _POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
 _REFUSED_FIELDS: Final = {
     "planes": ("a plane has no end", "write a box"),
     "plane_poses": ("a plane has no end", "write a box"),
-    "subframe_names": ("frames of objects are not read", "remove them, and write poses in the planning frame"),
-    "subframe_poses": ("frames of objects are not read", "remove them, and write poses in the planning frame"),
+    "subframe_names": (
+        "frames of objects are not read",
+        "remove them, and write poses in the planning frame",
+    ),
+    "subframe_poses": (
+        "frames of objects are not read",
+        "remove them, and write poses in the planning frame",
+    ),
 }
 """Fields of a collision object that must be empty: the rule, and the hint."""
 
@@ -258,7 +299,13 @@ class SceneContent(NamedTuple):
 
 
 _SCENE_FIELDS: Final = (
-    *("name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix"),
+    *(
+        "name",
+        "robot_state",
+        "robot_model_name",
+        "fixed_frame_transforms",
+        "allowed_collision_matrix",
+    ),
     *("link_padding", "link_scale", "object_colors", "world", "is_diff"),
 )
 """Fields of a moveit_msgs/PlanningScene."""
@@ -273,15 +320,20 @@ _OBJECT_FIELDS: Final = (
 def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Shape]:
     """Read the obstacles of a planning scene, in its planning frame.
 
-    A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and GeometryError if the
-    scene has no shape.
+    A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and
+    GeometryError if the scene has no shape.
     """
     scene = read_scene(path, package_dirs)
     if not scene.shapes:
-        raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
+        raise GeometryError(
+            os.fspath(path), "holds no shape", "a scene needs one", "pass another file"
+        )
     if scene.attached:
         listed = ", ".join(each.shapes[0].object_id for each in scene.attached)
-        warn_user(f"{os.fspath(path)}: attached objects ({listed}) enlarge the robot and are not read; use arm.attach")
+        warn_user(
+            f"{os.fspath(path)}: attached objects ({listed}) enlarge the robot and are not read; "
+            "use arm.attach"
+        )
     return [_transform(each.shape, each.pose) for each in scene.shapes]
 
 
@@ -295,8 +347,9 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres, cylinders, cones and meshes
-    in one frame, or only changes another scene. Raises GeometryError if a mesh has no triangle.
+    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres,
+    cylinders, cones and meshes in one frame, or only changes another scene. Raises GeometryError if
+    a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
     content = read_yaml(path, SCENE_KIND)
@@ -305,13 +358,19 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
         is_world = "world" not in scene and "collision_objects" in scene
         scene = {"world": scene} if is_world else check_table(scene, "the scene", _SCENE_FIELDS)
         if parse_flag(scene.get("is_diff"), "is_diff"):
-            raise ContentError("has is_diff: true", "it only changes another scene", "write the whole scene")
+            raise ContentError(
+                "has is_diff: true", "it only changes another scene", "write the whole scene"
+            )
         world = check_table(scene.get("world"), "world", ("collision_objects", "octomap"))
         state = check_table(scene.get("robot_state"), "robot_state")
         attached = check_list(state.get("attached_collision_objects"), "attached_collision_objects")
         if "collision_objects" not in world and not attached:
             rule = "a planning scene lists its obstacles there"
-            raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
+            raise ContentError(
+                "has no world.collision_objects",
+                rule,
+                "pass the YAML of a moveit_msgs/PlanningScene",
+            )
         _refuse_rest(scene, world)
         reader = _Reader(path, folders)
         objects = check_list(world.get("collision_objects"), "collision_objects")
@@ -320,29 +379,40 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
             frame, parts = reader.read_object(item, f"collision_objects[{number}]")
             frames.add(frame)
             shapes += parts
-        carried = [reader.read_attached(item, f"attached_collision_objects[{k}]") for k, item in enumerate(attached)]
+        carried = [
+            reader.read_attached(item, f"attached_collision_objects[{k}]")
+            for k, item in enumerate(attached)
+        ]
         frames |= {each.frame for each in carried if each.frame != each.link}
         every = [*shapes, *(shape for each in carried for shape in each.shapes)]
         parse_names([shape.name for shape in every], "the names of shapes")
-        return SceneContent(_find_frame(frames, {shape.object_id for shape in every}), shapes, carried, scene)
+        return SceneContent(
+            _find_frame(frames, {shape.object_id for shape in every}), shapes, carried, scene
+        )
 
 
 def _refuse_rest(scene: Mapping[str, Any], world: Mapping[str, Any]) -> None:
     """Raise ContentError if a scene holds an OctoMap, transforms, or links of another size."""
     octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
-    tree = check_table(octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data"))
+    tree = check_table(
+        octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data")
+    )
     parse_pose(octomap.get("origin"), "origin of octomap")
     for entry in (octomap, tree):
         parse_frame(entry, "octomap")
     if tree.get("data"):
         hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
         raise ContentError("holds an OctoMap", "only collision objects are read", hint)
-    for number, item in enumerate(check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms")):
+    for number, item in enumerate(
+        check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms")
+    ):
         place = f"fixed_frame_transforms[{number}]"
         entry = check_table(item, place, ("header", "child_frame_id", "transform"))
         parse_frame(entry, place)
         hint = "write the objects in the planning frame, e.g. by tf2, and remove the transform"
-        check_identity(entry.get("transform"), f"transform of {place}", "frames are not transformed", hint)
+        check_identity(
+            entry.get("transform"), f"transform of {place}", "frames are not transformed", hint
+        )
     hint = "remove link_padding, and pass padding= to build_arm_space"
     refuse_link_values(scene.get("link_padding"), "link_padding", "padding", 0.0, hint)
     hint = "remove link_scale, and pass padding= to build_arm_space"
@@ -351,13 +421,18 @@ def _refuse_rest(scene: Mapping[str, Any], world: Mapping[str, Any]) -> None:
 
 def _find_frame(frames: Set[str], object_ids: Set[str]) -> str:
     """Return the one frame of all objects."""
-    hint = "write them in the planning frame; objects may be in the frame of the link that carries them"
+    hint = (
+        "write them in the planning frame; objects may be in the frame of the link that carries "
+        "them"
+    )
     if len(frames) > 1:
         problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
         raise ContentError(problem, "they must be in one frame", hint)
     frame = next(iter(frames), WORLD)
     if frame in object_ids:
-        raise ContentError(f"has poses in the frame {frame!r} of an object", "it is not the planning frame", hint)
+        raise ContentError(
+            f"has poses in the frame {frame!r} of an object", "it is not the planning frame", hint
+        )
     return frame
 
 
@@ -374,9 +449,15 @@ class _Reader:
         """Return the frame and the shapes of a collision object."""
         entry = check_table(item, place, _OBJECT_FIELDS)
         given = entry.get("id")
-        name = str(given) if type(given) is int else parse_name(given, f"id of {place}")  # robowflex omits quotes
+        name = (
+            str(given) if type(given) is int else parse_name(given, f"id of {place}")
+        )  # robowflex omits quotes
         if name in self._ids:
-            raise ContentError(f"has the object {name!r} again at {place}", "ids must differ", "rename or remove one")
+            raise ContentError(
+                f"has the object {name!r} again at {place}",
+                "ids must differ",
+                "rename or remove one",
+            )
         self._ids.add(name)
         place = f"object {name!r}"
         operation = entry.get("operation")
@@ -391,13 +472,17 @@ class _Reader:
         if not shapes:
             rule = "it must have primitives or meshes"
             raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
-        names = [name] if len(shapes) == 1 else [f"{name}/{number}" for number in range(len(shapes))]
+        names = (
+            [name] if len(shapes) == 1 else [f"{name}/{number}" for number in range(len(shapes))]
+        )
         parts = [SceneShape(part, *each, name) for part, each in zip(names, shapes, strict=True)]
         return parse_frame(entry, place), parts
 
     def read_attached(self, item: Any, place: str) -> AttachedShapes:
         """Return the shapes of an attached object."""
-        carried = check_table(item, place, ("link_name", "object", "touch_links", "detach_posture", "weight"))
+        carried = check_table(
+            item, place, ("link_name", "object", "touch_links", "detach_posture", "weight")
+        )
         link = parse_name(carried.get("link_name"), f"link_name of {place}")
         entry = check_table(carried.get("object"), f"the object of {place}")
         if not check_table(entry.get("header"), f"the header of {place}").get("frame_id"):
@@ -422,7 +507,9 @@ class _Reader:
                 if self._count > MAX_SHAPES:
                     problem = f"holds more than {MAX_SHAPES} shapes"
                     raise ContentError(problem, "the rest is not read", "split the scene")
-                pose = parse_pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
+                pose = parse_pose(
+                    poses[number] if poses else None, f"{poses_name}[{number}] of {place}"
+                )
                 yield makers[name](item, f"{name}[{number}] of {place}"), whole @ pose
 
     def _read_primitive(self, item: Any, place: str) -> Shape:
@@ -434,7 +521,9 @@ class _Reader:
         """Return a mesh as a shape."""
         table = check_table(item, place, ("triangles", "vertices", "resource", "dimensions"))
         if table.get("resource") and (table.get("vertices") or table.get("triangles")):
-            raise ContentError(f"has a resource and vertices at {place}", "a mesh has one of them", "remove one")
+            raise ContentError(
+                f"has a resource and vertices at {place}", "a mesh has one of them", "remove one"
+            )
         if table.get("dimensions") is not None and not table.get("resource"):
             rule = "they scale the mesh of a file"
             raise ContentError(f"has dimensions without resource at {place}", rule, "remove them")
@@ -466,10 +555,14 @@ def _parse_inline_mesh(table: Mapping[str, Any], place: str) -> Surface:
     points = check_list(table.get("vertices"), f"vertices of {place}")
     triangles = check_list(table.get("triangles"), f"triangles of {place}")
     corners = [_parse_triangle(each, place) for each in triangles]
-    vertices = np.array([parse_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
+    vertices = np.array(
+        [parse_numbers(each, 3, f"vertices of {place}") for each in points]
+    ).reshape(-1, 3)
     for triangle in corners:
         if len(triangle) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in triangle):
-            problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
+            problem = (
+                f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
+            )
             raise ContentError(problem, "vertices count from 0", "correct it")
     return vertices, np.array(corners, dtype=np.int64).reshape(-1, 3)
 
@@ -481,7 +574,9 @@ def _parse_triangle(item: Any, place: str) -> Sequence[Any]:
     return check_list(item, place)
 
 
-def _make_bounded_shape(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
+def _make_bounded_shape(
+    make: Callable[[float, float], BoundsPair], height: float, radius: float
+) -> Shape:
     """Make a solid of revolution from its outer and inner surface."""
     outer, inner = make(radius, height)
     return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
@@ -502,22 +597,31 @@ _PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]
 def parse_primitive(item: Any, place: str) -> tuple[str, list[float]]:
     """Return the kind of a ``shape_msgs/SolidPrimitive``, and its dimensions in metres.
 
-    Raises ContentError if it is no box, sphere, cylinder or cone, or a dimension is missing or not above zero.
+    Raises ContentError if it is no box, sphere, cylinder or cone, or a dimension is missing or not
+    above zero.
     """
     table = check_table(item, place, ("type", "dimensions", "polygon"))
     if check_table(table.get("polygon"), f"polygon of {place}", ("points",)).get("points"):
-        raise ContentError(f"has a polygon at {place}", "only prisms have one, and they are not read", "remove it")
+        raise ContentError(
+            f"has a polygon at {place}", "only prisms have one, and they are not read", "remove it"
+        )
     kind = table.get("type")
     kind = kind.lower() if isinstance(kind, str) else kind
     if isinstance(kind, bool) or not isinstance(kind, str | int) or kind not in _PRIMITIVES:
-        known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
+        known = ", ".join(
+            f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int)
+        )
         problem = f"has the type {kind!r} at {place}"
         raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
     name, sizes, _ = _PRIMITIVES[kind]
     given = check_list(table.get("dimensions"), f"dimensions of {place}")
     values = parse_numbers(given, len(given), f"dimensions of {place}")
     # Messages often pad dimensions to three numbers with zeros.
-    if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
+    if (
+        len(values) < len(sizes)
+        or values[len(sizes) :].any()
+        or not (values[: len(sizes)] > 0.0).all()
+    ):
         rule = f"a {name} has {', '.join(sizes)}, metres above zero"
         raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
     return name, values[: len(sizes)].tolist()
@@ -526,7 +630,11 @@ def parse_primitive(item: Any, place: str) -> tuple[str, list[float]]:
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
     if isinstance(shape, BoundedShape):
-        upright = shape.is_round_about_z and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0)) and not pose[:2, 3].any()
+        upright = (
+            shape.is_round_about_z
+            and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0))
+            and not pose[:2, 3].any()
+        )
         outer, inner = _transform_exact(shape.outer, pose), _transform_exact(shape.inner, pose)
         return BoundedShape(outer, inner, is_round_about_z=bool(upright))
     return _transform_exact(shape.outer, pose)
@@ -539,5 +647,7 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):
         return Box.of(shape.extents, shape.center + pose[:3, 3])
     if isinstance(shape, Mesh):
-        return Mesh(*transform_surface((shape.vertices, shape.faces), pose), shape.solid, shape.source)
+        return Mesh(
+            *transform_surface((shape.vertices, shape.faces), pose), shape.solid, shape.source
+        )
     return Mesh(*transform_surface(shape.surface, pose))

@@ -56,9 +56,10 @@ class Boxes(NamedTuple):
 class Shape(ABC):
     """A rigid, closed, bounded set of points; metres.
 
-    A shape is known exactly (:class:`ExactShape`), or by two exact shapes: :attr:`outer` contains it and :attr:`inner`
-    lies in it. Area, bounds and boundary belong to exact shapes, so that every caller names the shape it needs:
-    ``shape.outer.bounds`` contain the shape, ``shape.inner.measure`` is at most its area or volume.
+    A shape is known exactly (:class:`ExactShape`), or by two exact shapes: :attr:`outer` contains
+    it and :attr:`inner` lies in it. Area, bounds and boundary belong to exact shapes, so that every
+    caller names the shape it needs: ``shape.outer.bounds`` contain the shape,
+    ``shape.inner.measure`` is at most its area or volume.
 
     The origin of a robot's frame is its reference point; obstacles are in the frame of the map.
 
@@ -111,12 +112,13 @@ class Shape(ABC):
         Returns
         -------
         outer : Raster
-            Every offset ``m`` for which the grown shape touches ``h * (m + [-1, 1]^d)`` at some rotation of the cell.
+            Every offset ``m`` for which the grown shape touches ``h * (m + [-1, 1]^d)`` at some
+            rotation of the cell.
         inner : Raster
             Only offsets ``m`` for which ``h * m`` lies in the shape at all rotations of the cell.
 
-        Raises InputError if the shape has too many cells, or lies so far from its reference point that rounding could
-        exceed the certificate's slack.
+        Raises InputError if the shape has too many cells, or lies so far from its reference point
+        that rounding could exceed the certificate's slack.
         """
 
     @abstractmethod
@@ -134,7 +136,8 @@ class Shape(ABC):
         -------
         outer, inner : ndarray of bool, shape grid.shape
 
-        Raises InputError if the shape lies so far from the grid that rounding could exceed the certificate's slack.
+        Raises InputError if the shape lies so far from the grid that rounding could exceed the
+        certificate's slack.
         """
 
     def project_to_plane(self) -> Shape:
@@ -162,7 +165,11 @@ class Shape(ABC):
         """Signed permutation matrices, shape (dim, dim), that map the shape to itself."""
         matrices, bounds = _signed_permutations(self.dim), np.array(self.outer.bounds)
         corners = np.sort(bounds @ matrices.mT, axis=1)
-        return [matrix for matrix in matrices[(corners == bounds).all(axis=(1, 2))] if self.is_same(matrix)]
+        return [
+            matrix
+            for matrix in matrices[(corners == bounds).all(axis=(1, 2))]
+            if self.is_same(matrix)
+        ]
 
     @cached_property
     def symmetry(self) -> int:
@@ -178,7 +185,8 @@ class Shape(ABC):
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
         """Refuse a robot's mesh too far from its reference point.
 
-        With `warn`, warn of a doubtful one. Only meshes are checked, because other shapes are placed by their numbers.
+        With `warn`, warn of a doubtful one. Only meshes are checked, because other shapes are
+        placed by their numbers.
 
         Raises GeometryError if the mesh is too far away.
         """
@@ -261,13 +269,17 @@ class ExactShape(Shape):
     def inscribed_radius(self) -> float:
         """Radius of the largest circle around the origin, metres.
 
-        It is 0 if the origin is outside the plane shape. It is accurate within rounding; for several discs it
-        is a lower bound.
+        It is 0 if the origin is outside the plane shape. It is accurate within rounding; for
+        several discs it is a lower bound.
         """
         import shapely
 
         outline, origin = self.outline, shapely.Point(0.0, 0.0)
-        return float(shapely.distance(outline.boundary, origin)) if shapely.covers(outline, origin) else 0.0
+        return (
+            float(shapely.distance(outline.boundary, origin))
+            if shapely.covers(outline, origin)
+            else 0.0
+        )
 
     @abstractmethod
     def contains(self, points: ArrayLike) -> Bools:
@@ -304,7 +316,8 @@ class ExactShape(Shape):
     def regions(self) -> list[Floats]:
         """Segments of each filled part of a plane shape.
 
-        Each part has shape (E, 4) and is enclosed by even-odd parity. Empty for a shape in space or of balls.
+        Each part has shape (E, 4) and is enclosed by even-odd parity. Empty for a shape in space or
+        of balls.
         """
         simplices = self.boundary().simplices
         return [simplices.reshape(-1, 4)] if simplices.shape[1:] == (2, 2) else []
@@ -349,7 +362,8 @@ _CORNER_RADIUS: Final = 1.0 / math.cos(math.pi / CIRCLE_SIDES)
 """Radius of the corners of a regular polygon whose sides touch the unit circle."""
 
 _BOUND_SLACK: Final = 2.0**-40
-"""Relative growth of an outer bound, and shrinkage of an inner one, that covers the rounding of corners."""
+"""Relative growth of an outer bound, and shrinkage of an inner one, that covers the rounding of
+corners."""
 
 _MAX_ELLIPSE_SLACK: Final = 2.0**-20
 """Maximum relative growth of an ellipse's bounds that covers rounding."""
@@ -364,8 +378,8 @@ BoundsPair = tuple[Surface, Surface]
 class BoundedShape(Shape):
     """A shape between an outer and an inner exact shape.
 
-    FREE is proven for the outer shape and BLOCKED for the inner shape, so both hold for the shape itself. Exact
-    queries prove only FREE, with the outer shape; drawings show the outer shape.
+    FREE is proven for the outer shape and BLOCKED for the inner shape, so both hold for the shape
+    itself. Exact queries prove only FREE, with the outer shape; drawings show the outer shape.
 
     Parameters
     ----------
@@ -375,7 +389,9 @@ class BoundedShape(Shape):
         True if every rotation about the z axis maps the shape to itself, even if not its bounds.
     """
 
-    def __init__(self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False) -> None:
+    def __init__(
+        self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False
+    ) -> None:
         self._outer, self._inner, self.dim = outer, inner, outer.dim
         self._is_round_about_z = is_round_about_z
 
@@ -393,7 +409,9 @@ class BoundedShape(Shape):
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
-        return self.outer.rasters(spacing, margin, rotation)[0], self.inner.rasters(spacing, 0.0, rotation)[1]
+        return self.outer.rasters(spacing, margin, rotation)[0], self.inner.rasters(
+            spacing, 0.0, rotation
+        )[1]
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
@@ -411,12 +429,16 @@ class BoundedShape(Shape):
 
     def _features(self, matrix: Floats) -> Floats:
         rows = [side._features(matrix) for side in (self.outer, self.inner)]
-        return np.concatenate([np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)])
+        return np.concatenate(
+            [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]
+        )
 
     def project_to_plane(self) -> Shape:
         """Project both bounds onto the plane of x and y."""
         return BoundedShape(
-            self.outer.project_to_plane().outer, self.inner.project_to_plane().inner, self._is_round_about_z
+            self.outer.project_to_plane().outer,
+            self.inner.project_to_plane().inner,
+            self._is_round_about_z,
         )
 
     @property
@@ -426,9 +448,13 @@ class BoundedShape(Shape):
         return {"kind": "bounded", **bounds, "is_round_about_z": self._is_round_about_z}
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Shape]) -> BoundedShape:
+    def from_spec(
+        cls, spec: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Shape]
+    ) -> BoundedShape:
         """Make the shape of a :attr:`spec`; `make` makes its two exact shapes."""
-        return cls(make(spec["outer"]).outer, make(spec["inner"]).inner, bool(spec["is_round_about_z"]))
+        return cls(
+            make(spec["outer"]).outer, make(spec["inner"]).inner, bool(spec["is_round_about_z"])
+        )
 
 
 def cylinder_bounds(radius: float, height: float) -> BoundsPair:
@@ -437,7 +463,9 @@ def cylinder_bounds(radius: float, height: float) -> BoundsPair:
     Its axis is the z axis, with the origin halfway up.
     """
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)]) * (radius, height)
-    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(profile * (1.0 - _BOUND_SLACK))
+    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(
+        profile * (1.0 - _BOUND_SLACK)
+    )
 
 
 def cone_bounds(radius: float, height: float) -> BoundsPair:
@@ -446,7 +474,9 @@ def cone_bounds(radius: float, height: float) -> BoundsPair:
     Its axis is the z axis, with the origin halfway up.
     """
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (0.0, 0.5)]) * (radius, height)
-    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(profile * (1.0 - _BOUND_SLACK))
+    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(
+        profile * (1.0 - _BOUND_SLACK)
+    )
 
 
 def capsule_bounds(radius: float, length: float) -> BoundsPair:
@@ -470,16 +500,20 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
 def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, Floats]:
     """Return an outer and an inner polygon of an ellipse, metres.
 
-    Both have shape (CIRCLE_SIDES, 2). `radii` are the semi-axes along x and y. If the axes are scaled to make the
-    ellipse a unit circle, the corners lie on circles whose radii allow for the rounding of corners, also far from
-    the origin.
+    Both have shape (CIRCLE_SIDES, 2). `radii` are the semi-axes along x and y. If the axes are
+    scaled to make the ellipse a unit circle, the corners lie on circles whose radii allow for the
+    rounding of corners, also far from the origin.
 
     Raises InputError if the center is so far from the origin that rounding blurs the ellipse.
     """
     slack = _BOUND_SLACK + 2.0**-50 * float((1.0 + np.abs(center) / radii).max())
     if slack > _MAX_ELLIPSE_SLACK:
-        rule = f"it may be at most {_MAX_ELLIPSE_SLACK * 2.0**50:.1g} times the radius along each axis"
-        raise InputError("center", f"is {tuple(center.tolist())}", rule, "check the units (metres)", value=center)
+        rule = (
+            f"it may be at most {_MAX_ELLIPSE_SLACK * 2.0**50:.1g} times the radius along each axis"
+        )
+        raise InputError(
+            "center", f"is {tuple(center.tolist())}", rule, "check the units (metres)", value=center
+        )
     ring = _ring() * radii
     return center + _CORNER_RADIUS * (1.0 + slack) * ring, center + (1.0 - slack) * ring
 
@@ -492,18 +526,23 @@ def _ring() -> Floats:
     angle = np.linspace(0.0, math.pi / 2.0, CIRCLE_SIDES // 4 + 1)
     cosines = np.append(np.cos(angle)[:-1], 0.0)
     quarter = np.stack([cosines, cosines[::-1]], axis=1)[:-1]
-    return np.concatenate([np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTER_TURNS])
+    return np.concatenate(
+        [np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTER_TURNS]
+    )
 
 
 def _revolve(profile: Floats) -> Surface:
     """Revolve a polygon about the z axis in `CIRCLE_SIDES` steps.
 
-    `profile`, shape (n, 2), holds the distance of each corner from the axis and its height, from the lowest corner to
-    the highest, which lie on the axis. Quarter turns about the axis map the surface to itself, bit for bit. So do half
-    turns about the other axes if the profile is its own mirror image.
+    `profile`, shape (n, 2), holds the distance of each corner from the axis and its height, from
+    the lowest corner to the highest, which lie on the axis. Quarter turns about the axis map the
+    surface to itself, bit for bit. So do half turns about the other axes if the profile is its own
+    mirror image.
     """
     ring = _ring()
-    rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()]
+    rings = [
+        np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()
+    ]
     poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
     first, count = np.arange(CIRCLE_SIDES), CIRCLE_SIDES * len(rings)
     second = (first + 1) % CIRCLE_SIDES
@@ -513,6 +552,9 @@ def _revolve(profile: Floats) -> Surface:
     ]
     for low in range(0, count - CIRCLE_SIDES, CIRCLE_SIDES):
         above = low + CIRCLE_SIDES
-        faces += [(low + first, low + second, above + second), (low + first, above + second, above + first)]
+        faces += [
+            (low + first, low + second, above + second),
+            (low + first, above + second, above + first),
+        ]
     triangles = [np.stack(np.broadcast_arrays(*corners), axis=1) for corners in faces]
     return np.concatenate([*rings, poles]), np.concatenate(triangles)

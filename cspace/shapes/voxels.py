@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 
 _UNIT_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-_BOX_TRIANGLES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64)
+_BOX_TRIANGLES = np.array(
+    [t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64
+)
 """Triangles of a box with the corners `_UNIT_CORNERS`, facing outward."""
 
 
@@ -87,7 +89,9 @@ class Box(ExactShape):
             from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
 
             shell = ClosedSurface(*self.surface, np.ones(len(_BOX_TRIANGLES), dtype=np.int64))
-            return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation)
+            return surface_rasters(
+                SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation
+            )
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         box = RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1))
@@ -112,7 +116,9 @@ class Box(ExactShape):
     @property
     def boxes(self) -> Boxes:
         """The box itself."""
-        return Boxes(self.lower[None], self.upper[None], (self.upper - self.lower).max(keepdims=True))
+        return Boxes(
+            self.lower[None], self.upper[None], (self.upper - self.lower).max(keepdims=True)
+        )
 
     @property
     def surface(self) -> Surface:
@@ -143,8 +149,8 @@ class Box(ExactShape):
 class Voxels(ExactShape):
     """The union of the closed cells of a bitmap.
 
-    They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three axes, and at
-    least one cell is set; metres.
+    They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three
+    axes, and at least one cell is set; metres.
     """
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
@@ -157,15 +163,23 @@ class Voxels(ExactShape):
 
         `lower` is the corner of the first cell, by default the origin.
 
-        Raises GeometryError if no cell is occupied. Raises InputError if `occupied` is not an array of booleans, or of
-        0 and 1, with two or three axes, or another value is invalid.
+        Raises GeometryError if no cell is occupied. Raises InputError if `occupied` is not an array
+        of booleans, or of 0 and 1, with two or three axes, or another value is invalid.
         """
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
             rule = "at least one cell must be occupied"
-            raise GeometryError("occupied", "holds no True cell", rule, "set the cells that it fills", value=occupied)
+            raise GeometryError(
+                "occupied",
+                "holds no True cell",
+                rule,
+                "set the cells that it fills",
+                value=occupied,
+            )
         side = check_positive(spacing, "spacing")
-        corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
+        corner = check_point(
+            (0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim
+        )
         return cls(bitmap, side, corner)
 
     @property
@@ -177,7 +191,9 @@ class Voxels(ExactShape):
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the bounding box, shape (dim,) each."""
         used = np.argwhere(self.occupied)
-        return self.lower + self.side * used.min(axis=0), self.lower + self.side * (used.max(axis=0) + 1)
+        return self.lower + self.side * used.min(axis=0), self.lower + self.side * (
+            used.max(axis=0) + 1
+        )
 
     @property
     def measure(self) -> float:
@@ -195,7 +211,9 @@ class Voxels(ExactShape):
         if rotation.matrix is not None:
             from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            return surface_rasters(SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, rotation)
+            return surface_rasters(
+                SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, rotation
+            )
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -203,7 +221,9 @@ class Voxels(ExactShape):
         outer, _ = rounded_rasters(boxes, spacing, np.full(len(boxes.radii), margin), nowhere)
         starts = [
             low + np.arange(count, dtype=np.float64) - corner
-            for low, count, corner in zip(outer.lower, outer.cells.shape, self.lower / spacing, strict=True)
+            for low, count, corner in zip(
+                outer.lower, outer.cells.shape, self.lower / spacing, strict=True
+            )
         ]
         inside = boxes_within_cells(self.occupied, starts, 0.0, self.side / spacing)
         return outer, Raster.from_bitmap(inside, outer.lower)
@@ -229,7 +249,9 @@ class Voxels(ExactShape):
         # A point on a boundary lies in the shape if either neighbouring cell does.
         for choice in range(2**self.dim):
             down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
-            cell = np.clip(np.where(down, np.ceil(position) - 1.0, np.floor(position)) + 1.0, 0, last).astype(np.int64)
+            cell = np.clip(
+                np.where(down, np.ceil(position) - 1.0, np.floor(position)) + 1.0, 0, last
+            ).astype(np.int64)
             inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
         return inside
 
@@ -286,7 +308,9 @@ class Voxels(ExactShape):
         if self.dim == 2:
             return super().surface
         triangles = self.boundary().simplices
-        return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(-1, 3)
+        return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(
+            -1, 3
+        )
 
     def project_to_plane(self) -> Voxels:
         """Project the cells onto the plane of x and y."""
@@ -297,7 +321,9 @@ class Voxels(ExactShape):
     def _features(self, matrix: Floats) -> Floats:
         """Return a table that two shapes share if they are equal."""
         if self.dim == 2:
-            endpoints = np.sort(((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1)
+            endpoints = np.sort(
+                ((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1
+            )
             return endpoints.reshape(-1, 4)
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)

@@ -1,4 +1,4 @@
-"""The frequency domain: descriptors and their spectra, balls that fill or cover shapes, and overlaps of ball sets."""
+"""The frequency domain: descriptors, spectra, sets of balls, and their overlaps."""
 
 from cspace.spectral.bump import Bump
 from cspace.spectral.decompose import BallDecomposition, Bounds, decompose

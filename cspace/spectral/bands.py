@@ -1,7 +1,7 @@
 """Bands of frequencies: overlaps summed ring by ring, with bounds of what is left out.
 
-Proofs of overlaps sum the terms of two spectra from the lowest frequency, and bound the remainder. Norms come from the
-overlaps of pairs of balls.
+Proofs of overlaps sum the terms of two spectra from the lowest frequency, and bound the remainder.
+Norms come from the overlaps of pairs of balls.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ BOUND_ROUNDING: Final = 1.0 + 2.0**-30
 def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     """Estimate the frequency, cycles per metre, with ``bound`` left above it.
 
-    Above the frequencies of the gaps between balls, their energies add up: the energy of a set is the sum of the
-    energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
+    Above the frequencies of the gaps between balls, their energies add up: the energy of a set is
+    the sum of the energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the
+    smallest ball.
     """
     k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)
     energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
@@ -54,10 +55,11 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
 class Rings(NamedTuple):
     """Frequencies ``k / lengths``, ``|k| <= halves``, in rings of similar moduli.
 
-    Descriptors are real, so opposite frequencies have conjugate terms; only frequency zero and the frequencies whose
-    first non-zero entry is positive are stored. ``lengths`` are the periods, metres. ``indices``, shape (n, d), are k,
-    ``moduli`` are ``|w|`` in cycles per metre, and ``twice`` is 1 for frequency zero and 2 for the others, all in ring
-    order. Ring r starts at ``starts[r]``; the first one is frequency zero alone. ``reaches``, shape (rings, d), are the
+    Descriptors are real, so opposite frequencies have conjugate terms; only frequency zero and the
+    frequencies whose first non-zero entry is positive are stored. ``lengths`` are the periods,
+    metres. ``indices``, shape (n, d), are k, ``moduli`` are ``|w|`` in cycles per metre, and
+    ``twice`` is 1 for frequency zero and 2 for the others, all in ring order. Ring r starts at
+    ``starts[r]``; the first one is frequency zero alone. ``reaches``, shape (rings, d), are the
     largest moduli of k along the axes up to a ring.
     """
 
@@ -77,11 +79,15 @@ class Rings(NamedTuple):
         half = box[len(box) // 2 :]
         moduli = np.linalg.norm(half / lengths, axis=1)
         ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
-        order = np.argsort(ring.astype(np.min_scalar_type(ring.max())), kind="stable")  # short integers sort faster
+        order = np.argsort(
+            ring.astype(np.min_scalar_type(ring.max())), kind="stable"
+        )  # short integers sort faster
         counts = np.bincount(ring)
         starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         indices = np.ascontiguousarray(half[order])
-        reaches = np.maximum.accumulate(np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0)
+        reaches = np.maximum.accumulate(
+            np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0
+        )
         twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
         return cls(lengths, halves, indices, moduli[order], twice, starts, reaches.astype(np.int64))
 
@@ -118,7 +124,8 @@ class Rings(NamedTuple):
 class Spectrum(NamedTuple):
     """Band-limited spectrum of a descriptor, about the center of its balls.
 
-    ``values``, in ring order, are in metres to the power ``dim``; ``error`` bounds the error of each.
+    ``values``, in ring order, are in metres to the power ``dim``; ``error`` bounds the error of
+    each.
     """
 
     values: Complexes
@@ -127,9 +134,13 @@ class Spectrum(NamedTuple):
     @classmethod
     def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
         """Compute the spectrum of balls about a point."""
-        box = ball_spectrum(balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy)
+        box = ball_spectrum(
+            balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy
+        )
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
-        error = balls.integral * (2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved)
+        error = balls.integral * (
+            2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved
+        )
         return cls(rings.to_rings(box), error)
 
     def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
@@ -145,10 +156,10 @@ class Spectrum(NamedTuple):
 class Terms(NamedTuple):
     """Terms of the overlap, with bounds of partial sums, for kernels.
 
-    ``products`` are ``F_B conj(F_A) / V`` in ring order, doubled for the opposite frequency. ``bounds[r]``, shape
-    (rings + 1,), is the largest difference of the sum of the rings before r from the sum of all frequencies, at any
-    placement: the remaining rings, rounding and the errors of the spectra. The other arrays are those of
-    :class:`Rings`.
+    ``products`` are ``F_B conj(F_A) / V`` in ring order, doubled for the opposite frequency.
+    ``bounds[r]``, shape (rings + 1,), is the largest difference of the sum of the rings before r
+    from the sum of all frequencies, at any placement: the remaining rings, rounding and the errors
+    of the spectra. The other arrays are those of :class:`Rings`.
     """
 
     products: Complexes
@@ -162,17 +173,21 @@ class Terms(NamedTuple):
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
         """Build the terms of the overlap of A, first, with B.
 
-        Within the band, the sum of the moduli bounds the remaining terms. Outside, ``tail`` does, the product of the
-        two tail norms (Cauchy and Schwarz). ``far``, in metres, bounds the rounding of a placement.
+        Within the band, the sum of the moduli bounds the remaining terms. Outside, ``tail`` does,
+        the product of the two tail norms (Cauchy and Schwarz). ``far``, in metres, bounds the
+        rounding of a placement.
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
         moduli_a, moduli_b = np.abs(first.values), np.abs(second.values)
         moduli = np.abs(products)
-        errors = weights * (moduli_a * second.error + moduli_b * first.error + first.error * second.error)
+        errors = weights * (
+            moduli_a * second.error + moduli_b * first.error + first.error * second.error
+        )
         per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
-        # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per term and per ring.
+        # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per
+        # term and per ring.
         counts = np.diff(rings.starts)
         units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
         moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
@@ -181,15 +196,15 @@ class Terms(NamedTuple):
         return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
 
 
-# ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
+# ---- compiled sums, ring by ring -----------------------------------------------------------------
 
 
 @kernel
 def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
     """Write ``exp(2 pi i k share)`` for ``first <= |k| <= last`` to ``phases[center + k]``.
 
-    ``share`` is the placement along an axis, in periods. Each factor is computed on its own, so that errors do not
-    accumulate.
+    ``share`` is the placement along an axis, in periods. Each factor is computed on its own, so
+    that errors do not accumulate.
     """
     center = len(phases) // 2
     for k in range(first, last + 1):
@@ -218,19 +233,24 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
 
 
 @kernel
-def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
+def separate(
+    placement: Floats, terms: Terms, threshold: float, phases: Complexes
+) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides.
 
-    Returns MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the number of
-    frequencies; the sum; and its bound. ``placement``, shape (d,), metres, is the center of A relative to the center of
-    B. ``phases`` is scratch of shape (d, 2 m + 1) for the highest frequency m of an axis.
+    Returns MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of
+    NaN; the number of frequencies; the sum; and its bound. ``placement``, shape (d,), metres, is
+    the center of A relative to the center of B. ``phases`` is scratch of shape (d, 2 m + 1) for the
+    highest frequency m of an axis.
     """
     starts, reaches = terms.starts, terms.reaches
     total = 0.0
     for ring in range(len(starts) - 1):
         for axis in range(len(placement)):
             first = reaches[ring - 1, axis] + 1 if ring > 0 else 0
-            add_phases(placement[axis] / terms.lengths[axis], first, reaches[ring, axis], phases[axis])
+            add_phases(
+                placement[axis] / terms.lengths[axis], first, reaches[ring, axis], phases[axis]
+            )
         total += add_terms(terms, phases, starts[ring], starts[ring + 1])
         bound = terms.bounds[ring + 1]
         if total + bound < threshold:
@@ -244,8 +264,14 @@ def separate(placement: Floats, terms: Terms, threshold: float, phases: Complexe
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
     """Return verdicts, counts, and sums with bounds of :func:`separate`."""
     number = len(placements)
-    verdicts, counts, sums = np.empty(number, np.uint8), np.empty(number, np.int64), np.empty((number, 2))
+    verdicts, counts, sums = (
+        np.empty(number, np.uint8),
+        np.empty(number, np.int64),
+        np.empty((number, 2)),
+    )
     phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
     for n in range(number):
-        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(placements[n], terms, threshold, phases)
+        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(
+            placements[n], terms, threshold, phases
+        )
     return verdicts, counts, sums

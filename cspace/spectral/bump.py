@@ -1,9 +1,9 @@
 """The bump of ball descriptors, its Fourier transform, and integrals of products of two bumps.
 
-The bump is a radial function. All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi sinh(u)))`` (H.
-Takahasi and M. Mori, "Double exponential formulas for numerical integration", 1974). They converge geometrically if the
-function is smooth inside an interval, even if it has a singularity at an end: the cusp of a bump at 0, a steep flank
-next to 1, or a jump.
+The bump is a radial function. All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi
+sinh(u)))`` (H. Takahasi and M. Mori, "Double exponential formulas for numerical integration",
+1974). They converge geometrically if the function is smooth inside an interval, even if it has a
+singularity at an end: the cusp of a bump at 0, a steep flank next to 1, or a jump.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats
-from cspace.check import check_finite, check_not_negative, check_positive, check_unmasked, check_word
+from cspace.check import (
+    check_finite,
+    check_not_negative,
+    check_positive,
+    check_unmasked,
+    check_word,
+)
 from cspace.errors import CspaceError, InputError
 
 Radial = Callable[[Floats], Floats]
@@ -34,13 +40,15 @@ ALPHA_RANGE: Final = (0.01, 1e4)
 """Smallest and largest finite exponent of a bump."""
 
 MAX_RADIAL_FREQUENCY: Final = 1e5
-"""Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to 1e-10 radians."""
+"""Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to
+1e-10 radians."""
 
 PAIR_TOLERANCE: Final = 1e-9
 """Relative error of the integral of the product of two bumps."""
 
 PAIR_FLOOR: Final = 1e-60
-"""Absolute error of such an integral, relative to ``radius^dim`` of the smaller ball: the radii round as much."""
+"""Absolute error of such an integral, relative to ``radius^dim`` of the smaller ball: the radii
+round as much."""
 
 BATCH_RULE_SIZES: Final = (26, 32)
 """Node counts of two quadrature rules; their difference bounds the error of the finer rule."""
@@ -62,10 +70,11 @@ TABLE_HALF_WIDTH: Final = 0.5
 class Bump:
     """Radial function that is positive in a ball.
 
-    It is ``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0, and 0 from ``|x| = 1`` on. In float64 it
-    underflows in a layer at the boundary, at most ``1 / (745 alpha)`` of the radius thick. It is smooth except at the
-    center, where it is as smooth as ``|x|^alpha``. A ball of radius r around p has the descriptor ``psi((x - p) / r)``
-    (Lysenko, 2013; Behandish and Ilies, 2016).
+    It is ``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0, and 0 from ``|x| = 1``
+    on. In float64 it underflows in a layer at the boundary, at most ``1 / (745 alpha)`` of the
+    radius thick. It is smooth except at the center, where it is as smooth as ``|x|^alpha``. A ball
+    of radius r around p has the descriptor ``psi((x - p) / r)`` (Lysenko, 2013; Behandish and
+    Ilies, 2016).
 
     Parameters
     ----------
@@ -87,7 +96,9 @@ class Bump:
         low, high = ALPHA_RANGE
         if not (low <= alpha <= high or alpha == math.inf):
             rule = f"it must be one number from {low:g} to {high:g}, or infinite"
-            raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha)
+            raise InputError(
+                "alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha
+            )
         object.__setattr__(self, "alpha", alpha)
 
     @property
@@ -99,7 +110,12 @@ class Bump:
         """Evaluate the bump at distances, in radii, zero or above."""
         distances = check_finite(distance, "distance")
         if (distances < 0.0).any():
-            raise InputError("distance", f"holds {distances.min():g}", "none may be below zero", "pass the modulus")
+            raise InputError(
+                "distance",
+                f"holds {distances.min():g}",
+                "none may be below zero",
+                "pass the modulus",
+            )
         return self.values(distances)
 
     def values(self, distance: Floats) -> Floats:
@@ -107,37 +123,44 @@ class Bump:
         if self.is_indicator:
             return (distance < 1.0).astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
-            # expm1 avoids the cancellation in s^-alpha - 1; it is infinite at s = 0, and +0 from s = 1 on.
+            # expm1 avoids the cancellation in s^-alpha - 1; it is infinite at s = 0, and +0 from s
+            # = 1 on.
             powers = np.expm1(0.0 - self.alpha * np.log(np.minimum(distance, 1.0)))
             return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
         """Compute the Fourier transform of the bump.
 
-        It is ``integral psi(x) exp(-2 pi i w.x) dx``, for radius 1; a bump of radius r has ``r^dim`` times its value at
-        ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or 3. The error
-        is at most 1e-13 of the value at 0. Raises InputError for other frequencies or dimensions.
+        It is ``integral psi(x) exp(-2 pi i w.x) dx``, for radius 1; a bump of radius r has
+        ``r^dim`` times its value at ``k = r |w|``. ``frequency``, shape (...), is in cycles per
+        radius, from 0 to 1e5; ``dim`` is 2 or 3. The error is at most 1e-13 of the value at 0.
+        Raises InputError for other frequencies or dimensions.
         """
         check_word(dim, "dim", (2, 3))
         return radial_transform(self.values, _check_frequency(frequency, "frequency"), dim)
 
-    def table(self, dim: int, max_frequency: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
+    def table(
+        self, dim: int, max_frequency: float, tolerance: float = 1e-12
+    ) -> Callable[[Floats], Floats]:
         """Return a function that interpolates :meth:`radial_spectrum`.
 
-        ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError if a value is not usable, as
-        the returned function does for frequencies above ``max_frequency``.
+        ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError if a
+        value is not usable, as the returned function does for frequencies above ``max_frequency``.
         """
         check_word(dim, "dim", (2, 3))
-        highest = math.ceil(_check_frequency(check_not_negative(max_frequency, "max_frequency"), "max_frequency"))
+        highest = math.ceil(
+            _check_frequency(check_not_negative(max_frequency, "max_frequency"), "max_frequency")
+        )
         return _table(self, dim, highest, check_tolerance(tolerance))
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integrate ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
-        The integral decreases with the distance of the centers. Radii and ``distance`` are in metres; the result,
-        metres to the power ``dim``, has a relative error of 1e-9 or an absolute error of 1e-60 of the smaller ball. It
-        is 0 if the balls are apart, or if it underflows. Raises InputError if a value is not usable, and CspaceError if
-        the quadrature does not converge.
+        The integral decreases with the distance of the centers. Radii and ``distance`` are in
+        metres; the result, metres to the power ``dim``, has a relative error of 1e-9 or an absolute
+        error of 1e-60 of the smaller ball. It is 0 if the balls are apart, or if it underflows.
+        Raises InputError if a value is not usable, and CspaceError if the quadrature does not
+        converge.
         """
         radii = check_positive(first, "first"), check_positive(second, "second")
         gap = np.array([check_not_negative(distance, "distance")])
@@ -160,7 +183,9 @@ class Bump:
 def check_bump(bump: Any) -> Bump:
     """Return the bump, or ``Bump()`` for None."""
     if bump is not None and not isinstance(bump, Bump):
-        raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
+        raise InputError(
+            "bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump
+        )
     return Bump() if bump is None else bump
 
 
@@ -179,14 +204,19 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
     for value in (k.min(initial=0.0), k.max(initial=0.0)):
         if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
             rule = f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}"
-            raise InputError(name, f"holds {value:g} cycles per radius", rule, "check its units", value=frequency)
+            raise InputError(
+                name, f"holds {value:g} cycles per radius", rule, "check its units", value=frequency
+            )
     return k
 
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
     """Return the table of a bump, from the cache if recent."""
-    return RadialTable(radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim), max_frequency)
+    return RadialTable(
+        radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim),
+        max_frequency,
+    )
 
 
 @lru_cache(maxsize=16)
@@ -198,13 +228,16 @@ def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
     return nodes, MAX_ABSCISSA / count * math.pi * np.cosh(u) * nodes * (down * nodes)
 
 
-def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
+def pair_integrals(
+    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int
+) -> tuple[Floats, Floats]:
     """Integrate products of two bumps, for many pairs.
 
-    ``first`` and ``second`` are the radii of the bumps, and ``distances`` those of their centers, in one unit; shape
-    (n,). Returns the integrals over the plane or space, and bounds of their errors, shape (n,) each. For more than 8
-    pairs, the bound is the largest difference of two quadrature rules over all pairs, relative to ``radius^dim`` of the
-    smaller ball. On a single pair, two rules may agree by chance.
+    ``first`` and ``second`` are the radii of the bumps, and ``distances`` those of their centers,
+    in one unit; shape (n,). Returns the integrals over the plane or space, and bounds of their
+    errors, shape (n,) each. For more than 8 pairs, the bound is the largest difference of two
+    quadrature rules over all pairs, relative to ``radius^dim`` of the smaller ball. On a single
+    pair, two rules may agree by chance.
     """
     if bump.is_indicator:
         # The integral is the measure of a lens, in closed form; 2^-50 allows for its rounding.
@@ -216,9 +249,13 @@ def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats,
         values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
         return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
     # Compare a coarse and a fine quadrature rule on all pairs at once.
-    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in BATCH_RULE_SIZES)
+    rough, values = (
+        product_integrals(bump.values, first, second, distances, dim, count)
+        for count in BATCH_RULE_SIZES
+    )
     worst = SAFETY_FACTOR * float((np.abs(rough - values) / sizes).max())
-    # Both rules may round alike, so their difference misses rounding; 2^-46 allows for that of the sums.
+    # Both rules may round alike, so their difference misses rounding; 2^-46 allows for that of the
+    # sums.
     return values, worst * sizes + 2.0**-46 * values
 
 
@@ -227,14 +264,15 @@ def sphere_measure(radius: Floats, dim: int) -> Floats:
     return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 
-# ---- transforms ------------------------------------------------------------------------------------------------------
+# ---- transforms ----------------------------------------------------------------------------------
 
 
 def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     """Compute the Fourier transform of a non-negative radial function.
 
-    In the plane it is ``2 pi integral_0^1 f(s) J0(2 pi k s) s ds``, in space ``4 pi integral_0^1 f(s) sinc(2 k s) s^2
-    ds`` with ``sinc(x) = sin(pi x) / (pi x)``. The error is at most 1e-13 of the value at 0.
+    In the plane it is ``2 pi integral_0^1 f(s) J0(2 pi k s) s ds``, in space ``4 pi integral_0^1
+    f(s) sinc(2 k s) s^2 ds`` with ``sinc(x) = sin(pi x) / (pi x)``. The error is at most 1e-13 of
+    the value at 0.
     """
     from scipy.special import j0
 
@@ -244,11 +282,14 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
-        # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples accordingly.
+        # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples
+        # accordingly.
         count = math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
         s, weights = double_exponential_rule(count)
         measure = weights * function(s) * sphere_measure(s, dim)
-        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / 2**21)):  # to bound the memory
+        for part in np.array_split(
+            rows, math.ceil(len(rows) * len(s) / 2**21)
+        ):  # to bound the memory
             result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
     return result.reshape(np.shape(frequencies))
 
@@ -256,10 +297,11 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
 class RadialTable:
     """A radial spectrum interpolated from its values at :func:`table_points`.
 
-    A function that vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <=
-    1``. If the function is not negative, the weights of the mixture sum to the spectrum at 0. So the relative error of
-    interpolation at Chebyshev nodes is at most its error for one such exponential: four times the sum of the Bessel
-    functions ``J_n(2 pi TABLE_HALF_WIDTH)`` from the first omitted degree on (Trefethen, 2013, chapter 4).
+    A function that vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i
+    k x)`` with ``|x| <= 1``. If the function is not negative, the weights of the mixture sum to the
+    spectrum at 0. So the relative error of interpolation at Chebyshev nodes is at most its error
+    for one such exponential: four times the sum of the Bessel functions ``J_n(2 pi
+    TABLE_HALF_WIDTH)`` from the first omitted degree on (Trefethen, 2013, chapter 4).
     """
 
     def __init__(self, values: Floats, max_frequency: float) -> None:
@@ -269,21 +311,32 @@ class RadialTable:
     def __call__(self, frequencies: Floats) -> Floats:
         """Interpolate the spectrum; raises InputError above the table."""
         k = np.asarray(frequencies, dtype=np.float64)
-        if k.size and not (k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9):  # for rounding
-            problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table ends at {self.max_frequency:g}"
+        if k.size and not (
+            k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9
+        ):  # for rounding
+            problem, rule = (
+                f"reach from {k.min():g} to {k.max():g}",
+                f"the table ends at {self.max_frequency:g}",
+            )
             raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
-        interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1)
+        interval = np.minimum(
+            (k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1
+        )
         x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
-        return np.asarray(np.polynomial.chebyshev.chebval(x, self._coefficients[:, interval], tensor=False))
+        return np.asarray(
+            np.polynomial.chebyshev.chebval(x, self._coefficients[:, interval], tensor=False)
+        )
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:
     """Return the frequencies that a table needs, shape (intervals, nodes).
 
-    The last interval may end above ``max_frequency``. The tolerance is the interpolation error relative to the value at
-    0; the error of the spectrum itself adds to it.
+    The last interval may end above ``max_frequency``. The tolerance is the interpolation error
+    relative to the value at 0; the error of the spectrum itself adds to it.
     """
-    nodes = TABLE_HALF_WIDTH * (1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH)))
+    nodes = TABLE_HALF_WIDTH * (
+        1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH))
+    )
     intervals = max(1, math.ceil(max_frequency / (2.0 * TABLE_HALF_WIDTH)))
     return np.asarray(2.0 * TABLE_HALF_WIDTH * np.arange(intervals)[:, None] + nodes)
 
@@ -291,7 +344,8 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
 def count_nodes(tolerance: float, phase: float) -> int:
     """Return the number of Chebyshev nodes per interval.
 
-    With them, exponentials of ``phase`` radians in half an interval are interpolated within ``tolerance``.
+    With them, exponentials of ``phase`` radians in half an interval are interpolated within
+    ``tolerance``.
     """
     from scipy.special import jv
 
@@ -313,20 +367,23 @@ def chebyshev_coefficients(values: Floats) -> Floats:
     return np.asarray(coefficients)
 
 
-# ---- products of two -------------------------------------------------------------------------------------------------
+# ---- products of two -----------------------------------------------------------------------------
 
 
-def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int) -> Floats:
+def product_integrals(
+    function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int
+) -> Floats:
     """Integrate products of two radial functions, for many pairs.
 
-    The integrals of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space are computed by one rule. All arrays
-    have shape (n,). The rule uses polar coordinates around the center of the smaller ball, in units of its radius, over
-    the part inside the other ball,
+    The integrals of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space are computed by
+    one rule. All arrays have shape (n,). The rule uses polar coordinates around the center of the
+    smaller ball, in units of its radius, over the part inside the other ball,
 
-        integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
+        integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D
+        cos(theta).
 
-    The interval of s is cut at the other center, and at the radius from which the other ball covers only some
-    directions. Each piece has ``2 count + 1`` nodes.
+    The interval of s is cut at the other center, and at the radius from which the other ball covers
+    only some directions. Each piece has ``2 count + 1`` nodes.
     """
     # In units of the smaller radius: the larger radius and the distance.
     small, large = np.minimum(a, b), np.maximum(a, b)
@@ -342,7 +399,9 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
     positive = np.nonzero(mass)
     mass, rise, radial, pairs = mass[positive], rise[positive], radial[positive], positive[1]
     totals = np.zeros(len(gaps))
-    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / 2**14) or 1):  # fits into the cache
+    for part in np.array_split(
+        np.arange(len(mass)), math.ceil(len(mass) * len(x) / 2**14) or 1
+    ):  # fits into the cache
         s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
         depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
         with np.errstate(divide="ignore", over="ignore"):  # coinciding centers cover all directions
@@ -357,9 +416,9 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
 def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
     """Return nodes ``sin(theta / 2)^2`` and densities of the integral over directions.
 
-    ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``; ``x``, shape (nodes,), are nodes in [0, 1]. No sine
-    is needed: on a sphere, the area between two circles is proportional to the difference of their ``sin(theta /
-    2)^2``; on a circle, both are rational in ``tan(theta / 4)``.
+    ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``; ``x``, shape (nodes,), are nodes
+    in [0, 1]. No sine is needed: on a sphere, the area between two circles is proportional to the
+    difference of their ``sin(theta / 2)^2``; on a circle, both are rational in ``tan(theta / 4)``.
     """
     if dim == 3:
         return covered * x, 4.0 * math.pi * covered
@@ -379,8 +438,12 @@ def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
             spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
             lens = np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
         else:
-            share = (b - a) / distance  # divided before multiplying, because the product may underflow
-            lens = _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(b, 0.5 * depth * (1.0 - share))
+            share = (
+                b - a
+            ) / distance  # divided before multiplying, because the product may underflow
+            lens = _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(
+                b, 0.5 * depth * (1.0 - share)
+            )
     small_ball = UNIT_BALL_VOLUME[dim] * small**dim
     return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), small_ball, lens))
 

@@ -1,8 +1,9 @@
 """Decomposition of shapes into balls that fill or cover them.
 
-The balls are chosen greedily by the lattice cells that they add. Lengths in this module are in sides of a cell, unless
-they say metres. A ball contains a cell if ``sum (|cell_center - center| + half)^2 <= reach^2`` over the axes. With
-``half`` zero it contains the cell's center, otherwise the whole cell. An *open* cell lies in no chosen ball.
+The balls are chosen greedily by the lattice cells that they add. Lengths in this module are in
+sides of a cell, unless they say metres. A ball contains a cell if ``sum (|cell_center - center| +
+half)^2 <= reach^2`` over the axes. With ``half`` zero it contains the cell's center, otherwise the
+whole cell. An *open* cell lies in no chosen ball.
 """
 
 from __future__ import annotations
@@ -57,7 +58,11 @@ BALLS_VERSION: Final = 2
 KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
 """Colors of balls by kind, from Okabe and Ito (2008)."""
 
-BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
+BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {
+    ".json": read_json,
+    ".yaml": read_yaml,
+    ".yml": read_yaml,
+}
 """Function that reads a file of balls, by suffix."""
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
@@ -79,7 +84,8 @@ class Bounds(NamedTuple):
 class BallDecomposition:
     """Balls that fill or cover a shape.
 
-    In the plane they are discs. Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
+    In the plane they are discs. Made by :func:`cspace.spectral.decompose`, or read with
+    :meth:`open`.
 
     Attributes
     ----------
@@ -92,8 +98,9 @@ class BallDecomposition:
     measure, shape_measure : Bounds
         Bounds of the area or volume of the union, and of the shape, square or cubic metres.
     hausdorff : Bounds
-        Bounds of the non-zero one-sided Hausdorff distance, metres. For "inner", this is the largest distance of a
-        point of the shape from the balls; for "outer", the largest distance of a point of the balls from the shape.
+        Bounds of the non-zero one-sided Hausdorff distance, metres. For "inner", this is the
+        largest distance of a point of the shape from the balls; for "outer", the largest distance
+        of a point of the balls from the shape.
     shape : Shape, or None
         The shape, for pictures; files do not store it.
 
@@ -115,8 +122,13 @@ class BallDecomposition:
         for name in _BOUNDS:
             pair = check_finite(getattr(self, name), name)
             if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
-                value, rule = getattr(self, name), "it must be two numbers, zero or above, the lower one first"
-                raise InputError(name, f"is {value!r}", rule, "pass Bounds(lower, upper)", value=value)
+                value, rule = (
+                    getattr(self, name),
+                    "it must be two numbers, zero or above, the lower one first",
+                )
+                raise InputError(
+                    name, f"is {value!r}", rule, "pass Bounds(lower, upper)", value=value
+                )
             object.__setattr__(self, name, Bounds(*pair.tolist()))
         object.__setattr__(self, "centers", frozen(centers))
         object.__setattr__(self, "radii", frozen(radii))
@@ -135,7 +147,9 @@ class BallDecomposition:
         """Bounds of the union's volume over the shape's."""
         low, high = self.shape_measure
         lower, upper = self.measure
-        return Bounds(lower / high if high > 0.0 else math.inf, upper / low if low > 0.0 else math.inf)
+        return Bounds(
+            lower / high if high > 0.0 else math.inf, upper / low if low > 0.0 else math.inf
+        )
 
     @property
     def volume_ratio(self) -> float:
@@ -145,47 +159,73 @@ class BallDecomposition:
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
         """Draw the balls and, if known, their shape.
 
-        By default it makes a new figure without a window. The default title gives the number, the kind and the distance
-        to the shape. Raises InputError if the axes are of the plane and the balls in space, or the reverse.
+        By default it makes a new figure without a window. The default title gives the number, the
+        kind and the distance to the shape. Raises InputError if the axes are of the plane and the
+        balls in space, or the reverse.
         """
         from matplotlib.collections import LineCollection, PatchCollection
         from matplotlib.figure import Figure
         from matplotlib.patches import Circle
 
         solid, color = self.dim == 3, KIND_COLORS[self.kind]
-        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
+        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(
+            projection="3d" if solid else None
+        )
         if solid != hasattr(axes, "get_zlim"):
             select = ("in the plane", "in space")
-            hint = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
-            raise InputError("ax", f"is {select[not solid]}", f"the balls are {select[solid]}", hint, value=ax)
+            hint = (
+                "add_subplot(projection='3d') makes axes for balls, and one without a projection "
+                "for discs"
+            )
+            raise InputError(
+                "ax", f"is {select[not solid]}", f"the balls are {select[solid]}", hint, value=ax
+            )
         if solid:
-            shapes: list[tuple[ExactShape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
+            shapes: list[tuple[ExactShape, dict[str, Any]]] = [
+                (Balls(self.centers, self.radii), {"color": color})
+            ]
             if self.shape is not None:
-                shapes.append((self.shape.outer, {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5}))
+                shapes.append(
+                    (
+                        self.shape.outer,
+                        {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5},
+                    )
+                )
             for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
                 axes.plot_trisurf(*vertices.T, triangles=faces, **style)
         else:
             # Many discs overlap, so their colours must be translucent.
-            discs = PatchCollection(list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6)
+            discs = PatchCollection(
+                list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6
+            )
             discs.set_edgecolor((color, 0.75))
             axes.add_collection(discs)
             if self.shape is not None:
-                axes.add_collection(LineCollection(list(self.shape.outer.boundary().simplices), colors="#262626"))
+                axes.add_collection(
+                    LineCollection(list(self.shape.outer.boundary().simplices), colors="#262626")
+                )
             axes.autoscale_view()
         axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
-        text = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
+        text = (
+            f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within "
+            f"{self.hausdorff.upper:.3g} m"
+        )
         axes.set_title(text if title is None else title, fontsize=10)
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
         """Write the balls to a YAML or JSON file.
 
-        The suffix is ``.yaml``, ``.yml`` or ``.json``. The file is lossless but does not contain the shape. Raises
-        InputError for another suffix. Raises FileError if the file exists and ``overwrite`` is not set, or cannot be
-        written.
+        The suffix is ``.yaml``, ``.yml`` or ``.json``. The file is lossless but does not contain
+        the shape. Raises InputError for another suffix. Raises FileError if the file exists and
+        ``overwrite`` is not set, or cannot be written.
         """
         check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")
-        record: dict[str, Any] = {"format": BALLS_FORMAT, "version": BALLS_VERSION, "kind": self.kind}
+        record: dict[str, Any] = {
+            "format": BALLS_FORMAT,
+            "version": BALLS_VERSION,
+            "kind": self.kind,
+        }
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
         with replacing(path, overwrite) as temporary:
@@ -196,7 +236,8 @@ class BallDecomposition:
     def open(cls, path: str | os.PathLike[str]) -> BallDecomposition:
         """Read a file written by :meth:`save`.
 
-        Raises InputError for another suffix, and FileError if the file is missing, malformed, or of another version.
+        Raises InputError for another suffix, and FileError if the file is missing, malformed, or of
+        another version.
         """
         load = BALL_READERS[check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")]
         record, name = load(path, "file of balls"), os.fspath(path)
@@ -205,7 +246,12 @@ class BallDecomposition:
             raise FileError(name, "holds no balls", rule, "pass a file of BallDecomposition.save")
         if record.get("version") != BALLS_VERSION:
             version = f"has version {record.get('version')!r}"
-            raise FileError(name, version, f"this library reads {BALLS_VERSION}", "use the library that wrote it")
+            raise FileError(
+                name,
+                version,
+                f"this library reads {BALLS_VERSION}",
+                "use the library that wrote it",
+            )
         try:
             bounds = {key: record[key] for key in _BOUNDS}
             return cls(record["centers"], record["radii"], record["kind"], **bounds)
@@ -234,29 +280,32 @@ def decompose(
 ) -> BallDecomposition:
     """Decompose a shape into balls.
 
-    The balls fill the shape or cover it. A greedy choice takes the ball that adds most cells of a lattice (V. Chvatal,
-    "A greedy heuristic for the set-covering problem", 1979). Candidates have their centers along the medial axis. The
-    results are proven, not sampled: an "inner" ball is no larger than the distance of its center from the boundary. For
-    "outer", cells cover the shape, and each cell lies entirely in one ball.
+    The balls fill the shape or cover it. A greedy choice takes the ball that adds most cells of a
+    lattice (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979). Candidates have
+    their centers along the medial axis. The results are proven, not sampled: an "inner" ball is no
+    larger than the distance of its center from the boundary. For "outer", cells cover the shape,
+    and each cell lies entirely in one ball.
 
     Parameters
     ----------
     shape : Shape, shapely geometry, trimesh.Trimesh, array-like, path-like, mapping or str
-        In the plane: polygons (a list means their union; "outer" also accepts lines and points), GeoJSON, WKT, a file
-        of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of` accepts. For cells, pass the shape
-        ``cspace.shapes.Voxels.of(cells, spacing)``. Metres.
+        In the plane: polygons (a list means their union; "outer" also accepts lines and points),
+        GeoJSON, WKT, a file of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of`
+        accepts. For cells, pass the shape ``cspace.shapes.Voxels.of(cells, spacing)``. Metres.
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional
-        Largest number of balls. Their distance is the smallest that was found, and is at most, or nearly, the tolerance
-        that takes as many balls.
+        Largest number of balls. Their distance is the smallest that was found, and is at most, or
+        nearly, the tolerance that takes as many balls.
     tolerance : float, optional
-        Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
-        distance of a point of the balls from the shape. Pass either this or ``number``.
+        Metres. For "inner", the largest distance of a point of the shape from the balls; for
+        "outer", the largest distance of a point of the balls from the shape. Pass either this or
+        ``number``.
 
-    Raises GeometryError if the shape is empty, malformed, or has no inside for inner balls. Raises FileError if a file
-    is missing or malformed. Raises InputError if both or neither of ``number`` and ``tolerance`` are passed, an
-    argument is not usable, balls cannot meet the tolerance, or the lattice does not fit into memory.
+    Raises GeometryError if the shape is empty, malformed, or has no inside for inner balls. Raises
+    FileError if a file is missing or malformed. Raises InputError if both or neither of ``number``
+    and ``tolerance`` are passed, an argument is not usable, balls cannot meet the tolerance, or the
+    lattice does not fit into memory.
 
     Examples
     --------
@@ -268,8 +317,17 @@ def decompose(
     """
     check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem, rule = f"is {number!r} and tolerance is {tolerance!r}", "exactly one of them chooses the balls"
-        raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
+        problem, rule = (
+            f"is {number!r} and tolerance is {tolerance!r}",
+            "exactly one of them chooses the balls",
+        )
+        raise InputError(
+            "number",
+            problem,
+            rule,
+            "pass e.g. number=64, or tolerance=0.01 in metres",
+            value=number,
+        )
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
@@ -277,10 +335,15 @@ def decompose(
         hint = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
-        problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
+        problem, rule = (
+            f"is {number}, but the shape is {region.size:g} m across",
+            "its lattice needs a finite size",
+        )
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
-    lattice = Lattice.for_count(region, count) if count else Lattice.for_tolerance(region, length or 0.0)
+    lattice = (
+        Lattice.for_count(region, count) if count else Lattice.for_tolerance(region, length or 0.0)
+    )
     centers, radii, gap = choose_balls(lattice, count, length)
     order = np.argsort(-radii, kind="stable")
     best = centers[order], radii[order]
@@ -288,25 +351,30 @@ def decompose(
     return BallDecomposition(*best, kind, *measures, Bounds(*gap), region.shape)
 
 
-# ---- choice of balls -------------------------------------------------------------------------------------------------
+# ---- choice of balls -----------------------------------------------------------------------------
 
 
-def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap]:
+def _fill_shape(
+    lattice: Lattice, number: int | None, tolerance: float | None
+) -> tuple[Floats, Floats, Gap]:
     """Choose balls in a shape, by number or tolerance in metres.
 
-    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to the balls. Raises
-    InputError if the shape is too thin or the tolerance too small.
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to
+    the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
     is_proven, gap = False, None
     if number is None:
-        cover, balls = _choose_cover(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
+        cover, balls = _choose_cover(
+            lattice, inside, (tolerance or 0.0) / lattice.side, inside=True
+        )
         is_proven = not len(cover.open_cells)
         centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
         centers, radii, _, gap = _nearest_balls(
-            lattice, [_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)]
+            lattice,
+            [_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)],
         )
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
@@ -316,34 +384,55 @@ def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -
     if gap is None or not inside_shape.all():
         gap = bound_shape_to_balls(lattice, centers, radii)[:2]
     if tolerance is not None and gap[1] > tolerance:
-        if is_proven and inside_shape.all():  # all cells lie in the balls grown by less than the tolerance
+        if (
+            is_proven and inside_shape.all()
+        ):  # all cells lie in the balls grown by less than the tolerance
             return centers, radii, (min(gap[0], tolerance), tolerance)
-        problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the shape only"
-        rule, hint = "parts thinner than the lattice have no balls", "pass a larger tolerance, or kind='outer'"
+        problem = (
+            f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
+            "shape only"
+        )
+        rule, hint = (
+            "parts thinner than the lattice have no balls",
+            "pass a larger tolerance, or kind='outer'",
+        )
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
     return centers, radii, gap
 
 
-def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats, Gap]:
+def _cover_shape(
+    lattice: Lattice, number: int | None, tolerance: float | None
+) -> tuple[Floats, Floats, Gap]:
     """Choose balls that cover a shape, by number or tolerance in metres.
 
-    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to the shape. Raises
-    InputError if no such balls are found.
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to
+    the shape. Raises InputError if no such balls are found.
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
-        balls = _cover_within(lattice, candidates, tolerance / lattice.side, UNLIMITED_BALLS, inside=False)
+        balls = _cover_within(
+            lattice, candidates, tolerance / lattice.side, UNLIMITED_BALLS, inside=False
+        )
     else:
         balls = _cover_with(lattice, candidates, number or UNLIMITED_BALLS, inside=False)
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
-        raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
+        raise InputError(
+            name,
+            problem,
+            "their union must contain the shape",
+            f"pass a larger {name}",
+            value=value,
+        )
     centers, radii = lattice.to_metres(balls.centers), _radii_of(balls, lattice)
     if number is not None:
-        # Covering whole cells takes more than covering the shape, so only the centers are kept; each ball around them
-        # grows as the shape needs. Balls that fill the shape are nearer where it is smooth, so they are tried too.
-        centers, depths, growths, _ = _nearest_balls(lattice, [_fill_greedily(lattice, number), balls])
+        # Covering whole cells takes more than covering the shape, so only the centers are kept;
+        # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
+        # it is smooth, so they are tried too.
+        centers, depths, growths, _ = _nearest_balls(
+            lattice, [_fill_greedily(lattice, number), balls]
+        )
         radii = (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
@@ -352,27 +441,38 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
 def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
     """Return radii, metres, with which balls contain their cells.
 
-    The difference is larger than the rounding of coordinates and depths, so that no ball sticks out too far.
+    The difference is larger than the rounding of coordinates and depths, so that no ball sticks out
+    too far.
     """
     return (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
 
 
-def _nearest_balls(lattice: Lattice, choices: list[LatticeBalls | None]) -> tuple[Floats, Floats, Floats, Gap | None]:
+def _nearest_balls(
+    lattice: Lattice, choices: list[LatticeBalls | None]
+) -> tuple[Floats, Floats, Floats, Gap | None]:
     """Select the balls with the smallest distance from the shape.
 
-    Each choice gives the centers; the balls are the largest balls in the shape around them. Returns centers (n, d) and
-    radii (n,) in metres, negative outside the shape; the growth of each ball with which all cover the shape (n,); and
-    bounds of the distance. Without any choice, n is 0 and the bounds are None.
+    Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
+    centers (n, d) and radii (n,) in metres, negative outside the shape; the growth of each ball
+    with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
+    the bounds are None.
     """
     points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
-    found: tuple[Floats, Floats, Floats, Gap | None] = (np.empty((0, lattice.region.dim)), *np.empty((2, 0)), None)
+    found: tuple[Floats, Floats, Floats, Gap | None] = (
+        np.empty((0, lattice.region.dim)),
+        *np.empty((2, 0)),
+        None,
+    )
     for choice in choices:
         if choice is None or not len(choice.centers):
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
         # The points alone show for most choices that they are not the nearest.
-        if best == math.inf or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best:
+        if (
+            best == math.inf
+            or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best
+        ):
             low, high, growths = bound_shape_to_balls(lattice, centers, depths)
             if high < best:
                 best, found = high, (centers, depths, growths, (low, high))
@@ -398,10 +498,13 @@ def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     return balls
 
 
-def _cover_with(lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool) -> LatticeBalls | None:
+def _cover_with(
+    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool
+) -> LatticeBalls | None:
     """Choose at most ``number`` balls that cover all cells, or return None.
 
-    They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such balls are found.
+    They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
+    balls are found.
     """
     bad, good = 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side
     best = _cover_within(lattice, candidates, good, number, inside=inside)
@@ -429,37 +532,46 @@ def _cover_within(
 
 
 def _choose_cover(
-    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, max_balls: int = UNLIMITED_BALLS
+    lattice: Lattice,
+    candidates: LatticeBalls,
+    reach: float,
+    *,
+    inside: bool,
+    max_balls: int = UNLIMITED_BALLS,
 ) -> tuple[Cover, LatticeBalls]:
     """Choose at most ``max_balls`` balls until every cell lies in one.
 
-    The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers must lie in the
-    shape. The returned cover has open cells if ``max_balls`` do not suffice.
+    The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers
+    must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
     """
     from scipy.spatial import KDTree
 
     cover = Cover(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
-    # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of the shape.
+    # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of
+    # the shape.
     for stage in range(3):
         open_cells = cover.open_cells
         if not len(open_cells) or len(balls.reaches) == max_balls:
             break
         offered = (
-            _deepest_points(lattice, open_cells) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
+            _deepest_points(lattice, open_cells)
+            if stage == 2
+            else (candidates, _balls_at_cell_centers(lattice))[stage]
         )
         offered = offered._replace(reaches=offered.depths + reach)
         offered = offered.select(offered.depths > (0.0 if inside else -np.inf))
         if len(open_cells) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
             bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
             offered = offered.select(
-                KDTree(open_cells).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
+                KDTree(open_cells).query(offered.centers, distance_upper_bound=bound)[0]
+                <= offered.reaches
             )
         balls = balls.append(offered.select(cover.choose(offered, max_balls - len(balls.reaches))))
     return cover, balls
 
 
-# ---- candidates ------------------------------------------------------------------------------------------------------
+# ---- candidates ----------------------------------------------------------------------------------
 
 
 def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
@@ -470,19 +582,28 @@ def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
     """List the balls that no neighboring ball contains.
 
-    They lie along the medial axis of the shape. Growing all balls by one length does not change which balls contain
-    others.
+    They lie along the medial axis of the shape. Growing all balls by one length does not change
+    which balls contain others.
     """
     from scipy.ndimage import grey_dilation
 
-    # A ball is contained if a neighbor's depth exceeds its own by the distance of the two centers: a grey dilation.
+    # A ball is contained if a neighbor's depth exceeds its own by the distance of the two centers:
+    # a grey dilation.
     depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
-    # Neighbors are up to two cells away, and a contained ball may stick out by 2 % of that distance.
+    # Neighbors are up to two cells away, and a contained ball may stick out by 2 % of that
+    # distance.
     steps = (np.arange(-2, 3) if half else np.zeros(1) for half in lattice.half)
     distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    options = {"footprint": distances > 0.0, "structure": -0.98 * distances, "mode": "constant", "cval": -np.inf}
-    balls = _balls_at_cell_centers(lattice).select(~(grey_dilation(depths, **options) >= depths)[lattice.cells])
+    options = {
+        "footprint": distances > 0.0,
+        "structure": -0.98 * distances,
+        "mode": "constant",
+        "cval": -np.inf,
+    }
+    balls = _balls_at_cell_centers(lattice).select(
+        ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
+    )
     # Thin out the candidates evenly, but keep the largest ball.
     kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
     if len(kept):
@@ -496,7 +617,9 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
     for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
         if not len(cells):
             break
-        ticks = [(np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half]
+        ticks = [
+            (np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half
+        ]
         trials = cells[:, None] + np.array(list(product(*ticks)))
         depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
         rows, best = np.arange(len(cells)), depths.argmax(axis=1)
@@ -509,8 +632,8 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
 class LatticeBalls(NamedTuple):
     """Balls in lattice coordinates, in sides of a cell.
 
-    ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center in the shape, and
-    ``reaches``, shape (n,), the radii.
+    ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center
+    in the shape, and ``reaches``, shape (n,), the radii.
     """
 
     centers: Floats
@@ -529,11 +652,12 @@ class LatticeBalls(NamedTuple):
 class CellCounts(NamedTuple):
     """Number of balls that contain each cell, for kernels.
 
-    ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for ignored cells.
-    ``prefix_sums``, shape (nx, ny, nz + 1), are the numbers of open cells before a cell in its row, and
-    ``open_counts``, shape (nx, ny), those of rows. ``half``, shape (3,), is half a cell along each axis if balls must
-    contain whole cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are i, j, first
-    k and stop k, and ``squares`` the part of the squared distance along the first two axes.
+    ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for
+    ignored cells. ``prefix_sums``, shape (nx, ny, nz + 1), are the numbers of open cells before a
+    cell in its row, and ``open_counts``, shape (nx, ny), those of rows. ``half``, shape (3,), is
+    half a cell along each axis if balls must contain whole cells, else 0. Scratch for the rows of
+    cells in a ball: ``rows``, shape (nx * ny, 4), are i, j, first k and stop k, and ``squares`` the
+    part of the squared distance along the first two axes.
     """
 
     counts: NDArray[np.int32]
@@ -547,19 +671,27 @@ class CellCounts(NamedTuple):
 class Cover:
     """Cells of a lattice, and balls chosen for them.
 
-    With ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered. Otherwise a ball
-    contains a cell if it contains the center, and only centers in the shape must be covered.
+    With ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered.
+    Otherwise a ball contains a cell if it contains the center, and only centers in the shape must
+    be covered.
     """
 
     def __init__(self, lattice: Lattice, *, whole: bool) -> None:
         self._lattice = lattice
         counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
         counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
-        prefix_sums = np.cumsum(np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
+        prefix_sums = np.cumsum(
+            np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32
+        )
         rows, half = math.prod(counts.shape[:2]), lattice.half if whole else np.zeros(3)
         open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
         self._cells = CellCounts(
-            counts, prefix_sums, open_counts, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows)
+            counts,
+            prefix_sums,
+            open_counts,
+            half,
+            np.empty((rows, 4), dtype=np.int64),
+            np.empty(rows),
         )
 
     @property
@@ -572,19 +704,34 @@ class Cover:
         # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
         lattice, dim = self._lattice, self._lattice.region.dim
         enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers)))
-        chosen, open_count = np.empty(min(max_balls, len(bounds)), dtype=np.int64), int(self._cells.open_counts.sum())
-        return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)]
+        bounds = np.minimum(
+            UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
+        )
+        chosen, open_count = (
+            np.empty(min(max_balls, len(bounds)), dtype=np.int64),
+            int(self._cells.open_counts.sum()),
+        )
+        return chosen[
+            : choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)
+        ]
 
     def trim(self, balls: LatticeBalls) -> Floats:
         """Shrink the balls to the cells that only they contain.
 
-        Returns their reaches, shape (n,), 0 for balls without such cells. Small balls are dropped first; then balls
-        that stick out most are shrunk first.
+        Returns their reaches, shape (n,), 0 for balls without such cells. Small balls are dropped
+        first; then balls that stick out most are shrunk first.
         """
         reaches = balls.reaches.copy()
-        trim(self._cells, balls.centers, reaches, np.argsort(reaches, kind="stable"), only_drop=True)
-        trim(self._cells, balls.centers, reaches, np.argsort(balls.depths - reaches, kind="stable"), only_drop=False)
+        trim(
+            self._cells, balls.centers, reaches, np.argsort(reaches, kind="stable"), only_drop=True
+        )
+        trim(
+            self._cells,
+            balls.centers,
+            reaches,
+            np.argsort(balls.depths - reaches, kind="stable"),
+            only_drop=False,
+        )
         return reaches
 
     def polish(self, centers: Floats, radii: Floats) -> None:
@@ -604,8 +751,8 @@ def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
 def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool) -> tuple[int, int]:
     """Find the rows of cells in a ball; count rows and open cells.
 
-    They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows of the lattice
-    without open cells are skipped.
+    They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows
+    of the lattice without open cells are skipped.
     """
     nx, ny, nz = cells.counts.shape
     half = cells.half
@@ -615,13 +762,17 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool)
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > radius * radius:
             continue
-        for j in range(*_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)):
+        for j in range(
+            *_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)
+        ):
             if only_open and cells.open_counts[i, j] == 0:
                 continue
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if square_xy > radius * radius:
                 continue
-            first, stop = _cell_range(center[2], math.sqrt(radius * radius - square_xy) - half[2], nz)
+            first, stop = _cell_range(
+                center[2], math.sqrt(radius * radius - square_xy) - half[2], nz
+            )
             if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
@@ -646,13 +797,21 @@ def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> N
 
 
 @allocating
-def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, open_count: int, chosen: Ints) -> int:
+def choose(
+    cells: CellCounts,
+    centers: Floats,
+    reaches: Floats,
+    bounds: Floats,
+    open_count: int,
+    chosen: Ints,
+) -> int:
     """Choose the balls that add most cells, greedily.
 
-    ``chosen`` receives their indices; returns their number. ``centers`` has shape (n, 3), ``reaches`` and ``bounds``
-    (n,). A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M. Minoux,
-    "Accelerated greedy algorithms for maximizing submodular set functions", 1978). The choice ends when none of the
-    ``open_count`` open cells remains.
+    ``chosen`` receives their indices; returns their number. ``centers`` has shape (n, 3),
+    ``reaches`` and ``bounds`` (n,). A ball adds at most ``bounds`` cells, and never more than
+    before other balls were chosen (M. Minoux, "Accelerated greedy algorithms for maximizing
+    submodular set functions", 1978). The choice ends when none of the ``open_count`` open cells
+    remains.
     """
     count = 0
     queue = [(-bounds[ball], ball) for ball in range(len(centers))]
@@ -677,7 +836,8 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, 
 def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
     """Shrink balls, in order, to the cells that only they contain.
 
-    Reaches change in place, to 0 for balls without such cells. With ``only_drop``, only these balls change.
+    Reaches change in place, to 0 for balls without such cells. With ``only_drop``, only these balls
+    change.
     """
     for ball in order:
         farthest = -1.0
@@ -707,7 +867,8 @@ def _measure_trial(
 ) -> tuple[float, int]:
     """Return the radius of a ball around a center, and the open cells in it.
 
-    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in metres.
+    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in
+    metres.
     """
     corner, side, error = lattice_frame
     for axis in range(3):
@@ -730,10 +891,10 @@ def polish(
 ) -> None:
     """Move balls inside the shape to contain more cells, in place.
 
-    A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go along the axes, and
-    halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,). ``lattice_frame`` is the corner of the lattice in
-    the space of the tree, its side, and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both
-    frames.
+    A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go
+    along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
+    ``lattice_frame`` is the corner of the lattice in the space of the tree, its side, and the error
+    of distances. ``scratch``, shape (2, 3), holds a trial point in both frames.
     """
     trial, point = scratch[0], scratch[1]
     for round_index in range(6):
@@ -752,7 +913,9 @@ def polish(
                         trial[along] = centers[ball, along]
                     trial[axis] += step if direction % 2 else -step
                     # A radius grows by a step at most.
-                    radius, gain = _measure_trial(cells, tree, trial, radii[ball] + step, lattice_frame, point)
+                    radius, gain = _measure_trial(
+                        cells, tree, trial, radii[ball] + step, lattice_frame, point
+                    )
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain

@@ -1,12 +1,16 @@
-"""Descriptors: functions that are positive in a shape and zero elsewhere, and their algebra (Lysenko, 2013).
+"""Descriptors: functions that are positive in a shape only, and their algebra.
 
-Let ``U_t(f) = {x : f(x) > t}``. For non-negative descriptors, ``U_0(f + g) = U_0(f) | U_0(g)`` and ``U_0(f g) = U_0(f)
-& U_0(g)``, and ``U_0(f * g)`` is the Minkowski sum of ``U_0(f)`` and ``U_0(g)``.
+Source: Lysenko, 2013.
 
-*Sums of polygons.* The sum of two convex sets is the convex hull of the sums of their corners, and the sum of two
-unions is the union of the sums of their parts. Polygons are cut into convex parts, and the cut is checked exactly. The
-sums grow, or shrink, by a slack that exceeds all later rounding a hundred times: the rounding of the corners (2^-53 of
-the largest coordinate) and of the union (GEOS snaps vertices within 1e-12 of it, if necessary).
+Let ``U_t(f) = {x : f(x) > t}``. For non-negative descriptors, ``U_0(f + g) = U_0(f) | U_0(g)`` and
+``U_0(f g) = U_0(f) & U_0(g)``, and ``U_0(f * g)`` is the Minkowski sum of ``U_0(f)`` and
+``U_0(g)``.
+
+*Sums of polygons.* The sum of two convex sets is the convex hull of the sums of their corners, and
+the sum of two unions is the union of the sums of their parts. Polygons are cut into convex parts,
+and the cut is checked exactly. The sums grow, or shrink, by a slack that exceeds all later rounding
+a hundred times: the rounding of the corners (2^-53 of the largest coordinate) and of the union
+(GEOS snaps vertices within 1e-12 of it, if necessary).
 """
 
 from __future__ import annotations
@@ -58,7 +62,8 @@ class PolygonSum(NamedTuple):
 def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     """Compute inner and outer bounds of a Minkowski sum.
 
-    Raises InputError if the polygons have too many corners, and GeometryError if GEOS unites the parts wrongly.
+    Raises InputError if the polygons have too many corners, and GeometryError if GEOS unites the
+    parts wrongly.
     """
     import shapely
 
@@ -68,7 +73,9 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
         parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
         problem = f"and first make {corners:,} sums of corners of their {parts}"
         hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second)
+        raise InputError(
+            "second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second
+        )
     sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
     points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
     slack = 2.0**-33 * float(np.abs(points).max())
@@ -76,10 +83,15 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     grown = shapely.buffer(sums, slack, join_style="mitre", cap_style="square")
     shrunk = shapely.buffer(sums[shapely.get_dimensions(sums) == 2], -slack, join_style="mitre")
     # Merge corners that differ only by the slack; this costs half of the slack.
-    outer, inner = (shapely.simplify(shapely.union_all(parts), slack / 2.0) for parts in (grown, shrunk))
+    outer, inner = (
+        shapely.simplify(shapely.union_all(parts), slack / 2.0) for parts in (grown, shrunk)
+    )
     shapely.prepare(outer)
     if not shapely.covers(outer, sums).all():
-        problem, hint = "has a sum that GEOS unites wrongly", "round both with shapely.set_precision"
+        problem, hint = (
+            "has a sum that GEOS unites wrongly",
+            "round both with shapely.set_precision",
+        )
         raise GeometryError("first", problem, "the union must cover its parts", hint, value=first)
     return PolygonSum(inner, outer)
 
@@ -102,13 +114,16 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
 def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     """Cut a polygon into counterclockwise triangles, checked exactly.
 
-    If the boundary of the polygon is the sum of the boundaries of the triangles, the number of triangles around a point
-    is the winding number of the polygon, one inside and zero outside. Raises GeometryError if the triangles do not tile
-    the polygon.
+    If the boundary of the polygon is the sum of the boundaries of the triangles, the number of
+    triangles around a point is the winding number of the polygon, one inside and zero outside.
+    Raises GeometryError if the triangles do not tile the polygon.
     """
     import shapely
 
-    rings = [_without_straight_corners(list(ring.coords)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
+    rings = [
+        _without_straight_corners(list(ring.coords)[:-1])
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
     cleaned = shapely.orient_polygons(shapely.Polygon(rings[0], rings[1:]))
     boundary: Counter[tuple[Corner, Corner]] = Counter()
     triangles = []
@@ -122,19 +137,26 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
         _add_ring(boundary, list(ring.coords)[:-1], -1)
     if not triangles or any(boundary.values()):
         hint = "round it with shapely.set_precision"
-        raise GeometryError("polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon)
+        raise GeometryError(
+            "polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon
+        )
     return triangles
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
     """Merge adjacent rings while they stay convex (Hertel and Mehlhorn, 1983)."""
     pieces = dict(enumerate(rings))
-    owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
+    owner = {
+        (ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))
+    }
     for a, b in list(owner):
         left_piece, right_piece = owner[a, b], owner.get((b, a))
         if right_piece is None or left_piece == right_piece:
             continue
-        left, right = _rotate_ring(pieces[left_piece], a), _rotate_ring(pieces[right_piece], b)  # b ... a, and a ... b
+        left, right = (
+            _rotate_ring(pieces[left_piece], a),
+            _rotate_ring(pieces[right_piece], b),
+        )  # b ... a, and a ... b
         if _orientation(left[-2], a, right[1]) < 0 or _orientation(right[-2], b, left[1]) < 0:
             continue
         right = pieces.pop(right_piece)
@@ -179,7 +201,8 @@ def _orientation(a: Corner, b: Corner, c: Corner) -> int:
 
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
-"""Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of arrays."""
+"""Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of
+arrays."""
 
 PLACEMENT_ROUNDING: Final = 2.0**-50
 """Upper bound of the relative error of rotating and translating a coordinate."""
@@ -201,8 +224,8 @@ SMALLEST_NORMAL: Final = float(np.finfo(np.float64).tiny)
 class Descriptor:
     """Function sampled at cell centers; the shape is its positive set.
 
-    Stores a read-only float64 copy of the values, shape grid.shape. Raises InputError if the values do not have the
-    shape of the grid, or one is not finite.
+    Stores a read-only float64 copy of the values, shape grid.shape. Raises InputError if the values
+    do not have the shape of the grid, or one is not finite.
     """
 
     grid: Grid
@@ -233,8 +256,8 @@ class Descriptor:
 class BallDescriptor(Balls):
     """Sum of a bump around each of several balls.
 
-    It is ``f(x) = sum over balls of psi((x - center) / radius)``, which is above zero in the open balls and zero
-    elsewhere.
+    It is ``f(x) = sum over balls of psi((x - center) / radius)``, which is above zero in the open
+    balls and zero elsewhere.
 
     Parameters
     ----------
@@ -245,7 +268,8 @@ class BallDescriptor(Balls):
     bump : Bump, optional
         ``Bump(2.0)`` if left out.
 
-    Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
+    Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius
+    is not above zero.
     """
 
     def __init__(self, centers: ArrayLike, radii: ArrayLike, bump: Bump | None = None) -> None:
@@ -278,7 +302,11 @@ class BallDescriptor(Balls):
         if len(np.unique(self.radii)) <= number:
             return self
         shares = np.arange(number) / number
-        steps = np.unique(np.quantile(self.radii, 1.0 - shares if up else shares, method="higher" if up else "lower"))
+        steps = np.unique(
+            np.quantile(
+                self.radii, 1.0 - shares if up else shares, method="higher" if up else "lower"
+            )
+        )
         places = np.searchsorted(steps, self.radii, side="left" if up else "right")
         return BallDescriptor(self.centers, steps[places if up else places - 1], self.bump)
 
@@ -288,7 +316,9 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         hint = "drop balls that have no volume"
-        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", hint, value=radii)
+        raise InputError(
+            "radii", f"holds {sizes.min():g}", "each must be above zero", hint, value=radii
+        )
     return points, sizes
 
 
@@ -310,7 +340,10 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
         if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        problem, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
+        problem, rule = (
+            f"is a {type(source).__name__}",
+            "it must have centers and radii, or be a pair of them",
+        )
         raise InputError(name, problem, rule, "decompose other shapes first", value=source)
     return BallDescriptor(pair[0], pair[1], bump)
 
@@ -320,9 +353,13 @@ def common_bump(bump: Bump | None, *sources: object) -> Bump:
 
     Raises InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
     """
-    bumps = {found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)}
+    bumps = {
+        found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)
+    }
     if bump is None and len(bumps) > 1:
-        raise InputError("bump", f"is missing, but the descriptors have {bumps}", "they must agree", "pass bump=")
+        raise InputError(
+            "bump", f"is missing, but the descriptors have {bumps}", "they must agree", "pass bump="
+        )
     return check_bump(bumps.pop() if bump is None and bumps else bump)
 
 
@@ -333,13 +370,13 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
 
     Parameters
     ----------
-    shape : shapely geometry, trimesh.Trimesh or other shape, set of balls, or array-like of bool, shape grid.shape
-        Metres. Shapes are closed sets: a cell center on the boundary counts as inside, for a mesh also within rounding
-        of it. An array gives the cells themselves.
+    shape : shapely geometry, trimesh.Trimesh, other shape, set of balls, or array-like
+        Metres. Shapes are closed sets: a cell center on the boundary counts as inside, for a mesh
+        also within rounding of it. An array gives the cells themselves.
     grid : Grid
 
-    Raises InputError if shape and grid differ in dimension, or an array has the wrong shape or values other than 0 and
-    1.
+    Raises InputError if shape and grid differ in dimension, or an array has the wrong shape or
+    values other than 0 and 1.
     """
     source: Any = shape
     known: Any
@@ -350,13 +387,19 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
     check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)
-        for window, squares in _ball_windows(known.centers, np.maximum(known.radii, SMALLEST_NORMAL), grid):
+        for window, squares in _ball_windows(
+            known.centers, np.maximum(known.radii, SMALLEST_NORMAL), grid
+        ):
             inside[window] |= squares <= 1.0
     elif isinstance(known, ExactShape):
         centers = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
         inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
-        if isinstance(known, Mesh):  # a mesh contains the points of only some of its faces, so mark them all
-            mark_touched(inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
+        if isinstance(
+            known, Mesh
+        ):  # a mesh contains the points of only some of its faces, so mark them all
+            mark_touched(
+                inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5
+            )
     else:
         problem, rule = "is bounded by an outer and an inner shape", "it must be an exact shape"
         raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
@@ -366,7 +409,8 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
 def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
     """Yield the cells around each ball that meets the grid, with their distances.
 
-    Yields the slices of a window of cells, and the squared distances of the cell centers in radii of the ball.
+    Yields the slices of a window of cells, and the squared distances of the cell centers in radii
+    of the ball.
     """
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
@@ -376,31 +420,39 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
         start, stop = np.clip([start, stop], 0, grid.shape).astype(np.int64)
         if (start < stop).all():
             window = tuple(map(slice, start, stop))
-            squares = (((grid.centers(axis)[part] - center[axis]) / radius) ** 2 for axis, part in enumerate(window))
+            squares = (
+                ((grid.centers(axis)[part] - center[axis]) / radius) ** 2
+                for axis, part in enumerate(window)
+            )
             yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
     """Return a descriptor on a grid; raises InputError for others."""
     if not isinstance(descriptor, Descriptor):
-        problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
+        problem, rule = (
+            f"is a {type(descriptor).__name__}, no Descriptor",
+            "it must be sampled on a grid",
+        )
         hint = "make one with sample(grid) or indicator(shape, grid)"
         raise InputError("descriptor", problem, rule, hint, value=descriptor)
     return descriptor
 
 
-# ---- algebra ---------------------------------------------------------------------------------------------------------
+# ---- algebra -------------------------------------------------------------------------------------
 
 
 @overload
 def union(first: BallDescriptor, *others: BallDescriptor) -> BallDescriptor: ...
 @overload
 def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
-def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
+def union(
+    first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor
+) -> Descriptor | BallDescriptor:
     """Add sampled descriptors, or join descriptors of balls.
 
-    Sampled descriptors share a grid, descriptors of balls a bump. Raises InputError if the kinds, grids, bumps or
-    dimensions differ.
+    Sampled descriptors share a grid, descriptors of balls a bump. Raises InputError if the kinds,
+    grids, bumps or dimensions differ.
     """
     given = (first, *others)
     balls = [each for each in given if isinstance(each, BallDescriptor)]
@@ -409,23 +461,32 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
         return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            problem = f"holds balls of {each.bump} in {each.dim}D, the first is {balls[0].bump} in {balls[0].dim}D"
-            raise InputError("others", problem, "they must agree", "sample them on one grid first", value=each)
-    centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
+            problem = (
+                f"holds balls of {each.bump} in {each.dim}D, the first is {balls[0].bump} in "
+                f"{balls[0].dim}D"
+            )
+            raise InputError(
+                "others", problem, "they must agree", "sample them on one grid first", value=each
+            )
+    centers, radii = (
+        np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii")
+    )
     return BallDescriptor(centers, radii, balls[0].bump)
 
 
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     """Multiply descriptors sampled on one grid.
 
-    A product of values other than zero that underflows becomes the smallest normal number, with its sign, so that
-    exactly the cells of the intersection are above zero. Raises InputError if one is not sampled (the product of two
-    bumps is no bump), or the grids differ.
+    A product of values other than zero that underflows becomes the smallest normal number, with its
+    sign, so that exactly the cells of the intersection are above zero. Raises InputError if one is
+    not sampled (the product of two bumps is no bump), or the grids differ.
     """
     sampled = _on_one_grid((first, *others))
     factors = [each.values for each in sampled]
     product = reduce(np.multiply, factors)
-    lost = (np.abs(product) < SMALLEST_NORMAL) & reduce(np.logical_and, [values != 0.0 for values in factors])
+    lost = (np.abs(product) < SMALLEST_NORMAL) & reduce(
+        np.logical_and, [values != 0.0 for values in factors]
+    )
     signs = reduce(np.multiply, [np.sign(values) for values in factors])
     return Descriptor(sampled[0].grid, np.where(lost, SMALLEST_NORMAL * signs, product))
 
@@ -437,7 +498,13 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
-        raise InputError("threshold", f"is {threshold!r}", "it must be one number", "pass e.g. 0.0", value=threshold)
+        raise InputError(
+            "threshold",
+            f"is {threshold!r}",
+            "it must be one number",
+            "pass e.g. 0.0",
+            value=threshold,
+        )
     return np.asarray(check_sampled(descriptor).values > level)
 
 
@@ -445,7 +512,9 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
 def minkowski_sum(first: Descriptor, second: Descriptor) -> Descriptor: ...
 @overload
 def minkowski_sum(first: BaseGeometry, second: BaseGeometry) -> PolygonSum: ...
-def minkowski_sum(first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry) -> Descriptor | PolygonSum:
+def minkowski_sum(
+    first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry
+) -> Descriptor | PolygonSum:
     """Compute a Minkowski sum of two descriptors or geometries.
 
     Geometries lie in the plane.
@@ -453,33 +522,34 @@ def minkowski_sum(first: Descriptor | BaseGeometry, second: Descriptor | BaseGeo
     Parameters
     ----------
     first, second : Descriptor, or shapely geometry
-        Two descriptors or two geometries. Descriptors are sampled on grids of one spacing. Geometries are polygons,
-        lines, points, or collections of these, in metres.
+        Two descriptors or two geometries. Descriptors are sampled on grids of one spacing.
+        Geometries are polygons, lines, points, or collections of these, in metres.
 
     Returns
     -------
     Descriptor
-        The convolution ``h(x) = integral f(y) g(x - y) dy``, as the sum over cells times their measure. The centers of
-        the cells of its grid are the sums of a cell center of ``first`` and one of ``second``.
+        The convolution ``h(x) = integral f(y) g(x - y) dy``, as the sum over cells times their
+        measure. The centers of the cells of its grid are the sums of a cell center of ``first`` and
+        one of ``second``.
     PolygonSum
-        For geometries: ``inner`` and ``outer``, two geometries. The Minkowski sum contains ``inner`` and lies in
-        ``outer``. Their borders lie about 2e-10 of the largest coordinate apart, except where the sum is thinner than
-        that.
+        For geometries: ``inner`` and ``outer``, two geometries. The Minkowski sum contains
+        ``inner`` and lies in ``outer``. Their borders lie about 2e-10 of the largest coordinate
+        apart, except where the sum is thinner than that.
 
     Raises
     ------
     InputError
-        If only one is a descriptor, a descriptor is not sampled, the dimensions or spacings differ, or polygons have
-        too many corners.
+        If only one is a descriptor, a descriptor is not sampled, the dimensions or spacings differ,
+        or polygons have too many corners.
     GeometryError
         If a geometry is empty, crosses itself, or is not finite.
 
     Notes
     -----
-    If all values of descriptors are whole numbers (indicators), the sums are rounded to whole numbers: exact for
-    ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells above zero of the sum are exactly
-    the Minkowski sum of the cells above zero of ``first`` and ``second``: the rounding of an FFT neither adds nor
-    loses cells.
+    If all values of descriptors are whole numbers (indicators), the sums are rounded to whole
+    numbers: exact for ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells above zero
+    of the sum are exactly the Minkowski sum of the cells above zero of ``first`` and ``second``:
+    the rounding of an FFT neither adds nor loses cells.
 
     Examples
     --------
@@ -499,7 +569,9 @@ def minkowski_sum(first: Descriptor | BaseGeometry, second: Descriptor | BaseGeo
     if not _same_spacing(grid, other.grid):
         problem = f"has {other.dim} axes and a spacing of {other.grid.spacing:g} m, the first"
         problem += f" {one.dim} and {grid.spacing:g} m"
-        raise InputError("second", problem, "they must agree", "sample both on similar grids", value=second)
+        raise InputError(
+            "second", problem, "they must agree", "sample both on similar grids", value=second
+        )
     sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
@@ -513,7 +585,10 @@ def minkowski_sum(first: Descriptor | BaseGeometry, second: Descriptor | BaseGeo
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
     """Return True if two grids agree in dimension and spacing."""
-    return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
+    return (
+        f.dim == g.dim
+        and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
+    )
 
 
 def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
@@ -522,6 +597,11 @@ def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):
         same_cells = grid.shape == other.shape and _same_spacing(grid, other)
-        if not same_cells or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing:
-            raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample all on it")
+        if (
+            not same_cells
+            or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing
+        ):
+            raise InputError(
+                "others", f"holds one on {other}", f"all must be on {grid}", "sample all on it"
+            )
     return sampled

@@ -17,7 +17,14 @@ from cspace.arrays import Bytes, Floats, Ints
 from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.errors import InputError
 from cspace.map.callbacks import bind_kernel
-from cspace.spectral.bands import BOUND_ROUNDING, Rings, Spectrum, Terms, estimate_band, separate_all
+from cspace.spectral.bands import (
+    BOUND_ROUNDING,
+    Rings,
+    Spectrum,
+    Terms,
+    estimate_band,
+    separate_all,
+)
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
@@ -29,7 +36,15 @@ from cspace.spectral.descriptors import (
 )
 from cspace.spectral.pairs import PAIR_TABLE_NODES, norm_square, sum_pairs
 from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, ball_spectrum, evaluate_real_series
-from cspace.spectral.trees import HIT, MAX_PENDING_NODE_PAIRS, MISS, UNDECIDED, BallTree, ContactTest, test_placement
+from cspace.spectral.trees import (
+    HIT,
+    MAX_PENDING_NODE_PAIRS,
+    MISS,
+    UNDECIDED,
+    BallTree,
+    ContactTest,
+    test_placement,
+)
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -42,7 +57,8 @@ MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
 
 MAX_SUMMED_PAIRS: Final = 2**22
-"""Number of placements times pairs of balls up to which a verdict sums over pairs instead of another band."""
+"""Number of placements times pairs of balls up to which a verdict sums over pairs instead of
+another band."""
 
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
@@ -63,7 +79,10 @@ class Verdict(IntEnum):
 
     def __bool__(self) -> bool:
         """Raise InputError, because UNDECIDED is neither true nor false."""
-        rule, hint = "a verdict is neither true nor false", "compare it, e.g. verdict == Verdict.MISS"
+        rule, hint = (
+            "a verdict is neither true nor false",
+            "compare it, e.g. verdict == Verdict.MISS",
+        )
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
 
@@ -79,8 +98,9 @@ class Separation:
     frequencies : int, or ndarray of int64
         Number of frequencies summed, opposite ones counted once; 0 if the balls alone decided.
     overlap, bound : float, or ndarray of float64
-        The partial sum, square or cubic metres, and its largest difference to the ideal overlap of all frequencies,
-        rounding included. Both are 0 if the balls are apart. The bound is infinite if no frequency was summed.
+        The partial sum, square or cubic metres, and its largest difference to the ideal overlap of
+        all frequencies, rounding included. Both are 0 if the balls are apart. The bound is infinite
+        if no frequency was summed.
     """
 
     verdict: Verdict | Bytes
@@ -89,39 +109,46 @@ class Separation:
     bound: float | Floats
 
 
-_BY_BALLS: Final = tuple(Separation(verdict, 0, 0.0, math.inf if verdict > 0 else 0.0) for verdict in Verdict)
+_BY_BALLS: Final = tuple(
+    Separation(verdict, 0, 0.0, math.inf if verdict > 0 else 0.0) for verdict in Verdict
+)
 """Results by verdict if the balls decide; making one takes longer than a test of two trees."""
 
 
 class FourierOverlap:
     """Overlap of a moving ball set A with B.
 
-    With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the overlap is
+    With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t,
+    the overlap is
 
         c(t) = integral f_B(x) f_A(x - t) dx = 1/V sum_w F_B(w) conj(F_A(w)) exp(2 pi i w.t),
 
-    in square or cubic metres. V is the volume of a period so long that nothing wraps around (Lysenko, 2013). c(t) is
-    positive exactly if an open ball of the moved A meets one of B, and grows with the depth of the collision. Every t
-    is valid: outside :attr:`domain`, A is far from B and c is exactly zero.
+    in square or cubic metres. V is the volume of a period so long that nothing wraps around
+    (Lysenko, 2013). c(t) is positive exactly if an open ball of the moved A meets one of B, and
+    grows with the depth of the collision. Every t is valid: outside :attr:`domain`, A is far from B
+    and c is exactly zero.
 
     Parameters
     ----------
     a, b : object with ``centers`` and ``radii``, or (centers, radii)
-        Balls of A, in its own frame, and of B; both in the plane or in space; metres. For example a result of
-        :func:`cspace.spectral.decompose`, or a :class:`cspace.Robot` of balls.
+        Balls of A, in its own frame, and of B; both in the plane or in space; metres. For example a
+        result of :func:`cspace.spectral.decompose`, or a :class:`cspace.Robot` of balls.
     bump : Bump, optional
-        Bump of both sets. The default is the bump of a or b, if they are descriptors, else ``Bump(2.0)``. Smooth bumps
-        need few frequencies; flat ones (alpha above about 8, or infinite) up to a hundred times as many.
+        Bump of both sets. The default is the bump of a or b, if they are descriptors, else
+        ``Bump(2.0)``. Smooth bumps need few frequencies; flat ones (alpha above about 8, or
+        infinite) up to a hundred times as many.
     threshold : float
         Overlap that :meth:`separated` decides about, zero or above; square or cubic metres.
     band : float, optional
-        Highest frequency along each axis, cycles per metre. By default :attr:`bound` becomes about ``tolerance`` times
-        the threshold. If the threshold is zero, it becomes about ``tolerance`` times the overlap of two balls of median
-        radius, the center of one on the boundary of the other. At most about two million frequencies are used.
+        Highest frequency along each axis, cycles per metre. By default :attr:`bound` becomes about
+        ``tolerance`` times the threshold. If the threshold is zero, it becomes about ``tolerance``
+        times the overlap of two balls of median radius, the center of one on the boundary of the
+        other. At most about two million frequencies are used.
     tolerance : float
 
-    Spectra are computed at first use; verdicts about ball sets that are apart need none. Raises InputError if a value
-    is not as stated. Methods raise MissingPackageError if finufft is needed and not installed.
+    Spectra are computed at first use; verdicts about ball sets that are apart need none. Raises
+    InputError if a value is not as stated. Methods raise MissingPackageError if finufft is needed
+    and not installed.
 
     Examples
     --------
@@ -148,14 +175,24 @@ class FourierOverlap:
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
         self._b, self._original, self._rotation = second, first, np.eye(first.dim)
         self._pivot, self._center_b = first.center, second.center
-        reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (1.0 + 2.0**-40)
+        reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (
+            1.0 + 2.0**-40
+        )
         sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
         self._half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        self._span, far = math.sqrt(self.dim) * (first.span + second.span), max(first.span, second.span)
+        self._span, far = (
+            math.sqrt(self.dim) * (first.span + second.span),
+            max(first.span, second.span),
+        )
         if far > min(1e40, 1e6 * float(lengths.min())):  # above 1e40, squares of volumes overflow
-            problem = f"or a reaches {far:g} m from the origin of its frame, but both span only {lengths.min():g} m"
-            raise InputError("b", problem, "rounding would matter", "move the origin nearer, or check the units")
+            problem = (
+                f"or a reaches {far:g} m from the origin of its frame, but both span only "
+                f"{lengths.min():g} m"
+            )
+            raise InputError(
+                "b", problem, "rounding would matter", "move the origin nearer, or check the units"
+            )
         if lengths.max() < 1e-100:
             problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
@@ -179,10 +216,10 @@ class FourierOverlap:
     ) -> FourierOverlap:
         """Build an overlap whose verdicts are proofs about shapes.
 
-        The shapes are given by balls. *MISS* proves that the closed shapes have no common point: no two outer balls
-        touch. *HIT* proves that they have one: an inner ball of A and one of B overlap. Other placements are
-        *UNDECIDED*. Verdicts come from trees of the balls, without any frequency.
-        ``docs/explanation/certificate_frequency.md`` has the proofs.
+        The shapes are given by balls. *MISS* proves that the closed shapes have no common point: no
+        two outer balls touch. *HIT* proves that they have one: an inner ball of A and one of B
+        overlap. Other placements are *UNDECIDED*. Verdicts come from trees of the balls, without
+        any frequency. ``docs/explanation/certificate_frequency.md`` has the proofs.
 
         Values and gradients belong to the outer balls, grown by ``swell``.
 
@@ -193,10 +230,12 @@ class FourierOverlap:
         inner_a, inner_b : the same, optional
             Balls that lie in A, and B; without them there is no HIT.
         swell : float
-            Metres, zero or above. Values are positive before the shapes touch, and need fewer frequencies.
+            Metres, zero or above. Values are positive before the shapes touch, and need fewer
+            frequencies.
         classes : int
-            Largest number of different radii of each set in values and gradients, because each radius takes a
-            transform; radii grow to the next of these. Verdicts use the radii as passed.
+            Largest number of different radii of each set in values and gradients, because each
+            radius takes a transform; radii grow to the next of these. Verdicts use the radii as
+            passed.
         bump, tolerance
             As for the class.
 
@@ -207,12 +246,23 @@ class FourierOverlap:
             kind = getattr(source, "kind", name[:5])
             if kind in ("inner", "outer") and kind != name[:5]:
                 hint = "decompose the shape with that kind"
-                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source)
-        chosen, more = common_bump(bump, *given.values()), check_not_negative(swell, "swell", "pass metres")
+                raise InputError(
+                    name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source
+                )
+        chosen, more = (
+            common_bump(bump, *given.values()),
+            check_not_negative(swell, "swell", "pass metres"),
+        )
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
-            raise InputError("inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither")
-        sets = {name: as_balls(source, name, chosen) for name, source in given.items() if source is not None}
+            raise InputError(
+                "inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither"
+            )
+        sets = {
+            name: as_balls(source, name, chosen)
+            for name, source in given.items()
+            if source is not None
+        }
         a, b, *inner = sets.values()
         for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
@@ -265,9 +315,9 @@ class FourierOverlap:
     def value(self, t: ArrayLike) -> Floats:
         """Compute the band-limited overlap with A moved by t.
 
-        ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It is 0 outside the
-        domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
-        2-norm of the terms. Raises as the class does.
+        ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It
+        is 0 outside the domain. More than a few dozen placements share one non-uniform transform,
+        with a tolerance of 1e-9 times the 2-norm of the terms. Raises as the class does.
         """
         return np.asarray(self._sums(t, [self._levels[-1].sums])[..., 0])[()]
 
@@ -283,9 +333,10 @@ class FourierOverlap:
     def rotation_gradient(self, t: ArrayLike) -> Floats:
         """Compute the derivative of :meth:`value` by rotations of A.
 
-        A rotates about the origin of its frame. In the plane, the derivative with respect to the angle, shape (...); in
-        space, the vector whose product with a unit axis is the derivative with respect to the angle about it, shape
-        (..., 3). Square or cubic metres per radian: :meth:`gradient` corresponds to a force, this to a torque.
+        A rotates about the origin of its frame. In the plane, the derivative with respect to the
+        angle, shape (...); in space, the vector whose product with a unit axis is the derivative
+        with respect to the angle about it, shape (..., 3). Square or cubic metres per radian:
+        :meth:`gradient` corresponds to a force, this to a torque.
         """
         sums = self._sums(t, self._levels[-1].twists)
         return sums if self.dim == 3 else sums[..., 0]
@@ -293,9 +344,9 @@ class FourierOverlap:
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
         """Return the overlap with A rotated.
 
-        A rotates about the origin of its frame. ``rotation`` is an angle in the plane, radians, a matrix of shape (d,
-        d), or a scipy Rotation; raises InputError for anything else. The period, the band and the threshold stay; the
-        spectrum of A is recomputed at first use.
+        A rotates about the origin of its frame. ``rotation`` is an angle in the plane, radians, a
+        matrix of shape (d, d), or a scipy Rotation; raises InputError for anything else. The
+        period, the band and the threshold stay; the spectrum of A is recomputed at first use.
         """
         matrix = rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
@@ -309,13 +360,14 @@ class FourierOverlap:
     def separated(self, t: ArrayLike) -> Separation:
         """Decide whether A and B are apart.
 
-        With a :attr:`threshold` above zero, decide whether their overlap is below it. First, trees of balls tell
-        whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If two overlap and the threshold is
-        zero, it is a *HIT*. For a threshold above zero, frequencies are summed ring by ring, from low to high, until
-        the sum and a bound of the remainder decide: *MISS* proves that the ideal overlap of all frequencies is below
-        the threshold, *HIT* that it is above. If few placements remain after a small band, their pairs of balls are
-        summed instead. Otherwise, it is *UNDECIDED*. For an overlap made by :meth:`of_shapes`, the verdict is about the
-        shapes, and takes no frequency.
+        With a :attr:`threshold` above zero, decide whether their overlap is below it. First, trees
+        of balls tell whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If
+        two overlap and the threshold is zero, it is a *HIT*. For a threshold above zero,
+        frequencies are summed ring by ring, from low to high, until the sum and a bound of the
+        remainder decide: *MISS* proves that the ideal overlap of all frequencies is below the
+        threshold, *HIT* that it is above. If few placements remain after a small band, their pairs
+        of balls are summed instead. Otherwise, it is *UNDECIDED*. For an overlap made by
+        :meth:`of_shapes`, the verdict is about the shapes, and takes no frequency.
 
         ``t``, shape (..., d), is in metres.
         """
@@ -330,7 +382,9 @@ class FourierOverlap:
         sums[touching, 1] = math.inf
         if self.threshold > 0.0 and len(touching):
             relative = self._relative(flat[touching])
-            verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(relative)
+            verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(
+                relative
+            )
         if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
@@ -343,7 +397,10 @@ class FourierOverlap:
         Arrays would take ten times as long as this test.
         """
         values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
-        is_one = isinstance(values, list | tuple) and [type(value) for value in values] == [float] * self.dim
+        is_one = (
+            isinstance(values, list | tuple)
+            and [type(value) for value in values] == [float] * self.dim
+        )
         if not is_one or not all(map(math.isfinite, values)):
             return None
         return self._test_one(*values, *[0.0] * (3 - self.dim))
@@ -357,13 +414,16 @@ class FourierOverlap:
         counts, sums = np.zeros(len(relative), dtype=np.int64), np.zeros((len(relative), 2))
         rest = np.arange(len(relative))
         for level in self._levels:
-            verdicts[rest], taken, sums[rest] = separate_all(relative[rest], level.terms, self.threshold)
+            verdicts[rest], taken, sums[rest] = separate_all(
+                relative[rest], level.terms, self.threshold
+            )
             counts[rest] += taken
             rest = rest[verdicts[rest] == UNDECIDED]
             pairs = len(rest) * len(self._b.radii) * len(self._original.radii)
             if pairs <= MAX_SUMMED_PAIRS:
                 break
-        # For few placements, sums over pairs of balls are faster than spectra in the next band, and decide.
+        # For few placements, sums over pairs of balls are faster than spectra in the next band, and
+        # decide.
         if 0 < pairs <= MAX_SUMMED_PAIRS:
             sums[rest] = self._sum_pairs(relative[rest])
             verdicts[rest[sums[rest].sum(axis=1) < self.threshold]] = MISS
@@ -378,28 +438,47 @@ class FourierOverlap:
         # Tables of few pairs of radii are kept for the next rotation.
         many, slack = 0 if different <= 256 else PAIR_TABLE_NODES, 4.0 * self._placement_error
         moved = (arms + each for each in relative)
-        return np.stack(sum_pairs(a.bump, moved, a.radii, (fixed, b.radii, np.ones(len(fixed))), slack, many), axis=1)
+        return np.stack(
+            sum_pairs(a.bump, moved, a.radii, (fixed, b.radii, np.ones(len(fixed))), slack, many),
+            axis=1,
+        )
 
     def _choose_halves(
         self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float
     ) -> tuple[int, ...]:
         """Return the highest frequency along each axis, cycles per period.
 
-        It follows from ``band``, or is chosen by ``tolerance``; see the class. Raises InputError if the band is too
-        large.
+        It follows from ``band``, or is chosen by ``tolerance``; see the class. Raises InputError if
+        the band is too large.
         """
         if band is not None:
             highest = check_positive(band, "band", "cycles per metre")
         else:
             typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
-            scale = self.threshold or float(pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0])
-            highest = estimate_band(a, self._b, check_positive(tolerance, "tolerance", "parts") * scale)
+            scale = self.threshold or float(
+                pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0]
+            )
+            highest = estimate_band(
+                a, self._b, check_positive(tolerance, "tolerance", "parts") * scale
+            )
             fitting = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / self.dim)
             highest = min(highest, fitting, MAX_WAVE_INDEX / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
-        if math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
-            problem = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
-            raise InputError("band", problem, f"at most {MAX_FREQUENCIES} are computed", "pass a lower one", value=band)
+        if (
+            math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES
+            or max(halves) > MAX_WAVE_INDEX
+        ):
+            problem = (
+                f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} "
+                "frequencies"
+            )
+            raise InputError(
+                "band",
+                problem,
+                f"at most {MAX_FREQUENCIES} are computed",
+                "pass a lower one",
+                value=band,
+            )
         return halves
 
     def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
@@ -423,7 +502,9 @@ class FourierOverlap:
     @cached_property
     def _test_one(self) -> Callable[..., int]:
         """Contact test of one placement (x, y, z), compiled."""
-        test = bind_kernel(test_placement, (self._contact_test,), 0.0, 0.0, 0.0, np.empty(0, dtype=np.int64))
+        test = bind_kernel(
+            test_placement, (self._contact_test,), 0.0, 0.0, 0.0, np.empty(0, dtype=np.int64)
+        )
         # Memory of its own for each call, because threads may call at once.
         return lambda x, y, z: test(x, y, z, np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64))
 
@@ -454,7 +535,9 @@ class FourierOverlap:
         else:
             rings = self._levels[-1].band.rings
             boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            for part in np.array_split(inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)):
+            for part in np.array_split(
+                inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)
+            ):
                 angles = 2.0 * math.pi * relative[part] / rings.lengths
                 out[part] = evaluate_real_series(angles, boxes, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
@@ -492,10 +575,13 @@ _norm = lru_cache(maxsize=64)(norm_square)
 """Integral of a squared descriptor, and its error; bands and rotations share it."""
 
 
-def _make_bands(a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...]) -> list[_Band]:
+def _make_bands(
+    a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...]
+) -> list[_Band]:
     """Return all bands, the smallest first; small bands decide most queries.
 
-    The last one is the whole band. Each has an eighth of the frequencies of the next, down to about 2,000.
+    The last one is the whole band. Each has an eighth of the frequencies of the next, down to about
+    2,000.
     """
     found = [halves]
     while math.prod(found[-1]) > 2_000:
@@ -506,12 +592,16 @@ def _make_bands(a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: t
 class _Level:
     """Terms of the overlap in one band at one rotation of A.
 
-    ``centers``, shape (n, d), are the rotated centers of A's balls, ``pivot``, shape (d,), is the center of A, and
-    ``error`` is the error of placements, metres.
+    ``centers``, shape (n, d), are the rotated centers of A's balls, ``pivot``, shape (d,), is the
+    center of A, and ``error`` is the error of placements, metres.
     """
 
     def __init__(self, band: _Band, centers: Floats, pivot: Floats, error: float) -> None:
-        self.band, self._a, self._pivot = band, BallDescriptor(centers, band.a.radii, band.a.bump), pivot
+        self.band, self._a, self._pivot = (
+            band,
+            BallDescriptor(centers, band.a.radii, band.a.bump),
+            pivot,
+        )
         self._error = error
 
     @cached_property
@@ -527,23 +617,35 @@ class _Level:
     @cached_property
     def terms(self) -> Terms:
         """Terms for verdicts, with bounds of all frequencies."""
-        tail = math.sqrt(self._spectrum.tail(self.band.rings, _norm(self.band.a))) * math.sqrt(self.band.tail_b)
+        tail = math.sqrt(self._spectrum.tail(self.band.rings, _norm(self.band.a))) * math.sqrt(
+            self.band.tail_b
+        )
         return self.sums._replace(bounds=self.sums.bounds + BOUND_ROUNDING * tail)
 
     @cached_property
     def twists(self) -> list[Terms]:
         """Terms of the derivative by rotations about the origin of A.
 
-        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i w.(e x p)`` times the
-        ball's part. The sums of ``p`` times these parts are spectra of weighted balls.
+        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i
+        w.(e x p)`` times the ball's part. The sums of ``p`` times these parts are spectra of
+        weighted balls.
         """
         rings, a = self.band.rings, self._a
-        shape = a.centers - self._pivot, a.radii, a.bump, rings.lengths, rings.counts, MIN_SPECTRUM_TOLERANCE
+        shape = (
+            a.centers - self._pivot,
+            a.radii,
+            a.bump,
+            rings.lengths,
+            rings.counts,
+            MIN_SPECTRUM_TOLERANCE,
+        )
         moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
         scale = rings.twice / rings.volume * self.band.spectrum_b.values
-        changes = [-2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i]) for i, j in pairs]
+        changes = [
+            -2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i]) for i, j in pairs
+        ]
         return [self.sums._replace(products=scale * change.conj()) for change in changes]
 
     @cached_property
@@ -563,7 +665,9 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
 
     Raises InputError for anything else.
     """
-    values = check_finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
+    values = check_finite(
+        rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation"
+    )
     if dim == 2 and values.ndim == 0:
         sine, cosine = math.sin(float(values)), math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])
@@ -571,6 +675,8 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
-    kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
+    kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[
+        dim - 2
+    ]
     rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)

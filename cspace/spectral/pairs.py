@@ -39,7 +39,9 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     centers, radii = balls.centers, balls.radii
     for i, j, gaps in _close_pairs(centers, radii, centers, radii, 0.0):
         once = i < j
-        values, errors = tabulated_integrals(balls.bump, radii[i[once]], radii[j[once]], gaps[once], balls.dim)
+        values, errors = tabulated_integrals(
+            balls.bump, radii[i[once]], radii[j[once]], gaps[once], balls.dim
+        )
         value += 2.0 * float(values.sum())
         error += 2.0 * float(errors.sum())
     return value, error + 2.0**-52 * (len(radii) + 2) * value
@@ -55,28 +57,39 @@ def sum_pairs(
 ) -> tuple[Floats, Floats]:
     """Return overlaps as sums over pairs of balls, with error bounds.
 
-    ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are ``radii``; ``fixed``
-    are the centers, radii and weights of the others. ``slack`` bounds the rounding of a distance, metres. The results
-    have shape (n,). More than ``many`` pairs of equal radii get a table.
+    ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are
+    ``radii``; ``fixed`` are the centers, radii and weights of the others. ``slack`` bounds the
+    rounding of a distance, metres. The results have shape (n,). More than ``many`` pairs of equal
+    radii get a table.
     """
     centers, other_radii, weights = fixed
     found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
     for placement, points in enumerate(moved):
         number = placement + 1
         for i, j, gaps in _close_pairs(points, radii, centers, other_radii, slack):
-            found.append(np.stack([np.full(len(i), placement), radii[i], other_radii[j], gaps, weights[j]]))
+            found.append(
+                np.stack([np.full(len(i), placement), radii[i], other_radii[j], gaps, weights[j]])
+            )
     rows, first, second, distances, factors = np.concatenate(found, axis=1)
     values, errors = tabulated_integrals(bump, first, second, distances, dim, many)
-    # The common part of two balls changes by at most a cross-section of the smaller one times a change of distance.
+    # The common part of two balls changes by at most a cross-section of the smaller one times a
+    # change of distance.
     edges = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
     errors += slack * edges + 2.0**-40 * np.abs(values)
     sums = (factors * values, np.abs(factors) * errors)
-    totals, bounds = (np.bincount(rows.astype(np.int64), each, number).astype(np.float64) for each in sums)
+    totals, bounds = (
+        np.bincount(rows.astype(np.int64), each, number).astype(np.float64) for each in sums
+    )
     return totals, bounds
 
 
 def tabulated_integrals(
-    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int, many: int = PAIR_TABLE_NODES
+    bump: Bump,
+    first: Floats,
+    second: Floats,
+    distances: Floats,
+    dim: int,
+    many: int = PAIR_TABLE_NODES,
 ) -> tuple[Floats, Floats]:
     """Compute many :func:`pair_integrals`; equal radii share a table."""
     values, errors = np.zeros((2, len(distances)))
@@ -91,14 +104,16 @@ def tabulated_integrals(
         errors[members] = error
     few = ~tabulated[group]
     if few.any():
-        values[few], errors[few] = pair_integrals(bump, first[few], second[few], distances[few], dim)
+        values[few], errors[few] = pair_integrals(
+            bump, first[few], second[few], distances[few], dim
+        )
     return values, errors
 
 
 def _close_pairs(
     points: Floats, radii: Floats, others: Floats, other_radii: Floats, slack: float
 ) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """Yield blocks of pairs of balls that may meet: two indices, and the distance of the centers."""
+    """Yield blocks of pairs of balls that may meet: two indices, and the distance."""
     from scipy.spatial.distance import cdist
 
     blocks = math.ceil(len(radii) * len(other_radii) / MAX_PAIRS_PER_BLOCK)
@@ -109,12 +124,18 @@ def _close_pairs(
 
 
 @lru_cache(maxsize=4096)
-def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> tuple[np.polynomial.Chebyshev, float]:
+def _tabulate_pair(
+    bump: Bump, first: float, second: float, dim: int
+) -> tuple[np.polynomial.Chebyshev, float]:
     """Return integrals as a function of [-1, 1], and their error."""
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
     between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
     gaps = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, between]))
-    values, errors = pair_integrals(bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim)
+    values, errors = pair_integrals(
+        bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim
+    )
     fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
-    error = float(errors.max()) + SAFETY_FACTOR * float(np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max())
+    error = float(errors.max()) + SAFETY_FACTOR * float(
+        np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max()
+    )
     return fit, error

@@ -1,6 +1,7 @@
 """Best placements of one ball set on another, and the overlap of balls that move, each on its own.
 
-A search correlates by FFT at each rotation, then climbs along the gradient, which comes from cubic splines of fields.
+A search correlates by FFT at each rotation, then climbs along the gradient, which comes from cubic
+splines of fields.
 """
 
 from __future__ import annotations
@@ -36,10 +37,12 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 MAX_SEARCH_FREQUENCIES: Final = 2**18
-"""Largest number of frequencies, opposite ones counted once, of a search band chosen automatically."""
+"""Largest number of frequencies, opposite ones counted once, of a search band chosen automatically.
+"""
 
 SEARCH_ACCURACY: Final = 1e-5
-"""Accuracy of the spectra of a search, relative to their largest values; the scores returned do not depend on it."""
+"""Accuracy of the spectra of a search, relative to their largest values; the scores returned do not
+depend on it."""
 
 ASCENT_LENGTHS: Final = (1e-3, 2.0)
 """Length of the last steps and of the longest steps of an ascent, in spacings of the lattice."""
@@ -48,8 +51,9 @@ ASCENT_LENGTHS: Final = (1e-3, 2.0)
 class Placements(NamedTuple):
     """Placements of a ball set A and their scores, best first.
 
-    A point p of A lies at ``rotations[k] @ p + translations[k]``: matrices (n, d, d), and metres (n, d). ``scores``,
-    shape (n,), are in square or cubic metres, and ``bounds`` their largest differences from the ideal scores.
+    A point p of A lies at ``rotations[k] @ p + translations[k]``: matrices (n, d, d), and metres
+    (n, d). ``scores``, shape (n,), are in square or cubic metres, and ``bounds`` their largest
+    differences from the ideal scores.
     """
 
     scores: Floats
@@ -65,7 +69,11 @@ class Placements(NamedTuple):
         if self.translations.shape[1] == 2:
             angles = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
         else:
-            angles = Rotation.from_matrix(self.rotations).as_quat() if len(self.scores) else np.empty((0, 4))
+            angles = (
+                Rotation.from_matrix(self.rotations).as_quat()
+                if len(self.scores)
+                else np.empty((0, 4))
+            )
         return np.column_stack([self.translations, angles])
 
 
@@ -85,45 +93,49 @@ def best_placements(
 ) -> Placements:
     """Find the best placements of A over a grid of rotations.
 
-    The score is the overlap of A with B, minus ``penalty`` times its
-    overlap with ``avoid``; overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores
-    at all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov and others, 2006).
-    The highest peaks then climb along the gradient with respect to translation and rotation. A peak narrower than the
-    steps of the lattice and of ``rotations`` may be missed; the scores returned do not depend on either.
+    The score is the overlap of A with B, minus ``penalty`` times its overlap with ``avoid``;
+    overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores at
+    all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov
+    and others, 2006). The highest peaks then climb along the gradient with respect to translation
+    and rotation. A peak narrower than the steps of the lattice and of ``rotations`` may be missed;
+    the scores returned do not depend on either.
 
     Parameters
     ----------
     a, b, avoid : object with ``centers`` and ``radii``, or (centers, radii)
-        Balls of A, in its own frame, of what A shall overlap, and of what it shall not; metres. To put a part into a
-        pocket, pass the pocket as ``b`` and the material around it as ``avoid``. To put it next to others, pass their
-        balls with larger radii as ``b``, and as they are as ``avoid``.
+        Balls of A, in its own frame, of what A shall overlap, and of what it shall not; metres. To
+        put a part into a pocket, pass the pocket as ``b`` and the material around it as ``avoid``.
+        To put it next to others, pass their balls with larger radii as ``b``, and as they are as
+        ``avoid``.
     rotations : int, Rotations, scipy Rotation, or array-like of angles (m,) or matrices (m, d, d)
-        Rotations of A about the origin of its frame. A whole number means as many yaws. Spacings of 10 degrees are
-        usual.
+        Rotations of A about the origin of its frame. A whole number means as many yaws. Spacings of
+        10 degrees are usual.
     n : int
         Largest number of placements.
     penalty : float
         Zero or above.
     separation : float, optional
-        Smallest root mean square displacement of the centers of A's balls between two of the placements, metres. By
-        default half the radius of gyration of A. Rotations that leave A as it looks are placements of their own.
+        Smallest root mean square displacement of the centers of A's balls between two of the
+        placements, metres. By default half the radius of gyration of A. Rotations that leave A as
+        it looks are placements of their own.
     refine_rotations : bool
         Whether the ascent rotates A too. Otherwise, it keeps to ``rotations``.
     bump : Bump, optional
         As for :class:`FourierOverlap`.
     band : float, optional
-        Highest frequency of the search along each axis, cycles per metre. By default, the search errs by about
-        ``tolerance`` times the overlap of A with itself. At most about 260,000 frequencies are used.
+        Highest frequency of the search along each axis, cycles per metre. By default, the search
+        errs by about ``tolerance`` times the overlap of A with itself. At most about 260,000
+        frequencies are used.
     tolerance : float
 
     Returns
     -------
     Placements
-        Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n`` placements if the search
-        found fewer with positive scores.
+        Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n``
+        placements if the search found fewer with positive scores.
 
-    Memory is that of one rotation and the best placements so far. Raises InputError if a value is not as stated. Raises
-    MissingPackageError if finufft is not installed.
+    Memory is that of one rotation and the best placements so far. Raises InputError if a value is
+    not as stated. Raises MissingPackageError if finufft is not installed.
 
     Examples
     --------
@@ -134,14 +146,23 @@ def best_placements(
     >>> best.translations.shape, best.rotations.shape
     ((1, 2), (1, 2, 2))
     """
-    sets = {name: source for name, source in {"a": a, "b": b, "avoid": avoid}.items() if source is not None}
+    sets = {
+        name: source
+        for name, source in {"a": a, "b": b, "avoid": avoid}.items()
+        if source is not None
+    }
     kind = common_bump(bump, *sets.values())
     body, target, *others = (as_balls(source, name, kind) for name, source in sets.items())
-    number, cost = check_count(n, "n", 1, hint="pass e.g. 10"), check_not_negative(penalty, "penalty", "pass e.g. 10")
+    number, cost = (
+        check_count(n, "n", 1, hint="pass e.g. 10"),
+        check_not_negative(penalty, "penalty", "pass e.g. 10"),
+    )
     check_flag(refine_rotations, "refine_rotations")
     for balls in others:
         check_same_dim("avoid", balls.dim, target.dim)
-    weights = np.concatenate([np.ones(len(target.radii)), *(np.full(len(balls.radii), -cost) for balls in others)])
+    weights = np.concatenate(
+        [np.ones(len(target.radii)), *(np.full(len(balls.radii), -cost) for balls in others)]
+    )
     score = _Score(body, union(target, *others), weights, band, tolerance)
     matrices = _rotation_matrices(rotations, body.dim)
     apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
@@ -149,7 +170,9 @@ def best_placements(
     most, found = 2 * number + 8, _Poses.none(body.dim)
     for matrix in matrices:
         floor = found.scores[-1] if len(found.scores) == most else 0.0
-        found = found.append(score.peaks(matrix, float(floor), most)).distinct(score.root, 0.5 * apart, most)
+        found = found.append(score.peaks(matrix, float(floor), most)).distinct(
+            score.root, 0.5 * apart, most
+        )
     found = score.climb(found, refine_rotations).distinct(score.root, apart, number)
     scores, bounds = score.sum_pairs(found)
     best = np.argsort(-scores, kind="stable")
@@ -161,8 +184,8 @@ def best_placements(
 class BallFields:
     """Cubic splines of fixed balls' fields, for balls of several radii.
 
-    ``correlation`` is between the moving balls, whose places do not matter, and the fixed ones, which have their center
-    at ``center``, metres.
+    ``correlation`` is between the moving balls, whose places do not matter, and the fixed ones,
+    which have their center at ``center``, metres.
     """
 
     def __init__(self, correlation: Correlation, center: Floats) -> None:
@@ -185,11 +208,14 @@ class BallFields:
     def evaluate(self, centers: Floats) -> Floats:
         """Return moving balls' overlaps and derivatives, shape (n, k, 1 + d).
 
-        ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the period.
+        ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the
+        period.
         """
         dim = len(self._center)
         places = (centers - self._center) * self._cells_per_metre % self._correlation.shape
-        orders = np.vstack([np.zeros(dim), np.eye(dim)]).astype(np.int64)  # the value, and each derivative
+        orders = np.vstack([np.zeros(dim), np.eye(dim)]).astype(
+            np.int64
+        )  # the value, and each derivative
         sums = np.zeros((*centers.shape[:2], 1 + dim))
         for term, spline in zip(self._correlation.terms, self._splines, strict=True):
             for column, order in enumerate(orders):
@@ -202,9 +228,10 @@ class BallFields:
 class BallPenetration:
     """Overlap of independently moving balls with fixed ones, and its derivatives.
 
-    For optimizers: the overlap is zero if no balls meet, grows with the depth, and is as smooth as the descriptors.
-    Cubic splines of the fields that fixed balls make give it, within about ``tolerance``; it proves nothing.
-    :class:`cspace.arms.ArmPenetration` moves the balls with the links of an arm.
+    For optimizers: the overlap is zero if no balls meet, grows with the depth, and is as smooth as
+    the descriptors. Cubic splines of the fields that fixed balls make give it, within about
+    ``tolerance``; it proves nothing. :class:`cspace.arms.ArmPenetration` moves the balls with the
+    links of an arm.
 
     Parameters
     ----------
@@ -215,8 +242,8 @@ class BallPenetration:
     bump, band, tolerance
         As for :class:`FourierOverlap`.
 
-    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed, for many balls of
-    one radius, and is not installed.
+    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed,
+    for many balls of one radius, and is not installed.
 
     Examples
     --------
@@ -242,7 +269,10 @@ class BallPenetration:
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
         overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
-        lengths, shape = np.array(overlap.lengths), tuple(next_fast_len(count, real=True) for count in overlap.counts)
+        lengths, shape = (
+            np.array(overlap.lengths),
+            tuple(next_fast_len(count, real=True) for count in overlap.counts),
+        )
         self._lower, self._upper = overlap.domain
         made = Correlation(moving, balls, lengths, overlap.counts, shape, SEARCH_ACCURACY)
         self._fields = BallFields(made, balls.center)
@@ -250,15 +280,20 @@ class BallPenetration:
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and its derivatives by the centers.
 
-        ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k, d), in square or cubic
-        metres, and that per metre. Raises InputError if the shape is another, or a value is not finite.
+        ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k,
+        d), in square or cubic metres, and that per metre. Raises InputError if the shape is
+        another, or a value is not finite.
         """
         points, dim = check_finite(centers, "centers"), len(self._lower)
         count = len(self._fields.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             rule = f"the last axes must be {count} balls and {dim} coordinates"
-            raise InputError("centers", f"has shape {points.shape}", rule, "pass all balls", value=centers)
-        sums = self._fields.evaluate(points.reshape(-1, count, dim)).reshape(*points.shape[:-1], 1 + dim)
+            raise InputError(
+                "centers", f"has shape {points.shape}", rule, "pass all balls", value=centers
+            )
+        sums = self._fields.evaluate(points.reshape(-1, count, dim)).reshape(
+            *points.shape[:-1], 1 + dim
+        )
         sums[~((self._lower <= points) & (points <= self._upper)).all(axis=-1)] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
@@ -286,10 +321,13 @@ class _Poses(NamedTuple):
     def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
         """Return at most ``most`` best poses, none near a better one.
 
-        The displacement is the root mean square over the balls of A. ``root`` is the square root C^(1/2) of the
-        covariance of their centers: the displacement of poses (c, R) is the distance of the vectors (c, R C^(1/2)).
+        The displacement is the root mean square over the balls of A. ``root`` is the square root
+        C^(1/2) of the covariance of their centers: the displacement of poses (c, R) is the distance
+        of the vectors (c, R C^(1/2)).
         """
-        vectors = np.column_stack([self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)])
+        vectors = np.column_stack(
+            [self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)]
+        )
         chosen: list[int] = []
         for pose in np.argsort(-self.scores, kind="stable").tolist():
             if len(chosen) == most:
@@ -302,22 +340,41 @@ class _Poses(NamedTuple):
 class _Score:
     """Score of A at any pose: its overlap with weighted balls.
 
-    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``, the score is the sum
-    of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no spectrum of A: it takes cubic splines of G.
+    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``,
+    the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
+    spectrum of A: it takes cubic splines of G.
     """
 
     def __init__(
-        self, body: BallDescriptor, target: BallDescriptor, weights: Floats, band: float | None, tolerance: float
+        self,
+        body: BallDescriptor,
+        target: BallDescriptor,
+        weights: Floats,
+        band: float | None,
+        tolerance: float,
     ) -> None:
         self.body, self.target, self.weights, self.dim = body, target, weights, body.dim
         from scipy.fft import next_fast_len
 
         scale = norm_square(body)[0]
-        overlap = FourierOverlap(body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance)
-        shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim)) if band is None else 1.0
-        counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts)
-        self.lengths, self.shape = np.array(overlap.lengths), tuple(next_fast_len(count, real=True) for count in counts)
-        self.correlation = Correlation(body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights)
+        overlap = FourierOverlap(
+            body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance
+        )
+        shrink = (
+            min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
+            if band is None
+            else 1.0
+        )
+        counts = tuple(
+            2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts
+        )
+        self.lengths, self.shape = (
+            np.array(overlap.lengths),
+            tuple(next_fast_len(count, real=True) for count in counts),
+        )
+        self.correlation = Correlation(
+            body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights
+        )
         self.fields = BallFields(self.correlation, target.center)
         self.centroid = body.centers.mean(axis=0)
         self.arms = body.centers - self.centroid
@@ -357,13 +414,19 @@ class _Score:
             lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
             steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
             moving = lengths > ASCENT_LENGTHS[0] * spacing
-            live, steps, lengths = live[moving], steps[moving], np.minimum(lengths, trust[live])[moving]
+            live, steps, lengths = (
+                live[moving],
+                steps[moving],
+                np.minimum(lengths, trust[live])[moving],
+            )
             if not len(live):
                 break
             tried, others = self._scored(self._moved(poses.select(live), steps), turn)
             inverse[live] = _update_inverse(inverse[live], steps, slopes[live] - others)
             better = tried.scores > poses.scores[live]
-            trust[live] = np.where(better, np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing), 0.3 * lengths)
+            trust[live] = np.where(
+                better, np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing), 0.3 * lengths
+            )
             slopes[live[better]] = others[better]
             for column, new in zip(poses, tried, strict=True):
                 column[live[better]] = new[better]
@@ -374,7 +437,9 @@ class _Score:
         rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
         if turns.shape[1] == 1:
             cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
-            rotations = np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2) @ rotations
+            rotations = (
+                np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2) @ rotations
+            )
         elif turns.shape[1] == 3:
             from scipy.spatial.transform import Rotation
 
@@ -389,15 +454,23 @@ class _Score:
         parts = [forces.sum(axis=1)]
         if turn:
             pairs = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]
-            twists = [(arms[..., i] * forces[..., j] - arms[..., j] * forces[..., i]).sum(axis=1) for i, j in pairs]
+            twists = [
+                (arms[..., i] * forces[..., j] - arms[..., j] * forces[..., i]).sum(axis=1)
+                for i, j in pairs
+            ]
             parts.append(np.stack(twists, axis=1) / self.gyration)
-        return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(parts, axis=1)
+        return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(
+            parts, axis=1
+        )
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
         """Return ideal scores of poses and bounds of their errors."""
         far = float(np.abs(poses.centers).max(initial=0.0))
         slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
-        moved = (self.arms @ matrix.T + center for center, matrix in zip(poses.centers, poses.rotations, strict=True))
+        moved = (
+            self.arms @ matrix.T + center
+            for center, matrix in zip(poses.centers, poses.rotations, strict=True)
+        )
         fixed = self.target.centers, self.target.radii, self.weights
         return sum_pairs(self.body.bump, moved, self.body.radii, fixed, slack)
 
@@ -408,7 +481,9 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
     usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
     rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]
     left = np.eye(steps.shape[1]) - rho * steps[:, :, None] * changes[:, None, :]
-    return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + rho * steps[:, :, None] * steps[:, None, :])
+    return np.asarray(
+        left @ inverse @ np.swapaxes(left, 1, 2) + rho * steps[:, :, None] * steps[:, None, :]
+    )
 
 
 def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
@@ -417,8 +492,20 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
         cells = Rotations.of(rotations)
         cells.check_dimension(dim)
         return cells.make_matrices(cells.centers, dim)
-    values = check_finite(rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations")
-    flat = np.atleast_1d(values) if dim == 2 and values.ndim < 2 else values.reshape(-1, *values.shape[-2:])
+    values = check_finite(
+        rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations"
+    )
+    flat = (
+        np.atleast_1d(values)
+        if dim == 2 and values.ndim < 2
+        else values.reshape(-1, *values.shape[-2:])
+    )
     if not len(flat):
-        raise InputError("rotations", "is empty", "there must be one", "pass e.g. Rotations.of(36)", value=rotations)
+        raise InputError(
+            "rotations",
+            "is empty",
+            "there must be one",
+            "pass e.g. Rotations.of(36)",
+            value=rotations,
+        )
     return np.stack([rotation_matrix(value, dim) for value in flat])

@@ -21,13 +21,16 @@ from cspace.spectral.trees import BallTree
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
-"""Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly unused."""
+"""Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly
+unused."""
 
 NORMAL_ROUNDING: Final = 2.0**-36
-"""Additional rounding error of distances from triangles that are not thin, relative to the size of the shape."""
+"""Additional rounding error of distances from triangles that are not thin, relative to the size of
+the shape."""
 
 THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
-"""Height of thin triangles, relative to their longest side; distances from them may be too small by as much."""
+"""Height of thin triangles, relative to their longest side; distances from them may be too small by
+as much."""
 
 MIN_DEPTHS_PER_THREAD: Final = 4_000
 """Points per thread below which a further thread costs more time than it saves."""
@@ -42,10 +45,12 @@ MAX_CELLS_PER_TOLERANCE: Final = {2: 12.0, 3: 6.0}
 """Largest ratio of the tolerance to the side of a lattice cell, by dimension."""
 
 MIN_CELLS_PER_TOLERANCE: Final = 2.6
-"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the tolerance."""
+"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the
+tolerance."""
 
 USUAL_LATTICE_CELLS: Final = {2: 150_000, 3: 120_000}
-"""Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension."""
+"""Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension.
+"""
 
 MAX_REFINED_CELLS: Final = 2**20
 """Cells of the bounding box up to which the lattice of a thin shape is refined."""
@@ -72,16 +77,20 @@ MAX_GAP_BOXES: Final = 4_000_000
 class ShapeBoundary:
     """Boundary of an exact shape, and distances from it, in metres.
 
-    Shapes of the plane are placed in space at x = 0. ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the
-    boundary and possibly more. ``error`` is the largest error of a distance.
+    Shapes of the plane are placed in space at x = 0. ``pieces``, segments (n, 2, 2) or triangles
+    (n, 3, 3), contain the boundary and possibly more. ``error`` is the largest error of a distance.
     """
 
     def __init__(self, shape: ExactShape) -> None:
         # Overlapping polygons are united first, so that only the boundary of the union remains.
-        self.pieces, radii = (Polygons([shape.outline]) if isinstance(shape, Polygons) else shape).boundary()
+        self.pieces, radii = (
+            Polygons([shape.outline]) if isinstance(shape, Polygons) else shape
+        ).boundary()
         if radii.any():
             rule = "decompose() finds balls for other shapes"
-            raise InputError("shape", "consists of balls already", rule, "use these balls", value=shape)
+            raise InputError(
+                "shape", "consists of balls already", rule, "use these balls", value=shape
+            )
         self.shape, self.dim = shape, shape.dim
         corners = self.pieces.reshape(-1, self.dim)
         self.error = BOUNDARY_ROUNDING * float(np.abs(corners).max())
@@ -130,7 +139,9 @@ class ShapeBoundary:
         edges = np.roll(triangles, -1, axis=1) - triangles
         longest = np.linalg.norm(edges, axis=2).max(axis=1)
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-        errors = np.where((areas <= THIN_HEIGHT * longest**2) & (self.dim == 3), THIN_HEIGHT * longest, 0.0)
+        errors = np.where(
+            (areas <= THIN_HEIGHT * longest**2) & (self.dim == 3), THIN_HEIGHT * longest, 0.0
+        )
         (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
         return PieceTree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
@@ -139,9 +150,10 @@ class ShapeBoundary:
 class Region:
     """A shape to decompose, with its two boundaries.
 
-    The shape contains the inner boundary's shape and lies in the outer one's; both are equal if the shape is exact.
-    ``depths`` are those of the inner one, and ``gaps`` those of the outer one. ``bounds``, shape (2, d), are the
-    corners of a box that contains the shape, and ``size`` is the diagonal of the box; metres.
+    The shape contains the inner boundary's shape and lies in the outer one's; both are equal if the
+    shape is exact. ``depths`` are those of the inner one, and ``gaps`` those of the outer one.
+    ``bounds``, shape (2, d), are the corners of a box that contains the shape, and ``size`` is the
+    diagonal of the box; metres.
     """
 
     def __init__(self, shape: Shape) -> None:
@@ -160,7 +172,11 @@ class Region:
         """Return masks: points proven inside, and not proven ``radius`` away."""
         contained, error = self.outer.shape.contains(points), self.outer.error
         near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
-        is_inside = contained & (near > error) if self.inner is self.outer else self.inner.depths(points) > 0.0
+        is_inside = (
+            contained & (near > error)
+            if self.inner is self.outer
+            else self.inner.depths(points) > 0.0
+        )
         return is_inside, contained | (near <= radius + error)
 
     @property
@@ -176,9 +192,16 @@ class Region:
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
         hint = "use a larger tolerance or fewer balls"
         if float(np.prod(counts)) > 1.5 * MAX_LATTICE_CELLS:
-            problem = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
-            raise InputError("tolerance", problem, f"it may have {MAX_LATTICE_CELLS} cells at most", hint)
-        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
+            problem = (
+                f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of "
+                f"{spacing:g} m"
+            )
+            raise InputError(
+                "tolerance", problem, f"it may have {MAX_LATTICE_CELLS} cells at most", hint
+            )
+        grid = Grid(
+            self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64)
+        )
         check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
         return grid
 
@@ -186,11 +209,12 @@ class Region:
 class Lattice:
     """Grid cells that are proven to cover a region.
 
-    A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides, from the lower corner
-    of the grid; along the added axis they are 0.5. ``side`` is the side of a cell, metres, and ``diagonal`` its
-    diagonal, in sides. ``cells``, shape (nx, ny, nz), is a mask of the cells that meet the shape, and ``cell_centers``,
-    shape (n, 3), are their centers. ``half``, shape (3,), is half a cell along each real axis, and ``corner``, shape
-    (3,), the lattice origin in the space of the region's tree, metres.
+    A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides,
+    from the lower corner of the grid; along the added axis they are 0.5. ``side`` is the side of a
+    cell, metres, and ``diagonal`` its diagonal, in sides. ``cells``, shape (nx, ny, nz), is a mask
+    of the cells that meet the shape, and ``cell_centers``, shape (n, 3), are their centers.
+    ``half``, shape (3,), is half a cell along each real axis, and ``corner``, shape (3,), the
+    lattice origin in the space of the region's tree, metres.
     """
 
     def __init__(self, region: Region, spacing: float) -> None:
@@ -214,11 +238,15 @@ class Lattice:
         Raises InputError if that takes too many cells.
         """
         counts = USUAL_LATTICE_CELLS[region.dim], MAX_LATTICE_CELLS
-        usual, finest = (float((region.box_volume / count) ** (1.0 / region.dim)) for count in counts)
+        usual, finest = (
+            float((region.box_volume / count) ** (1.0 / region.dim)) for count in counts
+        )
         if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
             problem = f"is {tolerance:g} m, but the shape is {region.size:g} m across"
             hint = f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m"
-            raise InputError("tolerance", problem, "its proof needs too many cells", hint, value=tolerance)
+            raise InputError(
+                "tolerance", problem, "its proof needs too many cells", hint, value=tolerance
+            )
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 
@@ -226,7 +254,9 @@ class Lattice:
     def for_count(cls, region: Region, number: int) -> Lattice:
         """Create a lattice that resolves ``number`` balls."""
         dim = region.dim
-        box_cells = min(max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
+        box_cells = min(
+            max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS
+        )
         enough_cells = max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
         while True:
             lattice = cls(region, float((region.box_volume / box_cells) ** (1.0 / dim)))
@@ -245,15 +275,16 @@ class Lattice:
         return self.region.depths(self.to_metres(points)) / self.side
 
 
-# ---- distances -------------------------------------------------------------------------------------------------------
+# ---- distances -----------------------------------------------------------------------------------
 
 
 class PieceTree(NamedTuple):
     """Pieces of a boundary and the boxes of their tree.
 
-    ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first two corners.
-    ``errors``, shape (n,), bound how much the distances to them may be too small. ``boxes`` and ``spans``, shapes (m,
-    7) and (m, 2), are as in :class:`cspace.exact.triangles.Trees`.
+    ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
+    two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
+    ``boxes`` and ``spans``, shapes (m, 7) and (m, 2), are as in
+    :class:`cspace.exact.triangles.Trees`.
     """
 
     pieces: Floats
@@ -282,15 +313,25 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                 if tree.spatial:
                     gap = point_triangle(position, piece)
                 else:
-                    gap = math.sqrt(point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0)))
+                    gap = math.sqrt(
+                        point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0))
+                    )
                 near, far = min(near, gap), min(far, gap + tree.errors[n])
             continue
         child_a, child_b = node + 1, node + 2 * (size // 2)
-        gap_a, gap_b = box_distance(tree.boxes[child_a], position), box_distance(tree.boxes[child_b], position)
+        gap_a, gap_b = (
+            box_distance(tree.boxes[child_a], position),
+            box_distance(tree.boxes[child_b], position),
+        )
         # Push the nearer box last, so that it is popped first.
         if gap_a < gap_b:
             child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
-        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = child_a, child_b, gap_a, gap_b
+        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = (
+            child_a,
+            child_b,
+            gap_a,
+            gap_b,
+        )
         count += 2
     return near, far
 
@@ -299,8 +340,8 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
     """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
 
-    ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if consecutive points are
-    close together.
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if
+    consecutive points are close together.
     """
     for n in range(len(points)):
         limit = cap
@@ -318,12 +359,15 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
         return _bound_volume(Balls(centers, radii))
     import shapely
 
-    # Inscribed and circumscribed polygons bound the area of the discs; GEOS may snap corners, for which 1e-9 allows.
+    # Inscribed and circumscribed polygons bound the area of the discs; GEOS may snap corners, for
+    # which 1e-9 allows.
     quarter = int(np.clip(2**16 // len(radii), 64, 1024)) // 4
     lower, upper = Balls(centers, radii).bounds
     cell_centers = shapely.points(centers - lower)
     inner, outer = (
-        float(shapely.union_all(shapely.buffer(cell_centers, scale * radii, quad_segs=quarter)).area)
+        float(
+            shapely.union_all(shapely.buffer(cell_centers, scale * radii, quad_segs=quarter)).area
+        )
         for scale in (1.0, 1.0 / math.cos(math.pi / (4 * quarter)))
     )
     error = MEASURE_ROUNDING * float(np.subtract(upper, lower).max()) ** 2
@@ -333,20 +377,28 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     """Return bounds of a volume by inner and outer cells."""
     lower, upper = np.array(shape.bounds)
-    spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / 2**23))
+    spacing = float(
+        np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / 2**23)
+    )
     counts = np.ceil((upper - lower) / spacing) + 1.0
-    outer, inner = shape.cells(Grid(0.5 * (lower + upper - spacing * counts), spacing, counts.astype(np.int64)))
+    outer, inner = shape.cells(
+        Grid(0.5 * (lower + upper - spacing * counts), spacing, counts.astype(np.int64))
+    )
     return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
 
 
-def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float, Floats]:
+def bound_shape_to_balls(
+    lattice: Lattice, centers: Floats, radii: Floats
+) -> tuple[float, float, Floats]:
     """Bound the largest distance from a shape to balls, metres.
 
-    Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
-    point are halved until the bounds differ by 2 % or by 1e-4 of the size of the shape.
+    Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may
+    contain the farthest point are halved until the bounds differ by 2 % or by 1e-4 of the size of
+    the shape.
 
-    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to the ball that
-    contains it after the least growth, so the grown balls cover the shape. The growth is -inf for a ball without boxes.
+    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
+    the ball that contains it after the least growth, so the grown balls cover the shape. The growth
+    is -inf for a ball without boxes.
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
@@ -359,7 +411,9 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
-        is_inside, is_near = region.locate(box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error)
+        is_inside, is_near = region.locate(
+            box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error
+        )
         low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
         kept = kept[is_near]
         box_centers, far, owners = box_centers[kept], far[kept], owners[kept]
@@ -369,7 +423,10 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))
         np.maximum.at(growths, owners[~is_open], far[~is_open])
-        box_centers, half = (box_centers[is_open, None] + half * halves).reshape(-1, dim), 0.5 * half
+        box_centers, half = (
+            (box_centers[is_open, None] + half * halves).reshape(-1, dim),
+            0.5 * half,
+        )
         if not len(box_centers):
             break
     return max(low - error, 0.0), max(high, low) + error, growths + error
@@ -378,31 +435,45 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
     """Bound the largest distance from balls to a shape, metres.
 
-    The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most its radius minus
-    that depth. The lower bound comes from points of the spheres.
+    The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most
+    its radius minus that depth. The lower bound comes from points of the spheres.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
     directions = np.random.default_rng(0).normal(size=(200, region.dim))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     low = 0.0
-    for part in np.array_split(np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MAX_GAP_BOXES)):
-        points = centers[part, None] + radii[part, None, None] * (1.0 - MEASURE_ROUNDING) * directions
+    for part in np.array_split(
+        np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MAX_GAP_BOXES)
+    ):
+        points = (
+            centers[part, None] + radii[part, None, None] * (1.0 - MEASURE_ROUNDING) * directions
+        )
         low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
     return min(low, high), high
 
 
-def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tuple[Floats, Floats, Ints]:
+def cube_gaps(
+    points: Floats, half: float, centers: Floats, radii: Floats
+) -> tuple[Floats, Floats, Ints]:
     """Measure cubes around points against balls, in threads.
 
-    ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays of shape (n,): the
-    distance from each point to the nearest ball, the least length by which a ball must grow to contain the cube, and
-    the index of that ball. Lengths are negative deep in a ball.
+    ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays
+    of shape (n,): the distance from each point to the nearest ball, the least length by which a
+    ball must grow to contain the cube, and the index of that ball. Lengths are negative deep in a
+    ball.
     """
-    near, far, owners = np.empty(len(points)), np.empty(len(points)), np.empty(len(points), dtype=np.int64)
+    near, far, owners = (
+        np.empty(len(points)),
+        np.empty(len(points)),
+        np.empty(len(points), dtype=np.int64),
+    )
     flat = 3 - points.shape[1]
     # Trees need radii of zero or above; all grow by one length, which the results lose again.
     growth = max(0.0, -float(radii.min()))
-    tree, spatial = BallTree.of(centers, radii + growth), np.ascontiguousarray(np.pad(points, ((0, 0), (0, flat))))
+    tree, spatial = (
+        BallTree.of(centers, radii + growth),
+        np.ascontiguousarray(np.pad(points, ((0, 0), (0, flat)))),
+    )
     halves = np.array([half] * points.shape[1] + [0.0] * flat)
 
     def work(start: int, stop: int) -> int:
@@ -416,17 +487,25 @@ def cube_gaps(points: Floats, half: float, centers: Floats, radii: Floats) -> tu
 
 @kernel
 def measure_cubes(
-    points: Floats, halves: Floats, tree: BallTree, pending: Ints, near: Floats, far: Floats, owners: Ints
+    points: Floats,
+    halves: Floats,
+    tree: BallTree,
+    pending: Ints,
+    near: Floats,
+    far: Floats,
+    owners: Ints,
 ) -> None:
     """Write results of :func:`cube_gaps`, owners in the tree's leaf order.
 
-    ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is scratch.
+    ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is
+    scratch.
     """
     nodes, sizes = tree.nodes, tree.sizes
     half, owner, owner_node = halves[0], 0, 0
     for n in range(len(points)):
         nearest, growth = math.inf, math.inf
-        # A node is stored with the index of its first leaf. The previous owner comes first, because it is mostly near.
+        # A node is stored with the index of its first leaf. The previous owner comes first, because
+        # it is mostly near.
         pending[0], pending[1], count = 0, owner_node << 32 | owner, 1 + (n > 0)
         while count > 0:
             count -= 1
@@ -436,8 +515,8 @@ def measure_cubes(
                 offset = abs(points[n, axis] - nodes[node, axis])
                 center_square += offset * offset
                 corner_square += (offset + halves[axis]) * (offset + halves[axis])
-            # A ball of the node is no nearer than the node, and its corner distance exceeds that by half a side or
-            # more. Few nodes pass, so that most roots are not needed.
+            # A ball of the node is no nearer than the node, and its corner distance exceeds that by
+            # half a side or more. Few nodes pass, so that most roots are not needed.
             reach = max(max(nearest, growth - half) + nodes[node, 3], 0.0)
             if center_square >= reach * reach:
                 continue

@@ -1,13 +1,14 @@
 """Spectra of sets of balls with arbitrary centers.
 
-A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of one radius have
-that radial factor times the spectrum of their centers, which one non-uniform FFT of type 1 computes (Dutt and Rokhlin,
-1993; Barnett, Magland and af Klinteberg, 2019). For a radius of few balls, their terms are summed as products of one
-factor per axis; for many radii, a few transforms serve all (:func:`radius_basis`).
+A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of
+one radius have that radial factor times the spectrum of their centers, which one non-uniform FFT of
+type 1 computes (Dutt and Rokhlin, 1993; Barnett, Magland and af Klinteberg, 2019). For a radius of
+few balls, their terms are summed as products of one factor per axis; for many radii, a few
+transforms serve all (:func:`radius_basis`).
 
-*Error.* All bumps are non-negative, so the spectrum is largest at frequency 0, where it is the integral of the
-descriptor; tolerances are relative to that value. Half of a tolerance is for the table of ``psi^``, half for the
-transforms.
+*Error.* All bumps are non-negative, so the spectrum is largest at frequency 0, where it is the
+integral of the descriptor; tolerances are relative to that value. Half of a tolerance is for the
+table of ``psi^``, half for the transforms.
 """
 
 from __future__ import annotations
@@ -54,10 +55,12 @@ MIN_TRANSFORM_TOLERANCE: Final = 2e-14
 """Smallest tolerance that a non-uniform transform can meet, because of its rounding."""
 
 MIN_SAMPLES_FOR_THREADS: Final = 2**18
-"""Number of frequencies and points of a transform from which several threads are faster than one."""
+"""Number of frequencies and points of a transform from which several threads are faster than one.
+"""
 
 MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
-"""Number of balls of one radius up to which sums of products are faster than a transform, by dimension."""
+"""Number of balls of one radius up to which sums of products are faster than a transform, by
+dimension."""
 
 MIN_RADII_FOR_BASIS: Final = 8
 """Number of different radii up to which a basis saves no transform."""
@@ -66,7 +69,8 @@ BYTES_PER_FREQUENCY: Final = {2: 120.0, 3: 184.0}
 """Upper bound of the memory per value of a spectrum, bytes, by dimension."""
 
 BASIS_TOLERANCE_SHARE: Final = 0.02
-"""Share of the tolerance for each source of error of a basis: spectra, nodes, decomposition and tables.
+"""Share of the tolerance for each source of error of a basis: spectra, nodes, decomposition and
+tables.
 
 The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes.
 """
@@ -84,9 +88,9 @@ def ball_spectrum(
 ) -> Complexes:
     """Compute the spectrum of balls.
 
-    It is ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` on a lattice of frequencies, ``w = k / lengths``, in the order of
-    ``numpy.fft.fftfreq``. These are the Fourier coefficients of ``f``, repeated with these periods, times the product
-    of ``lengths``.
+    It is ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` on a lattice of frequencies, ``w = k /
+    lengths``, in the order of ``numpy.fft.fftfreq``. These are the Fourier coefficients of ``f``,
+    repeated with these periods, times the product of ``lengths``.
 
     Parameters
     ----------
@@ -96,11 +100,11 @@ def ball_spectrum(
         Metres. Balls of equal radii share a transform.
     bump : Bump
     lengths, counts : array-like, shape (dim,), or one number
-        Periods, metres, and number of frequencies along each axis: ``k`` from ``-(count // 2)`` to ``(count - 1) //
-        2``.
+        Periods, metres, and number of frequencies along each axis: ``k`` from ``-(count // 2)`` to
+        ``(count - 1) // 2``.
     tolerance : float
-        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1. With weights, relative to the sum of
-        the moduli of the balls' integrals.
+        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1. With weights,
+        relative to the sum of the moduli of the balls' integrals.
     weights : array-like, shape (n,), optional
         Factor of each ball's bump, of any sign.
 
@@ -109,8 +113,9 @@ def ball_spectrum(
     ndarray of complex128, shape counts
         Metres to the power ``dim``.
 
-    Raises InputError if a value is not usable, the balls do not fit into one period, or the result does not fit into
-    memory. Raises MissingPackageError if finufft is needed, for many balls of one radius, and is not installed.
+    Raises InputError if a value is not usable, the balls do not fit into one period, or the result
+    does not fit into memory. Raises MissingPackageError if finufft is needed, for many balls of one
+    radius, and is not installed.
     """
     points, sizes = check_solid_balls(centers, radii)
     kind, dim = check_bump(bump), points.shape[1]
@@ -119,14 +124,22 @@ def ball_spectrum(
     factors = np.ones_like(sizes) if weights is None else check_finite(weights, "weights")
     if factors.shape != sizes.shape:
         rule = f"there must be one for each of {len(sizes)} balls"
-        raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights)
+        raise InputError(
+            "weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights
+        )
     extent = (points + sizes[:, None]).max(axis=0) - (points - sizes[:, None]).min(axis=0)
     # 1e-9 allows for rounding; larger balls would overlap their copies.
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
         axis = int(np.argmax(extent / lattice.periods))
         length = f"{lattice.periods[axis]:g} m along {'xyz'[axis]}"
         problem = f"holds {length}, but the balls extend over {extent[axis]:g} m"
-        raise InputError("lengths", problem, "they must fit into one period", "pass a longer period", value=lengths)
+        raise InputError(
+            "lengths",
+            problem,
+            "they must fit into one period",
+            "pass a longer period",
+            value=lengths,
+        )
     terms = [
         term._replace(strengths=term.strengths * factors[term.members])
         for term in radial_terms(lattice, kind, sizes, within)
@@ -134,13 +147,14 @@ def ball_spectrum(
     return sum_terms(lattice, points, terms, within)
 
 
-# ---- terms -----------------------------------------------------------------------------------------------------------
+# ---- terms ---------------------------------------------------------------------------------------
 
 
 class FrequencyLattice(NamedTuple):
     """Frequencies ``k / periods``, in the order of numpy.fft.
 
-    ``periods``, shape (d,), are in metres; ``counts`` are the numbers of frequencies along the axes.
+    ``periods``, shape (d,), are in metres; ``counts`` are the numbers of frequencies along the
+    axes.
     """
 
     periods: Floats
@@ -161,8 +175,9 @@ class FrequencyLattice(NamedTuple):
 class Term(NamedTuple):
     """Waves around points, times a radial factor.
 
-    ``members``, shape (n,), are the indices of the points, ``strengths``, shape (n,), the factors of their waves, and
-    ``factor`` is the factor of each of the moduli of a :class:`FrequencyLattice`.
+    ``members``, shape (n,), are the indices of the points, ``strengths``, shape (n,), the factors
+    of their waves, and ``factor`` is the factor of each of the moduli of a
+    :class:`FrequencyLattice`.
     """
 
     members: NDArray[np.intp]
@@ -170,7 +185,9 @@ class Term(NamedTuple):
     factor: Floats
 
 
-def radial_terms(lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float) -> Iterator[Term]:
+def radial_terms(
+    lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
+) -> Iterator[Term]:
     """Return the terms of balls, wherever their centers are."""
     moduli, dim = lattice.moduli, len(lattice.counts)
     different = len(np.unique(radii))
@@ -180,7 +197,9 @@ def radial_terms(lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance
     return _terms_by_radius(bump, radii, moduli, dim, tolerance) if terms is None else terms
 
 
-def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float) -> Iterator[Term]:
+def _terms_by_radius(
+    bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float
+) -> Iterator[Term]:
     """Yield one term for each radius."""
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     for radius in np.unique(radii).tolist():
@@ -193,13 +212,18 @@ def radius_basis(
 ) -> Iterator[Term] | None:
     """Return a few terms that serve all radii.
 
-    Returns None unless there are fewer than ``max_terms`` terms. As a function of the radius, ``psi^(r |w|)`` is a
-    mixture of exponentials whose phase is at most ``2 pi |w| r``. So it is interpolated between Chebyshev nodes in the
-    radius with the same proven error as in the frequency (:class:`RadialTable`). A singular value decomposition of the
-    spectra at the nodes leaves as many combinations as the tolerance needs. The strength of a ball in each combination
+    Returns None unless there are fewer than ``max_terms`` terms. As a function of the radius,
+    ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So it is
+    interpolated between Chebyshev nodes in the radius with the same proven error as in the
+    frequency (:class:`RadialTable`). A singular value decomposition of the spectra at the nodes
+    leaves as many combinations as the tolerance needs. The strength of a ball in each combination
     depends on its radius.
     """
-    max_modulus, max_radius, min_radius = float(moduli.max()), float(radii.max()), float(radii.min())
+    max_modulus, max_radius, min_radius = (
+        float(moduli.max()),
+        float(radii.max()),
+        float(radii.min()),
+    )
     within = BASIS_TOLERANCE_SHARE * tolerance
     center, half = 0.5 * (min_radius + max_radius), 0.5 * (max_radius - min_radius)
     highest = max_radius * max_modulus
@@ -220,19 +244,28 @@ def radius_basis(
     position = np.clip((radii - center) / half, -1.0, 1.0)
     shares = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations))
     all_balls, strengths = np.arange(len(radii)), shares * radii**dim
-    tables = (RadialTable(np.tensordot(column, values, axes=1), highest) for column in combinations.T)
-    return (Term(all_balls, row, table(max_radius * moduli)) for row, table in zip(strengths, tables, strict=True))
+    tables = (
+        RadialTable(np.tensordot(column, values, axes=1), highest) for column in combinations.T
+    )
+    return (
+        Term(all_balls, row, table(max_radius * moduli))
+        for row, table in zip(strengths, tables, strict=True)
+    )
 
 
-# ---- non-uniform transforms ------------------------------------------------------------------------------------------
+# ---- non-uniform transforms ----------------------------------------------------------------------
 
 
 def finufft_module() -> Any:
     """Import finufft; raises MissingPackageError if it is not installed."""
-    return import_optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
+    return import_optional(
+        "finufft", "spectra at centers that lie on no lattice need it", "spectral"
+    )
 
 
-def sum_terms(lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float) -> Complexes:
+def sum_terms(
+    lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float
+) -> Complexes:
     """Return the spectrum of terms around points, shape ``lattice.counts``."""
     shares = points / lattice.periods
     shares -= np.round(shares)
@@ -246,17 +279,23 @@ def sum_terms(lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], 
     return total
 
 
-def _transform(lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float) -> Complexes:
+def _transform(
+    lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
+) -> Complexes:
     """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform."""
     demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
     transform = getattr(finufft_module(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
     options = _transform_options(demanded, math.prod(lattice.counts))
-    waves: Complexes = transform(*angles, strengths.astype(np.complex128), lattice.counts, isign=-1, **options)
+    waves: Complexes = transform(
+        *angles, strengths.astype(np.complex128), lattice.counts, isign=-1, **options
+    )
     return waves
 
 
-def _sum_products(lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float) -> Complexes:
+def _sum_products(
+    lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
+) -> Complexes:
     """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis."""
     first, *rest = (
         np.exp(-2j * math.pi * np.outer(frequency_indices(count), column))
@@ -269,8 +308,9 @@ def _sum_products(lattice: FrequencyLattice, shares: Floats, strengths: Floats, 
 def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
     """Evaluate Fourier series of real functions at points.
 
-    ``points`` has shape (n, d), in radians. ``spectra``, shape (m, counts), are the coefficients in the order of
-    numpy.fft; the result has shape (m, n). The tolerance is relative to the 2-norm of the coefficients of a series.
+    ``points`` has shape (n, d), in radians. ``spectra``, shape (m, counts), are the coefficients in
+    the order of numpy.fft; the result has shape (m, n). The tolerance is relative to the 2-norm of
+    the coefficients of a series.
     """
     transform = getattr(finufft_module(), f"nufft{points.shape[1]}d2")
     options = _transform_options(tolerance, spectra.size + len(points))
@@ -289,8 +329,8 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
 class Correlation:
     """Overlaps with weighted balls on a lattice, by inverse FFTs.
 
-    Spectra are those of :class:`cspace.spectral.FourierOverlap`. The lattice has ``shape`` steps to a period, at least
-    as many as there are frequencies.
+    Spectra are those of :class:`cspace.spectral.FourierOverlap`. The lattice has ``shape`` steps to
+    a period, at least as many as there are frequencies.
     """
 
     def __init__(
@@ -307,7 +347,9 @@ class Correlation:
         self.lattice = FrequencyLattice(lengths, counts)
         self.terms = list(radial_terms(self.lattice, body.bump, body.radii, accuracy))
         centers = target.centers - target.center
-        self._spectrum = ball_spectrum(centers, target.radii, target.bump, lengths, counts, accuracy, weights=weights)
+        self._spectrum = ball_spectrum(
+            centers, target.radii, target.bump, lengths, counts, accuracy, weights=weights
+        )
 
     def overlaps(self, matrix: Floats) -> Floats:
         """Return the overlaps with the body rotated, at all steps of the lattice.
@@ -334,7 +376,9 @@ class Correlation:
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
-        padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = spectrum  # negative ones count from the end
+        padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = (
+            spectrum  # negative ones count from the end
+        )
         half = padded[..., : self.shape[-1] // 2 + 1]
         scale = math.prod(self.shape) / math.prod(self.lengths)
         return np.asarray(irfftn(half, s=self.shape, workers=cores())) * scale
@@ -345,7 +389,7 @@ def frequency_indices(count: int) -> NDArray[np.intp]:
     return np.fft.fftfreq(count, 1.0 / count).astype(np.intp)
 
 
-# ---- arguments -------------------------------------------------------------------------------------------------------
+# ---- arguments -----------------------------------------------------------------------------------
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
@@ -353,7 +397,9 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
-        raise InputError("lengths", f"is {lengths!r}", rule, "pass the period along each axis", value=lengths)
+        raise InputError(
+            "lengths", f"is {lengths!r}", rule, "pass the period along each axis", value=lengths
+        )
     return np.broadcast_to(periods, dim).copy()
 
 
@@ -369,6 +415,10 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
     free, needed = free_bytes(), BYTES_PER_FREQUENCY[dim] * float(count_cells(shape))
     if needed > MAX_MEMORY_FRACTION * free:
-        problem = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
-        raise InputError("counts", problem, f"{bytes_text(free)} are free", "pass smaller counts", value=counts)
+        problem = (
+            f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
+        )
+        raise InputError(
+            "counts", problem, f"{bytes_text(free)} are free", "pass smaller counts", value=counts
+        )
     return shape

@@ -12,10 +12,12 @@ from cspace.compiling import kernel
 from cspace.threads import in_chunks
 
 MISS, HIT, UNDECIDED = range(3)
-"""Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is proven."""
+"""Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is
+proven."""
 
 MAX_PENDING_NODE_PAIRS: Final = 256
-"""Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30 balls."""
+"""Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30
+balls."""
 
 MIN_PLACEMENTS_PER_THREAD: Final = 2_000
 """Placements per thread below which a further thread costs more time than it saves."""
@@ -24,9 +26,10 @@ MIN_PLACEMENTS_PER_THREAD: Final = 2_000
 class BallTree(NamedTuple):
     """Binary tree of balls, for kernels.
 
-    ``nodes``, shape (2 n - 1, 4), are the center, with z = 0 in the plane, and the radius of a ball that contains all
-    balls of the node; a leaf is a ball. ``sizes`` are the numbers of balls of the nodes; the children of node k are k +
-    1 and k + 2 * (size // 2). ``order``, shape (n,), are the indices of the balls of the leaves.
+    ``nodes``, shape (2 n - 1, 4), are the center, with z = 0 in the plane, and the radius of a ball
+    that contains all balls of the node; a leaf is a ball. ``sizes`` are the numbers of balls of the
+    nodes; the children of node k are k + 1 and k + 2 * (size // 2). ``order``, shape (n,), are the
+    indices of the balls of the leaves.
     """
 
     nodes: Floats
@@ -42,7 +45,10 @@ class BallTree(NamedTuple):
 
         flat, order = 3 - centers.shape[1], cKDTree(centers, leafsize=1).indices
         balls = np.column_stack([np.pad(centers, ((0, 0), (0, flat))), radii])[order]
-        nodes, sizes = np.empty((2 * len(balls) - 1, 4)), np.empty(2 * len(balls) - 1, dtype=np.int64)
+        nodes, sizes = (
+            np.empty((2 * len(balls) - 1, 4)),
+            np.empty(2 * len(balls) - 1, dtype=np.int64),
+        )
         fill_tree(balls, nodes, sizes, np.zeros_like(sizes))
         return cls(nodes, sizes, order.astype(np.int64))
 
@@ -57,8 +63,8 @@ class BallTree(NamedTuple):
 def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
     """Fill a tree with balls, shape (n, 4), halving by distance.
 
-    Node k gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is scratch, zero on
-    input.
+    Node k gets the ball of ``nodes[k]`` and ``sizes[k]`` balls from ``starts[k]`` on; ``starts`` is
+    scratch, zero on input.
     """
     sizes[0] = len(balls)
     for node in range(len(nodes)):
@@ -68,11 +74,15 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
             for axis in range(3):
                 nodes[node, axis] = balls[start, axis]
         else:
-            # The center is the bounding box's; the radius reaches beyond the farthest ball, in spite of rounding.
+            # The center is the bounding box's; the radius reaches beyond the farthest ball, in
+            # spite of rounding.
             for axis in range(3):
                 low, high = math.inf, -math.inf
                 for n in range(start, start + size):
-                    low, high = min(low, balls[n, axis] - balls[n, 3]), max(high, balls[n, axis] + balls[n, 3])
+                    low, high = (
+                        min(low, balls[n, axis] - balls[n, 3]),
+                        max(high, balls[n, axis] + balls[n, 3]),
+                    )
                 nodes[node, axis] = 0.5 * (low + high)
             for n in range(start, start + size):
                 square = 0.0
@@ -86,11 +96,13 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
 
 
 @kernel
-def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack: float, pending: Ints) -> int:
+def compare_placed(
+    a: BallTree, b: BallTree, x: float, y: float, z: float, slack: float, pending: Ints
+) -> int:
     """Return MISS, HIT or UNDECIDED, the first tree moved by (x, y, z).
 
-    ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is scratch of
-    MAX_PENDING_NODE_PAIRS items.
+    ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is
+    scratch of MAX_PENDING_NODE_PAIRS items.
     """
     result, count = MISS, min(1, len(a.sizes), len(b.sizes))
     # A pair of nodes (i, j) is stored as one number, i in its upper half.
@@ -110,10 +122,16 @@ def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack
             result = UNDECIDED
         # Replace the node with the larger ball by its two children.
         elif size_b == 1 or (size_a > 1 and p[3] > q[3]):
-            pending[count], pending[count + 1] = (i + 1) << 32 | j, (i + 2 * (size_a // 2)) << 32 | j
+            pending[count], pending[count + 1] = (
+                (i + 1) << 32 | j,
+                (i + 2 * (size_a // 2)) << 32 | j,
+            )
             count += 2
         else:
-            pending[count], pending[count + 1] = i << 32 | (j + 1), i << 32 | (j + 2 * (size_b // 2))
+            pending[count], pending[count + 1] = (
+                i << 32 | (j + 1),
+                i << 32 | (j + 2 * (size_b // 2)),
+            )
             count += 2
     return result
 
@@ -121,11 +139,12 @@ def compare_placed(a: BallTree, b: BallTree, x: float, y: float, z: float, slack
 class ContactTest(NamedTuple):
     """Ball trees that decide whether two bodies touch, for kernels.
 
-    The balls of ``outer_a`` and ``outer_b`` cover bodies a and b; they prove that the bodies are apart. The balls of
-    ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the outer balls again, or none. ``frame``,
-    shape (3, 3), metres, has the centers of a and b, to which the trees are relative, and the largest absolute
-    coordinates of center a relative to b at which the bodies can touch. ``slack`` bounds the rounding of the distance
-    between two centers there.
+    The balls of ``outer_a`` and ``outer_b`` cover bodies a and b; they prove that the bodies are
+    apart. The balls of ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the
+    outer balls again, or none. ``frame``, shape (3, 3), metres, has the centers of a and b, to
+    which the trees are relative, and the largest absolute coordinates of center a relative to b at
+    which the bodies can touch. ``slack`` bounds the rounding of the distance between two centers
+    there.
     """
 
     outer_a: BallTree
@@ -164,4 +183,8 @@ def test_placement(test: ContactTest, x: float, y: float, z: float, pending: Int
         return MISS
     if compare_placed(test.outer_a, test.outer_b, x, y, z, test.slack, pending) == MISS:
         return MISS
-    return HIT if compare_placed(test.inner_a, test.inner_b, x, y, z, test.slack, pending) == HIT else UNDECIDED
+    return (
+        HIT
+        if compare_placed(test.inner_a, test.inner_b, x, y, z, test.slack, pending) == HIT
+        else UNDECIDED
+    )

@@ -178,7 +178,9 @@ def build_tile(job: BuildJob, index: Index) -> None:
     folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
 
 
-def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int = 1) -> tuple[int, ...]:
+def resolve_tile(
+    tile: int | Sequence[int], shape: Sequence[int], slices: int = 1
+) -> tuple[int, ...]:
     """Return the cells of a tile along each axis.
 
     The grid and ``MAX_TILE_STATES`` limit them. Raises InputError unless ``tile`` is a positive

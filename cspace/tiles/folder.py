@@ -64,7 +64,8 @@ TILE_SIDES_PER_HALO: Final = 16
 Index = tuple[int, ...]
 """Index of a tile along each axis."""
 
-# Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the last.
+# Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the
+# last.
 
 ONE_MORE: Final = np.array([[0], [1]])
 """Makes corners of a first and a last cell."""
@@ -230,7 +231,13 @@ class TileFolder:
         occupied = Raster.from_bitmap(contents.workspace.outer[own], first)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
-            write_map(contents, temporary, stamp=self.about["stamp"], counts=counts.tolist(), obstacles=box)
+            write_map(
+                contents,
+                temporary,
+                stamp=self.about["stamp"],
+                counts=counts.tolist(),
+                obstacles=box,
+            )
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -244,7 +251,9 @@ class TileFolder:
         moment = find_moment(root)
         frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            folder = cls(root, attributes["tiles"], attributes["sums"], frame, attributes["digest"], moment)
+            folder = cls(
+                root, attributes["tiles"], attributes["sums"], frame, attributes["digest"], moment
+            )
             _check_attributes(folder)
             return folder
 
@@ -295,7 +304,9 @@ def find_moment(path: Path) -> tuple[int, int]:
     return status.st_ino, status.st_mtime_ns
 
 
-def make_frame(workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any) -> Contents:
+def make_frame(
+    workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
+) -> Contents:
     """Return a map of the first cell of a workspace, with what all tiles share."""
     whole, slice_of = workspace.grid, rotations.assign_slices(robot.shape)
     ones = (1,) * whole.dim
@@ -316,7 +327,9 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return digest.hexdigest()
 
 
-def write_root(path: Path, frame: Contents, about: Mapping[str, Any], sums: Mapping[str, Any] | None = None) -> None:
+def write_root(
+    path: Path, frame: Contents, about: Mapping[str, Any], sums: Mapping[str, Any] | None = None
+) -> None:
     """Write what all tiles of a map share into a folder."""
     write_map(frame, path, format=TILES_FORMAT, tiles=about, sums=sums)
 
@@ -325,14 +338,20 @@ def _check_attributes(folder: TileFolder) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
     about, sums, cells = folder.about, folder.sums, folder.grid.size
     numbers = [*folder.tile, 1 + about["updates"]]
-    if not all(isinstance(n, int) and n > 0 for n in numbers) or len(folder.tile) != folder.grid.dim:
+    if (
+        not all(isinstance(n, int) and n > 0 for n in numbers)
+        or len(folder.tile) != folder.grid.dim
+    ):
         raise ValueError(f"its tiles have the sides {folder.tile}")
     if not isinstance(about["stamp"], str):
         raise ValueError("its stamp is no text")
     if sums is None:
         return
     free, mixed, blocked = sums["counts"]
-    if free + mixed + blocked != cells * len(folder.frame.slice_of) or min(free, mixed, blocked) < 0:
+    if (
+        free + mixed + blocked != cells * len(folder.frame.slice_of)
+        or min(free, mixed, blocked) < 0
+    ):
         raise ValueError("its counts differ from its number of cells")
     if len(sums["digests"]) != len(folder) or folder.frame.exterior is None:
         raise ValueError("it is not complete")

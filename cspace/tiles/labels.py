@@ -59,10 +59,14 @@ def label_region(folder: TileFolder, index: Index, tile: Contents) -> Components
     region = folder.clip(folder.interior(index) + ONE_MORE)
     own = as_box(region - folder.cells(index)[0])
     closed = np.zeros(folder.slices, dtype=np.bool_)
-    return Components(tile.states[(slice(None), *own)], tile.slice_of, tile.rotations.neighbors, closed)
+    return Components(
+        tile.states[(slice(None), *own)], tile.slice_of, tile.rotations.neighbors, closed
+    )
 
 
-def find_in_region(folder: TileFolder, index: Index, region: Components, cells: Ints, mixed: bool) -> Ints:
+def find_in_region(
+    folder: TileFolder, index: Index, region: Components, cells: Ints, mixed: bool
+) -> Ints:
     """Return the components in a region of cells of the whole map, shape (n, 1 + d), or -1."""
     return region.of(cells - np.array([0, *folder.interior(index)[0]]), mixed)
 
@@ -88,14 +92,22 @@ def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
 
     Return, for each, the number of nodes and the nodes of the layers.
     """
-    region, layers = label_region(folder, index, folder.read_tile(index)), list_layers(folder, index)
+    region, layers = (
+        label_region(folder, index, folder.read_tile(index)),
+        list_layers(folder, index),
+    )
     return [
-        (region.count(mixed), [find_in_region(folder, index, region, layer, mixed) for layer in layers])
+        (
+            region.count(mixed),
+            [find_in_region(folder, index, region, layer, mixed) for layer in layers],
+        )
         for mixed in (False, True)
     ]
 
 
-def compute_components(folder: TileFolder, client: Client | None, progress: Progress | None) -> dict[str, Any]:
+def compute_components(
+    folder: TileFolder, client: Client | None, progress: Progress | None
+) -> dict[str, Any]:
     """Label all tiles; return the first node of each tile, and the pairs of joined nodes."""
 
     def advance(done: int) -> None:
@@ -163,7 +175,9 @@ class TiledComponents:
     rotation cell.
     """
 
-    def __init__(self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None) -> None:
+    def __init__(
+        self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
+    ) -> None:
         self._tiles, self._folder = tiles, tiles.folder
         self._offsets: list[Ints]
         self._graphs: list[Any]
@@ -197,7 +211,11 @@ class TiledComponents:
         self._offsets, self._graphs, self._roots = [], [], []
         for number in range(2):
             offsets, pairs = saved[f"offsets_{number}"], saved[f"pairs_{number}"]
-            if offsets.shape != (len(folder) + 1,) or offsets[0] != 0 or (np.diff(offsets) < 0).any():
+            if (
+                offsets.shape != (len(folder) + 1,)
+                or offsets[0] != 0
+                or (np.diff(offsets) < 0).any()
+            ):
                 raise ValueError("they are of other tiles")
             if pairs.shape[1:] != (2,) or {offsets.dtype, pairs.dtype} != {np.dtype(np.int64)}:
                 raise ValueError("they are no pairs of nodes")
@@ -268,7 +286,10 @@ class TiledComponents:
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
         cells = list_layers(self._folder, upper)[2 * axis]
-        here, there = (find_in_region(self._folder, tile, self._region(tile), cells, mixed=False) for tile in tiles)
+        here, there = (
+            find_in_region(self._folder, tile, self._region(tile), cells, mixed=False)
+            for tile in tiles
+        )
         sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
         common = ((here == labels[0]) & (there == labels[1])).reshape(-1, *sides)
         padded = distance_transform_edt(np.pad(common, 1))

@@ -1,7 +1,7 @@
 """Motions cut into pieces that the tiles of a map prove.
 
-**Statement.** *A motion is free if each of its pieces is proven free, by the part of the tile that the
-piece begins in.*
+**Statement.** *A motion is free if each of its pieces is proven free, by the part of the tile that
+the piece begins in.*
 
 **Proof.** Positions are in cells. The motion leads from p to q, straight in position, while the
 rotation takes the shorter arc. It is cut at evenly spaced parameters 0 = t_0 < t_1 < ... = 1. Piece
@@ -59,7 +59,9 @@ class Pieces(NamedTuple):
     ends: Floats
 
 
-def cut_motions(grid: Grid, rotations: Rotations, longest: float, starts: Floats, ends: Floats) -> Pieces:
+def cut_motions(
+    grid: Grid, rotations: Rotations, longest: float, starts: Floats, ends: Floats
+) -> Pieces:
     """Cut motions into pieces of at most ``longest`` cells along each axis.
 
     Motions lead from ``starts`` to ``ends``, shape (n, size).

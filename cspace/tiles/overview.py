@@ -25,7 +25,10 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
     for index in folder:
         tile, own, corners = folder.read_tile(index), folder.own(index), folder.interior(index)
         # The first coarse cell may begin in the tile before.
-        starts = [np.maximum(np.arange(low - low % factor, high, factor), low) - low for low, high in corners.T]
+        starts = [
+            np.maximum(np.arange(low - low % factor, high, factor), low) - low
+            for low, high in corners.T
+        ]
         box = as_box(np.stack([corners[0] // factor, -(-corners[1] // factor)]))
         every, layers = (slice(None), *box), [np.arange(folder.slices), *starts]
         states = np.asarray(tile.states)[(slice(None), *own)]
@@ -42,4 +45,6 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
     # Obstacles fill no coarse cell for certain, so the inner cells are empty.
     inner = np.zeros_like(outer) if factor > 1 else outer
     workspace = Workspace(coarse, outer, inner, source=f"overview of {folder.path.name}")
-    return CSpace(replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None))
+    return CSpace(
+        replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
+    )

@@ -25,7 +25,8 @@ from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
 
 MAX_PIECES: Final = 2**17
-"""Maximum number of pieces of motions in memory at a time; a motion of more pieces is not proven."""
+"""Maximum number of pieces of motions in memory at a time; a motion of more pieces is not proven.
+"""
 
 Ask = Callable[[CSpace, Floats], Any]
 """Query of some configurations on a map in memory."""
@@ -89,7 +90,9 @@ class OpenTiles:
         source = f"a window of {folder.path.name}"
         workspace = Workspace(grid, outer, inner, source=source, shapes=self._shapes_in(corners))
         outside = frame.outside if exterior else UNKNOWN
-        contents = replace(frame, workspace=workspace, states=states, outside=outside, exterior=exterior)
+        contents = replace(
+            frame, workspace=workspace, states=states, outside=outside, exterior=exterior
+        )
         return CSpace(contents)
 
     def _limit(self, corners: Ints) -> Ints:

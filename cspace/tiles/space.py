@@ -180,7 +180,10 @@ class TiledCSpace(ConfigurationMap):
     # ---- queries ---------------------------------------------------------------------------------
 
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
-        """Return True if all near configurations are proven free; see :meth:`CSpace.is_free_around`."""
+        """Return True if all near configurations are proven free.
+
+        See :meth:`CSpace.is_free_around`.
+        """
         reach = check_not_negative(distance, "distance")
         check_not_negative(angle, "angle", "pass it in radians")
         query = self._query(lambda part, rows: part.is_free_around(rows, reach, angle), reach)
@@ -219,14 +222,17 @@ class TiledCSpace(ConfigurationMap):
         return self._in_pieces(lambda *rows: self._tiles.motions_are_free(*rows))
 
     def _clearances(self) -> Query:
-        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two cells too small.
+        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
+        # cells too small.
         limit = (self.halo - 2) * self.grid.spacing
         return self._query(lambda part, rows: np.minimum(part.clearance(rows), limit), limit)
 
     @property
     def _exact(self) -> ExactQueries:
         hint = "use a part of it: space.window(lower, upper)"
-        raise ConfigurationError("exact", "needs a map in memory", "this one stays in its folder", hint)
+        raise ConfigurationError(
+            "exact", "needs a map in memory", "this one stays in its folder", hint
+        )
 
     # ---- connectivity ----------------------------------------------------------------------------
 
@@ -257,7 +263,9 @@ class TiledCSpace(ConfigurationMap):
     def _components(self) -> TiledComponents:
         return self._find_components()
 
-    def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
+    def _tile_subproblems(
+        self, q0: ArrayLike, q1: ArrayLike
+    ) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """Split a planning problem into one per tile.
 
         The tiles form a chain joined by FREE cells.
@@ -276,7 +284,8 @@ class TiledCSpace(ConfigurationMap):
         """
         rotations = self.rotations
         start, goal = (
-            rotations.make_canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
+            rotations.make_canonical(self._check_configurations(q, name), name)
+            for q, name in ((q0, "q0"), (q1, "q1"))
         )
         ends = self._cells_of(start), self._cells_of(goal)
         tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*ends))
@@ -336,13 +345,18 @@ class TiledCSpace(ConfigurationMap):
         ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
         cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
         if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
-            rule = f"it must be two corners of a box in the map, {self.grid.lower} to {self.grid.upper}"
+            rule = (
+                f"it must be two corners of a box in the map, {self.grid.lower} to "
+                f"{self.grid.upper}"
+            )
             problem = f"is from {lower!r} to {upper!r}"
             raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
         corners = grow(cells, folder.reach)
         whole = folder.clip(corners)
         if (np.diff(whole, axis=0) == self.grid.shape).all():
-            return self._at_one_moment(lambda: self._tiles.window(whole, self._folder.frame.exterior))
+            return self._at_one_moment(
+                lambda: self._tiles.window(whole, self._folder.frame.exterior)
+            )
         return self._at_one_moment(lambda: self._tiles.window(corners))
 
     def overview(self, max_cells: int = 1024) -> CSpace:
@@ -359,7 +373,9 @@ class TiledCSpace(ConfigurationMap):
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         return self._at_one_moment(lambda: build_overview(self._folder, count))
 
-    def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
+    def update(
+        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
+    ) -> Update:
         """Replace a box of workspace cells; update the map.
 
         The result equals a new build. A window around the box is updated in memory, and the tiles

@@ -43,7 +43,9 @@ def update_tiles(path: Path, patch: Patch) -> Update:
             kept = [folder.tile_path(index) for index in folder if index not in touched]
             for source in kept:
                 shutil.copytree(source, temporary / source.name, copy_function=os.link)
-            cell = replace(folder.frame.workspace, shapes=None)  # shapes no longer describe the cells
+            cell = replace(
+                folder.frame.workspace, shapes=None
+            )  # shapes no longer describe the cells
             frame = replace(folder.frame, workspace=cell, exterior=None)
             write_root(temporary, frame, {**folder.about, "updates": folder.about["updates"] + 1})
             new = TileFolder.open(temporary)
@@ -56,7 +58,9 @@ def update_tiles(path: Path, patch: Patch) -> Update:
     return replace(update, lower=lower, upper=upper)
 
 
-def _copy_cells(source: Contents, there: tuple[slice, ...], tile: Contents, here: tuple[slice, ...]) -> Contents:
+def _copy_cells(
+    source: Contents, there: tuple[slice, ...], tile: Contents, here: tuple[slice, ...]
+) -> Contents:
     """Return a tile with a box of cells from another map."""
     outer, inner = tile.workspace.outer.copy(), tile.workspace.inner.copy()
     outer[here] = source.workspace.outer[there]

@@ -52,7 +52,9 @@ def run_tasks(
     free = MAX_MEMORY_FRACTION * free_bytes()
     if needed > free:
         problem = f"is so large that a task needs {bytes_text(needed)}"
-        raise InputError("tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed)
+        raise InputError(
+            "tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed
+        )
     threads = min(workers or cores(), int(free // needed))
     return in_threads(partial(task, shared), tiles, threads, progress)
 
@@ -67,7 +69,9 @@ def _run_on_cluster(
         _check_workers(client)
         # Every worker gets a copy and keeps it for all its tasks.
         given = client.scatter(shared, hash=False, broadcast=True)
-        futures = client.map(_run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES)
+        futures = client.map(
+            _run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES
+        )
         results = {}
         for future, result in distributed.as_completed(futures, with_results=True):
             if future.status != "finished":  # the scheduler has died
@@ -112,8 +116,12 @@ def _check_workers(client: Any) -> None:
 
     versions = set(client.run(find_version).values())
     if not versions:
-        raise InputError("client", "has no workers", "tasks run on them", "start one, e.g. dask worker")
+        raise InputError(
+            "client", "has no workers", "tasks run on them", "start one, e.g. dask worker"
+        )
     if versions != {__version__}:
         problem = f"has workers with cspace {', '.join(sorted(versions))}"
         rule = f"all must have cspace {__version__}, like this process"
-        raise InputError("client", problem, rule, "install it there and restart them", value=versions)
+        raise InputError(
+            "client", problem, rule, "install it there and restart them", value=versions
+        )

@@ -12,7 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
-from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, VIEW_MARGIN_SHARE, ArmFigure, interpolate_joints
+from cspace.plot.arms import (
+    GHOST_COLOR,
+    GHOST_COUNT,
+    VIEW_MARGIN_SHARE,
+    ArmFigure,
+    interpolate_joints,
+)
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.rotations.base import TWO_PI, wrapped
 from cspace.view.canvas import (
@@ -31,7 +37,11 @@ from cspace.view.tool import ToolFrame
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-STATE_COLORS: Final = {FREE: ROBOT_FILL_COLOR, MIXED: CLASSES[UNDECIDED][1], BLOCKED: CLASSES[COLLIDES][1]}
+STATE_COLORS: Final = {
+    FREE: ROBOT_FILL_COLOR,
+    MIXED: CLASSES[UNDECIDED][1],
+    BLOCKED: CLASSES[COLLIDES][1],
+}
 """Colour of the arm, by state."""
 CONTACT_COLOR: Final = "#262626"
 """Colour of the line between the closest pair."""
@@ -46,7 +56,8 @@ MAX_MESHED_BALLS: Final = 500
 MIN_POINT_SHARE: Final = 1e-3
 """Smallest size of a point, as a share of the longest side of its cloud."""
 TOOL_SIZE_SHARE: Final = 0.2
-"""Length of the axes of the tool frame, as a share of the longest side of the box around the arm."""
+"""Length of the axes of the tool frame, as a share of the longest side of the box around the arm.
+"""
 _STEP_DEGREES: Final = 0.1
 """Step of the slider of a revolute joint, degrees."""
 _STEP_METRES: Final = 1e-3
@@ -77,12 +88,19 @@ class ArmCanvas(Canvas):
     distance_name = "obstacle distance"
 
     def __init__(
-        self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats], frame: str | None = None
+        self,
+        space: Any,
+        server: ViserServer,
+        points: Floats,
+        marks: dict[str, Floats],
+        frame: str | None = None,
     ) -> None:
         given = {name: space._check_configurations(q, name) for name, q in marks.items()}
         if "start" in given:
             given.setdefault("goal", given["start"])  # no goal yet
-        samples = sample_free_configurations(space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
+        samples = sample_free_configurations(
+            space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper)
+        )
         super().__init__(server, space, farthest_pair(samples, samples) | given)
         space._check_configurations(points, "path")
         self._describe_panel()
@@ -92,7 +110,9 @@ class ArmCanvas(Canvas):
         self._marks = dict(self.endpoints)
         self.robot = self.endpoints["start"]
         self._nodes: list[str] = []
-        self._links_lock = threading.RLock()  # one thread draws links anew while others move and colour them
+        self._links_lock = (
+            threading.RLock()
+        )  # one thread draws links anew while others move and colour them
         self._is_stale = False
         self._draw_bodies()
         self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
@@ -105,12 +125,20 @@ class ArmCanvas(Canvas):
         self.unlimited = tuple(joint for joint, limit in limits if math.isinf(limit))
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
-        self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
+        self.about = ", ".join(
+            f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()
+        )
         self._scale = np.array([1.0 if unit == "m" else math.degrees(1.0) for unit in arm.units])
         steps = np.where(self._scale == 1.0, _STEP_METRES, _STEP_DEGREES)
         limit = np.where(space.periodic_axes, math.pi, TWO_PI)
-        lower = np.ceil(np.where(np.isinf(arm.lower), -limit, arm.lower) * self._scale / steps - 1e-6) * steps
-        upper = np.floor(np.where(np.isinf(arm.upper), limit, arm.upper) * self._scale / steps + 1e-6) * steps
+        lower = (
+            np.ceil(np.where(np.isinf(arm.lower), -limit, arm.lower) * self._scale / steps - 1e-6)
+            * steps
+        )
+        upper = (
+            np.floor(np.where(np.isinf(arm.upper), limit, arm.upper) * self._scale / steps + 1e-6)
+            * steps
+        )
         units = np.where(self._scale == 1.0, "m", "°")
         self.dials = [
             Dial(f"{joint} ({unit})", *numbers)
@@ -124,12 +152,18 @@ class ArmCanvas(Canvas):
             )
         ]
         self.typed = []
-        self.legend = [(ROBOT_FILL_COLOR, "arm, FREE"), (STATE_COLORS[MIXED], "arm, undecided (MIXED)")]
-        self.legend += [(STATE_COLORS[BLOCKED], "arm, BLOCKED"), (KINDS["obstacles"].color, "obstacle")]
+        self.legend = [
+            (ROBOT_FILL_COLOR, "arm, FREE"),
+            (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
+        ]
+        self.legend += [
+            (STATE_COLORS[BLOCKED], "arm, BLOCKED"),
+            (KINDS["obstacles"].color, "obstacle"),
+        ]
         self.legend += [(GHOST_COLOR, "arm along the path"), (CONTACT_COLOR, "closest pair")]
         self.legend += [(UNREACHED_COLOR, "from the tool frame to a pose out of reach")]
 
-    # ---- configurations ----------------------------------------------------------------------------------------------
+    # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the joints in degrees or metres."""
@@ -176,9 +210,13 @@ class ArmCanvas(Canvas):
         if _are_same(q0, q1):
             return "Set a goal below, or drag the tool."
         free = self._space.motion_is_free(q0, q1)
-        return "**The straight motion is free: proven.**" if free else "The straight motion is not proven free."
+        return (
+            "**The straight motion is free: proven.**"
+            if free
+            else "The straight motion is not proven free."
+        )
 
-    # ---- drawing -----------------------------------------------------------------------------------------------------
+    # ---- drawing ---------------------------------------------------------------------------------
 
     def draw(self) -> None:
         """Draw arm and obstacles again after a change of the scene."""
@@ -201,12 +239,18 @@ class ArmCanvas(Canvas):
                 if len(surface[1]):
                     self._add_mesh(f"/obstacles/{name}", surface, color)
                 else:
-                    self._add_cloud(f"/obstacles/{name}", surface[0], float(space.obstacles[name].shape.outer.radii[0]))
+                    self._add_cloud(
+                        f"/obstacles/{name}",
+                        surface[0],
+                        float(space.obstacles[name].shape.outer.radii[0]),
+                    )
             self._links = {"robot": self._add_links("robot", figure.links, ROBOT_FILL_COLOR, 1.0)}
             for name, mark_color in MARKS.items():
                 self._links[name] = self._add_links(name, figure.moving, mark_color, MARK_OPACITY)
             self._nodes = [f"/obstacles/{name}" for name in figure.obstacles]
-            self._nodes += [f"/{name}/{link}" for name, links in self._links.items() for link in links]
+            self._nodes += [
+                f"/{name}/{link}" for name, links in self._links.items() for link in links
+            ]
             self._pose_arm("robot", self.robot)
             for name, q in self._marks.items():
                 self.mark(name, q)
@@ -221,7 +265,9 @@ class ArmCanvas(Canvas):
 
         Return the reason why it does not reach it; empty if it does.
         """
-        q, problem = self.tool.solve(np.clip(self.robot, self._space.arm.lower, self._space.arm.upper))
+        q, problem = self.tool.solve(
+            np.clip(self.robot, self._space.arm.lower, self._space.arm.upper)
+        )
         self._stand(q)
         if problem:
             ends = np.stack([self._space.arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
@@ -244,7 +290,10 @@ class ArmCanvas(Canvas):
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
         """Add boxes that show or hide the arms at start and goal, and those along the path."""
-        marks, ghosts = gui.add_checkbox("start and goal", True), gui.add_checkbox("arms along the path", True)
+        marks, ghosts = (
+            gui.add_checkbox("start and goal", True),
+            gui.add_checkbox("arms along the path", True),
+        )
 
         def show_marks(event: Any) -> None:
             self._shows_marks = event.target.value
@@ -265,7 +314,9 @@ class ArmCanvas(Canvas):
             link.remove()
         self._ghosts = []
         if len(points) > 1:
-            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[1:-1]  # start and goal have arms already
+            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[
+                1:-1
+            ]  # start and goal have arms already
             poses = self._space.arm.poses(self.interpolate(points, shares))
             self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
         return super().draw_path(points)
@@ -304,7 +355,9 @@ class ArmCanvas(Canvas):
         points = self._server.scene.add_point_cloud(
             name,
             centers.astype(np.float32),
-            (lightness[:, np.newaxis] * rgb(KINDS["obstacles"].color)).clip(0, 255).astype(np.uint8),
+            (lightness[:, np.newaxis] * rgb(KINDS["obstacles"].color))
+            .clip(0, 255)
+            .astype(np.uint8),
             point_size=size,  # viser's size is a radius on the screen
             point_shape="circle",
             precision="float32",
@@ -321,8 +374,13 @@ class ArmCanvas(Canvas):
             thickness_units="screen",
         )
 
-    def _add_links(self, name: str, links: Iterable[str], color: str, opacity: float) -> dict[str, Any]:
-        return {link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
+    def _add_links(
+        self, name: str, links: Iterable[str], color: str, opacity: float
+    ) -> dict[str, Any]:
+        return {
+            link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity)
+            for link in links
+        }
 
     def _show_marks(self) -> None:
         """Show the arms at start and goal.
@@ -346,20 +404,36 @@ class ArmCanvas(Canvas):
             for link, handle in self._links[name].items():
                 if link in poses:  # it may be detached but not yet erased
                     handle.position = poses[link][:3, 3]
-                    handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
+                    handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(
+                        scalar_first=True
+                    )
 
     def _frame_scene(self) -> float:
         """Place the camera in front of the arm and its obstacles.
 
         Return the longest side of the box around the arm, metres.
         """
-        arms = [points for q in self.endpoints.values() for points, _ in self._figure.pose_links(q).values()]
-        lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
-        azimuth, margin = self._figure.camera_azimuth(lower, upper), VIEW_MARGIN_SHARE * float(np.max(upper - lower))
+        arms = [
+            points
+            for q in self.endpoints.values()
+            for points, _ in self._figure.pose_links(q).values()
+        ]
+        lower, upper = (
+            np.min([points.min(axis=0) for points in arms], 0),
+            np.max([p.max(axis=0) for p in arms], 0),
+        )
+        azimuth, margin = (
+            self._figure.camera_azimuth(lower, upper),
+            VIEW_MARGIN_SHARE * float(np.max(upper - lower)),
+        )
         obstacles = self._figure.obstacles.values()
         clipped = (points.clip(lower - margin, upper + margin) for points, _ in obstacles)
         near = np.concatenate([[lower, upper], *clipped])
-        self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(azimuth), math.sin(azimuth), 0.6]))
+        self._place_camera(
+            near.min(axis=0),
+            near.max(axis=0),
+            np.array([math.cos(azimuth), math.sin(azimuth), 0.6]),
+        )
         return float(np.max(upper - lower))
 
 

@@ -117,9 +117,11 @@ class Canvas(ABC):
         scene.configure_default_lights(False)
         scene.add_light_ambient("/light/ambient", intensity=1.6)
         for position, intensity in (((-0.4, -0.7, 1.0), 1.3), ((0.8, 0.3, 0.6), 0.5)):
-            scene.add_light_directional(f"/light/{intensity}", intensity=intensity, position=position)
+            scene.add_light_directional(
+                f"/light/{intensity}", intensity=intensity, position=position
+            )
 
-    # ---- configurations ----------------------------------------------------------------------------------------------
+    # ---- configurations --------------------------------------------------------------------------
 
     @abstractmethod
     def dial_values(self, q: Floats) -> tuple[float, ...]:
@@ -151,20 +153,22 @@ class Canvas(ABC):
 
         May also draw them.
         """
-        return state_text(int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name)
+        return state_text(
+            int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name
+        )
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return the proofs about two configurations as text before a search."""
 
-    # ---- robot, marks and path ---------------------------------------------------------------------------------------
+    # ---- robot, marks and path -------------------------------------------------------------------
 
     @abstractmethod
     def place(self, q: Floats) -> None:
         """Move the robot."""
 
     def reach(self) -> str:
-        """Move an arm to the pose of its :attr:`tool`; return the reason if it does not reach it."""
+        """Move an arm to the pose of its :attr:`tool`; return the reason if it cannot."""
         return ""
 
     @abstractmethod
@@ -198,7 +202,7 @@ class Canvas(ABC):
     def _path_positions(self, q: Floats) -> Floats:
         """Return the points that represent configurations of a path, shape (n, 3)."""
 
-    # ---- changes of the view and of the space ------------------------------------------------------------------------
+    # ---- changes of the view and of the space ----------------------------------------------------
 
     @abstractmethod
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
@@ -213,7 +217,7 @@ class Canvas(ABC):
     def invalidate(self) -> None:  # noqa: B027
         """Make :meth:`draw` redraw everything, because the space has changed."""
 
-    # ---- drawing -----------------------------------------------------------------------------------------------------
+    # ---- drawing ---------------------------------------------------------------------------------
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
         """Add a mesh to the scene, and return its handle."""
@@ -248,7 +252,9 @@ class Canvas(ABC):
 
 def state_text(state: int, distance: float, unit: str, name: str) -> str:
     """Return the state and named distance of a configuration as text."""
-    return STATES[state] + (f", {name} at least {distance:.3f} {unit}" if 0.0 < distance < math.inf else "")
+    return STATES[state] + (
+        f", {name} at least {distance:.3f} {unit}" if 0.0 < distance < math.inf else ""
+    )
 
 
 def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
@@ -265,10 +271,14 @@ def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
 def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
     """Return the configurations with the most distant positions as start and goal."""
     distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
-    return dict(zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True))
+    return dict(
+        zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True)
+    )
 
 
 def to_linear_rgb(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Convert sRGB colours to linear ones, as viser's lines need (IEC 61966-2-1)."""
     share = colors / 255.0
-    return np.rint(255.0 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(np.uint8)
+    return np.rint(
+        255.0 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    ).astype(np.uint8)

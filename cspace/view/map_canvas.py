@@ -25,7 +25,14 @@ from cspace.plot.artists import (
 from cspace.plot.route import Body
 from cspace.rotations import Rotations
 from cspace.view.blocks import Cells
-from cspace.view.canvas import MARKS, PATH_POINTS, Canvas, Dial, farthest_pair, sample_free_configurations
+from cspace.view.canvas import (
+    MARKS,
+    PATH_POINTS,
+    Canvas,
+    Dial,
+    farthest_pair,
+    sample_free_configurations,
+)
 from cspace.view.scene import KINDS, SECTION, Section, SolidKind, Stage, make_robot_surface
 
 if TYPE_CHECKING:
@@ -59,7 +66,9 @@ class MapCanvas(Canvas):
         Height above which cells are omitted, metres.
     """
 
-    def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
+    def __init__(
+        self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]
+    ) -> None:
         given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
         self.cells = cells = Cells(space)
         super().__init__(server, space, _choose_endpoints(space, cells) | given)
@@ -69,9 +78,15 @@ class MapCanvas(Canvas):
         self.poses = Poses(space.grid.dim, space.rotations)
         longest = grid.spacing * max(grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
-        self.stage = Stage(grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest))
-        self.kinds = [name for name in KINDS if name != "unknown" or cells.drawn.workspace.unknown is not None]
-        self.shown = {*self.kinds, SECTION} - ({"mixed"} if self.stage.has_height else {"border", "mixed"})
+        self.stage = Stage(
+            grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest)
+        )
+        self.kinds = [
+            name for name in KINDS if name != "unknown" or cells.drawn.workspace.unknown is not None
+        ]
+        self.shown = {*self.kinds, SECTION} - (
+            {"mixed"} if self.stage.has_height else {"border", "mixed"}
+        )
         self._drawn: dict[str, Hashable] = {}
         self._drawing = threading.Lock()
         self._surface = make_robot_surface(space.robot, self.stage.wall)
@@ -96,8 +111,8 @@ class MapCanvas(Canvas):
     def _find_lowest_cover(self, points: Floats) -> float:
         """Return the height of the lowest cells that cover start, goal or path.
 
-        It is in metres, for a view from above. The cells are at the rotation of the start, as on the
-        opened page. If none covers them, the height is beyond the map.
+        It is in metres, for a view from above. The cells are at the rotation of the start, as on
+        the opened page. If none covers them, the height is beyond the map.
         """
         shown = np.array([*self.endpoints.values()])
         if len(points):
@@ -119,7 +134,10 @@ class MapCanvas(Canvas):
         space, grid, angles = self._space, self._space.grid, self.poses.angles
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         suffix = f" x {space.rotations}" if space.rotations.names else ""
-        self.title, self.about = space.robot.name, f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
+        self.title, self.about = (
+            space.robot.name,
+            f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}",
+        )
         self.unit = grid.unit
         self._step = step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.dials = [
@@ -127,15 +145,22 @@ class MapCanvas(Canvas):
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
         ]
         self.dials += [
-            Dial(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0) for angle in angles
+            Dial(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0)
+            for angle in angles
         ]
         self.typed = [(f"{', '.join(grid.axes)} ({grid.unit})", slice(0, grid.dim))]
         if angles:
             self.typed.append((f"{', '.join(angles)} (°)", slice(grid.dim, None)))
-        self.legend = [(CLASSES[number][1], CLASSES[number][0]) for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)]
-        self.legend += [(KINDS["obstacles"].color, "obstacle, in the light"), (ROBOT_FILL_COLOR, "robot")]
+        self.legend = [
+            (CLASSES[number][1], CLASSES[number][0])
+            for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)
+        ]
+        self.legend += [
+            (KINDS["obstacles"].color, "obstacle, in the light"),
+            (ROBOT_FILL_COLOR, "robot"),
+        ]
 
-    # ---- configurations ----------------------------------------------------------------------------------------------
+    # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the position, metres, and the angles, degrees."""
@@ -152,7 +177,9 @@ class MapCanvas(Canvas):
 
     def describe(self, q: Floats) -> str:
         """Return state, clearance and rotation of a configuration as text."""
-        return f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
+        return (
+            f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
+        )
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
@@ -162,7 +189,7 @@ class MapCanvas(Canvas):
             return "**No path exists: proven.**"
         return "Whether a path exists is undecided at this resolution."
 
-    # ---- robot, marks and path ---------------------------------------------------------------------------------------
+    # ---- robot, marks and path -------------------------------------------------------------------
 
     def place(self, q: Floats) -> None:
         """Move the robot."""
@@ -180,7 +207,8 @@ class MapCanvas(Canvas):
         def drag(event: Any) -> None:
             q = self.poses.nearest_configuration(event.target.position, event.target.wxyz)
             moved(q)
-            # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after the drag.
+            # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after
+            # the drag.
             if event.phase == "end":
                 self.mark(name, q)
 
@@ -192,7 +220,7 @@ class MapCanvas(Canvas):
         positions[:, 2] += 0.0 if self.stage.has_height else 0.6 * self.stage.wall
         return positions
 
-    # ---- cells -------------------------------------------------------------------------------------------------------
+    # ---- cells -----------------------------------------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
         """Add the slider of the cut and the checkboxes.
@@ -202,7 +230,10 @@ class MapCanvas(Canvas):
         added: dict[str, Any] = {}
         step, stage = self._step, self.stage
         if stage.has_height:
-            low, high = _ceil_to(stage.lower[2] + self._space.grid.spacing, step), _ceil_to(stage.upper[2], step)
+            low, high = (
+                _ceil_to(stage.lower[2] + self._space.grid.spacing, step),
+                _ceil_to(stage.upper[2], step),
+            )
             self.cut = min(max(self.cut, low), high)
             label = f"cut at {self._space.grid.labels[2]}"
             cut = added[label] = gui.add_slider(label, low, high, step, self.cut)
@@ -295,7 +326,9 @@ class MapCanvas(Canvas):
             depth_test=False,
         )
         self._add_robot(f"/{name}", color)
-        self._server.scene.add_label(f"/{name}/label", name, position=(0.0, 0.0, self.stage.wall + 0.5 * self.size))
+        self._server.scene.add_label(
+            f"/{name}/label", name, position=(0.0, 0.0, self.stage.wall + 0.5 * self.size)
+        )
         return controls
 
     def _add_robot(self, name: str, color: str) -> None:

@@ -1,4 +1,7 @@
-"""A page: its panel of inputs and messages, and its actions: move the robot, drag a tool, plan, play and prove."""
+"""A page: its panel of inputs and messages, and its actions.
+
+A user moves the robot, drags a tool, plans, plays and proves.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,8 @@ PLAY_SECONDS: Final = 8.0
 MAX_FRAME_RATE: Final = 25.0
 """Maximum number of frames per second when a path is played."""
 REST_FACTOR: Final = 2.0
-"""Pause between two frames, as a multiple of the time the browser took for the first; it stays responsive."""
+"""Pause between two frames, as a multiple of the time the browser took for the first; it stays
+responsive."""
 MAX_WAIT_SECONDS: Final = 0.5
 """Maximum time to wait until a browser has drawn a frame, seconds."""
 MAX_ACCELERATION: Final = 2.0
@@ -69,10 +73,12 @@ class Panel:
     proof, answer : GuiMarkdownHandle
         Proof about start and goal; result of the last search, or an error.
     share : GuiSliderHandle of float
-        Position of the robot on the path, percent of its length, or of the duration of a trajectory.
+        Position of the robot on the path, percent of its length, or of the duration of a
+        trajectory.
     play : GuiButtonHandle
     max_acceleration, max_velocity : GuiInputHandle of float
-        Limits of an arm's joints, rad or m, and seconds; the second for joints whose URDF has no limit of velocity.
+        Limits of an arm's joints, rad or m, and seconds; the second for joints whose URDF has no
+        limit of velocity.
     clock : GuiHtmlHandle
         Time of the robot's position on a trajectory.
     tool_frame : GuiDropdownHandle
@@ -91,9 +97,16 @@ class Panel:
         Choices of what is drawn, by label.
     """
 
-    def __init__(self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]) -> None:
+    def __init__(
+        self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]
+    ) -> None:
         self._gui, self._canvas = gui, canvas
-        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(0, 114, 178))
+        gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            control_width="large",
+            brand_color=(0, 114, 178),
+        )
         gui.main_panel.dock_right()
         gui.add_markdown(f"**{canvas.title}**  \n{canvas.about}")
         self._typed: dict[str, list[Any]] = {}
@@ -112,13 +125,16 @@ class Panel:
             self._add_limits()
         with gui.add_folder("Robot"):
             self.sliders: list[Any] = [
-                gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low) for dial in canvas.dials
+                gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low)
+                for dial in canvas.dials
             ]
             self.state = gui.add_markdown("")
             self.mark_robot = gui.add_button_group("make it the", tuple(canvas.endpoints))
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
-            gui.add_html(_legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
+            gui.add_html(
+                _legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())])
+            )
 
     def _add_typed(self, name: str, numbers: tuple[float, ...]) -> list[Any]:
         """Add the fields in which a user types the start or the goal, of one to three numbers each.
@@ -133,7 +149,10 @@ class Panel:
         hint = f"Or drag the {name} in the scene."
         return [
             add[len(numbers[which])](
-                f"{name}: {label}", _input_value(numbers[which]), step=self._canvas.dials[which][0].step, hint=hint
+                f"{name}: {label}",
+                _input_value(numbers[which]),
+                step=self._canvas.dials[which][0].step,
+                hint=hint,
             )
             for label, which in self._canvas.typed
         ]
@@ -143,10 +162,16 @@ class Panel:
         gui, canvas = self._gui, self._canvas
         planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(
-            "planner", (AUTOMATIC, *planners), hint="OMPL's planners; maps also have Grid and MaxClearance."
+            "planner",
+            (AUTOMATIC, *planners),
+            hint="OMPL's planners; maps also have Grid and MaxClearance.",
         )
-        self.drive = gui.add_dropdown("drive", drives, hint="How the robot moves.", visible=len(drives) > 1)
-        self.turning_radius = gui.add_number("turning radius (m)", 1.0, min=0.01, step=0.05, visible=False)
+        self.drive = gui.add_dropdown(
+            "drive", drives, hint="How the robot moves.", visible=len(drives) > 1
+        )
+        self.turning_radius = gui.add_number(
+            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=False
+        )
         self.time_limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
         self.exact = gui.add_checkbox(
             "exact",
@@ -168,7 +193,10 @@ class Panel:
         """Add the inputs and the message of the tool frame."""
         gui = self._gui
         self.tool_frame: Any = gui.add_dropdown(
-            "frame", tool.frames, initial_value=tool.name, hint="Drag its axes and arcs in the scene."
+            "frame",
+            tool.frames,
+            initial_value=tool.name,
+            hint="Drag its axes and arcs in the scene.",
         )
         self.position_only: Any = gui.add_checkbox(
             "position only", tool.position_only, hint="The frame may have any rotation."
@@ -191,13 +219,16 @@ class Panel:
             MAX_VELOCITY,
             min=0.01,
             step=0.1,
-            hint=f"Limit of the velocity of joints for which the URDF has none: {', '.join(canvas.unlimited)}.",
+            hint="Limit of the velocity of joints for which the URDF has none: "
+            f"{', '.join(canvas.unlimited)}.",
             visible=bool(canvas.unlimited),
         )
 
     def typed(self, name: str) -> tuple[float, ...]:
         """Return the typed values of :attr:`Canvas.dials` of the start or the goal."""
-        return tuple(float(value) for handle in self._typed[name] for value in np.atleast_1d(handle.value))
+        return tuple(
+            float(value) for handle in self._typed[name] for value in np.atleast_1d(handle.value)
+        )
 
     def on_type(self, name: str, typed: Callable[[], None]) -> None:
         """Call ``typed`` when a user types coordinates of the start or the goal."""
@@ -218,7 +249,9 @@ class Panel:
 
     def show_time(self, share: float, duration: float | None) -> None:
         """Show the time at a share of a trajectory; nothing if it has no duration, seconds."""
-        self.clock.content = "" if duration is None else _note_html(f"{share * duration:.2f} s of {duration:.2f} s")
+        self.clock.content = (
+            "" if duration is None else _note_html(f"{share * duration:.2f} s of {duration:.2f} s")
+        )
 
     def reset_path(self, max_distance: float | None) -> None:
         """Move the slider to the start of a new path.
@@ -230,7 +263,9 @@ class Panel:
         if max_distance is None:
             self.scale.content = _note_html("Plan one, or open the page with a path.")
         else:
-            self.scale.content = _scale_html(max_distance, self._canvas.unit, self._canvas.distance_name)
+            self.scale.content = _scale_html(
+                max_distance, self._canvas.unit, self._canvas.distance_name
+            )
 
 
 class Page:
@@ -259,7 +294,12 @@ class Page:
     """
 
     def __init__(
-        self, server: ViserServer, space: Any, canvas: Canvas, path: Floats, source: Plan | Trajectory | None = None
+        self,
+        server: ViserServer,
+        space: Any,
+        canvas: Canvas,
+        path: Floats,
+        source: Plan | Trajectory | None = None,
     ) -> None:
         self._server, self._space, self._canvas = server, space, canvas
         self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
@@ -269,7 +309,9 @@ class Page:
         self._playing = threading.Event()
         tasks = canvas.draw, self._describe, self._prove, self._search, self._play, self._reach
         self._workers = [Worker(task, self._report_error) for task in tasks]
-        self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = self._workers
+        self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = (
+            self._workers
+        )
         self.panel = Panel(server.gui, canvas, _choices(space), self._drawer.request)
         self._connect()
         for name, q in canvas.endpoints.items():
@@ -284,7 +326,9 @@ class Page:
         def slide_robot(event: Any) -> None:
             if event.client is not None:
                 self._playing.clear()
-                self._place(canvas.configuration_of(tuple(float(slider.value) for slider in panel.sliders)))
+                self._place(
+                    canvas.configuration_of(tuple(float(slider.value) for slider in panel.sliders))
+                )
 
         def slide_along_path(event: Any) -> None:
             if event.client is not None and len(self._path):
@@ -298,7 +342,9 @@ class Page:
             slider.on_update(slide_robot)
         panel.share.on_update(slide_along_path)
         panel.plan.on_click(lambda _: self.search())
-        panel.play.on_click(lambda _: self._playing.clear() if self._playing.is_set() else self.play())
+        panel.play.on_click(
+            lambda _: self._playing.clear() if self._playing.is_set() else self.play()
+        )
         panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
         for limit in (panel.max_acceleration, panel.max_velocity):
             limit.on_update(lambda _: self._change_limits())
@@ -329,7 +375,7 @@ class Page:
         panel.tool_frame.on_update(choose_frame)
         panel.position_only.on_update(choose_position_only)
 
-    # ---- actions for programs ----------------------------------------------------------------------------------------
+    # ---- actions for programs --------------------------------------------------------------------
 
     def move(self, q: Floats) -> None:
         """Move the robot to a configuration."""
@@ -344,7 +390,7 @@ class Page:
         self._describer.request()
 
     def go(self, share: float) -> None:
-        """Move the robot to a share, from 0 to 1, of the path's length, or of a trajectory's duration."""
+        """Move the robot to a share, from 0 to 1, of its path or trajectory."""
         motion = self.trajectory
         self.panel.show_time(share, None if motion is None else motion.duration)
         if motion is not None:
@@ -353,13 +399,15 @@ class Page:
             self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
 
     def drag(self, pose: Floats) -> None:
-        """Move the tool frame of an arm to a pose, shape (4, 4), as a user who drags it and has not released it yet.
+        """Move the tool frame of an arm to a pose, shape (4, 4), as if it were dragged.
 
         The arm follows as near as it can. Where it was before becomes the start.
         """
         tool = self._canvas.tool
         if tool is None:
-            raise InputError("pose", "is given for a map", "only arms have frames", "use move(q)", value=pose)
+            raise InputError(
+                "pose", "is given for a map", "only arms have frames", "use move(q)", value=pose
+            )
         self._follow_tool(tool)
         tool.move(pose)
 
@@ -367,7 +415,9 @@ class Page:
         """Let the arm follow its tool frame, which a user drags."""
         if not tool.is_held:
             self._playing.clear()
-            if not self._strays:  # otherwise the arm stands where no plan has brought it, and its start stays
+            if (
+                not self._strays
+            ):  # otherwise the arm stands where no plan has brought it, and its start stays
                 self.mark("start", self._canvas.robot)
             self._show_path(self._path[:0])
             tool.is_held = self._strays = True
@@ -403,7 +453,10 @@ class Page:
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path, from its current position; at true speed along a trajectory."""
+        """Move the robot along the path, from its current position.
+
+        At true speed along a trajectory.
+        """
         self._playing.set()
         self._player.request()
 
@@ -424,7 +477,7 @@ class Page:
         for worker in self._workers:
             worker.close()
 
-    # ---- work in threads ---------------------------------------------------------------------------------------------
+    # ---- work in threads -------------------------------------------------------------------------
 
     def _describe(self) -> None:
         """Show the state of the robot's configuration."""
@@ -441,9 +494,16 @@ class Page:
         q = self._canvas.robot
         self.panel.show_robot(self._canvas.dial_values(q))
         self.mark("goal", q)
-        reached = "**Reached**, proven free." if self._space.is_free(q) else "**Reached**, but not proven free."
+        reached = (
+            "**Reached**, proven free."
+            if self._space.is_free(q)
+            else "**Reached**, but not proven free."
+        )
         if problem:
-            reached = f"**Not reached**; the arm shows the nearest pose.  \n{problem[:1].upper()}{problem[1:]}."
+            reached = (
+                "**Not reached**; the arm shows the nearest pose.  "
+                f"\n{problem[:1].upper()}{problem[1:]}."
+            )
         self.panel.tool.content = reached
         self._describer.request()
 
@@ -466,7 +526,9 @@ class Page:
                 time_limit=float(panel.time_limit.value),
                 exact=bool(panel.exact.value),
                 drive=panel.drive.value,
-                turning_radius=float(panel.turning_radius.value) if panel.turning_radius.visible else None,
+                turning_radius=float(panel.turning_radius.value)
+                if panel.turning_radius.visible
+                else None,
             )
         finally:
             panel.plan.disabled = False
@@ -513,7 +575,8 @@ class Page:
         """Wait until all browsers have processed the messages sent so far."""
         self._server.flush()
         for client in self._server.get_clients().values():
-            # A browser answers messages in order, so any answer will do; it may also have left, or be slow.
+            # A browser answers messages in order, so any answer will do; it may also have left, or
+            # be slow.
             with suppress(RuntimeError, TimeoutError):
                 client.local_storage.get_item("", MAX_WAIT_SECONDS)
 
@@ -545,13 +608,17 @@ class Page:
                 max_acceleration=float(self.panel.max_acceleration.value),
             )
         motion = self.trajectory
-        self.panel.show_time(self.panel.share.value / 100.0, None if motion is None else motion.duration)
+        self.panel.show_time(
+            self.panel.share.value / 100.0, None if motion is None else motion.duration
+        )
 
     def _report_error(self, error: Exception) -> None:
         """Show an error on the page, which stays usable."""
         if not isinstance(error, CspaceError):
             LOGGER.error("error in a thread of the page", exc_info=error)
-        message = str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
+        message = (
+            str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
+        )
         self.panel.answer.content = f"**Not done:** {message}"
 
 
@@ -582,9 +649,13 @@ def _choices(space: Any) -> Choices | None:
 
 def _legend_html(rows: list[tuple[str, str]]) -> str:
     """Return rows of colours and their meanings as HTML."""
-    square = "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid #777;background:"
+    square = (
+        "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
+        "#777;background:"
+    )
     items = "".join(
-        f'<div style="margin:0.15em 0"><span style="{square}{color}"></span>{html.escape(name)}</div>'
+        f'<div style="margin:0.15em 0"><span style="{square}{color}"></span>'
+        f"{html.escape(name)}</div>"
         for color, name in rows
     )
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
@@ -594,16 +665,21 @@ def _scale_html(max_distance: float, unit: str, name: str) -> str:
     """Return the colour scale of a path as HTML."""
     if math.isnan(max_distance):
         return _note_html(f"A tiled map has no {name} here.")
-    bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW_COLOR},{HIGH_COLOR})"
+    bar = (
+        "height:0.6em;border-radius:0.3em;background:linear-gradient(to "
+        f"right,{LOW_COLOR},{HIGH_COLOR})"
+    )
     row = "display:flex;justify-content:space-between"
     return (
         f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{row}"><span>0</span><span>{name}</span><span>{max_distance:.2g} {unit}</span></div></div>'
+        f'<div style="{row}"><span>0</span><span>{name}</span>'
+        f"<span>{max_distance:.2g} {unit}</span></div></div>"
     )
 
 
 def _note_html(text: str) -> str:
-    return f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777">{html.escape(text)}</div>'
+    style = "font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777"
+    return f'<div style="{style}">{html.escape(text)}</div>'
 
 
 def _input_value(numbers: tuple[float, ...]) -> Any:
@@ -614,7 +690,8 @@ def _input_value(numbers: tuple[float, ...]) -> Any:
 class Worker:
     """A thread that runs a task on request.
 
-    Requests during a run cause one more run. Exceptions of the task are passed to ``report``; the thread continues.
+    Requests during a run cause one more run. Exceptions of the task are passed to ``report``; the
+    thread continues.
     """
 
     def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:

@@ -56,7 +56,14 @@ class SolidKind(NamedTuple):
 KINDS: Final = {
     "obstacles": SolidKind(*SURFACES["obstacles"], 1.0, (OBSTACLE,), False, True),
     "unknown": SolidKind(*UNKNOWN_SURFACE, 1.0, (UNSEEN,), False, True),
-    "border": SolidKind("C-obstacle", CLASSES[COLLIDES][1], 0.5, (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE), True, False),
+    "border": SolidKind(
+        "C-obstacle",
+        CLASSES[COLLIDES][1],
+        0.5,
+        (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE),
+        True,
+        False,
+    ),
     "mixed": SolidKind("undecided (MIXED)", CLASSES[UNDECIDED][1], 0.7, (UNDECIDED,), True, True),
 }
 """Solids by name."""
@@ -68,7 +75,8 @@ LOW_COLOR: Final = LOST_COLOR
 HIGH_COLOR: Final = PATH_COLOR
 """Colour of a path at its largest clearance."""
 MIN_SECTION_PIXELS: Final = 1024
-"""Minimum number of pixels along the longer side of a section, so that the borders of cells are sharp."""
+"""Minimum number of pixels along the longer side of a section, so that the borders of cells are
+sharp."""
 
 
 class Section(NamedTuple):
@@ -111,7 +119,9 @@ class Stage:
         self.grid, self.has_height = grid, grid.dim == 3
         self.shape = np.array([*grid.shape, 1][:3])
         self.wall = wall
-        self._cell = np.array([grid.spacing, grid.spacing, grid.spacing if self.has_height else wall])
+        self._cell = np.array(
+            [grid.spacing, grid.spacing, grid.spacing if self.has_height else wall]
+        )
         self.lower = np.array([*grid.lower, 0.0][:3])
         self.upper = self.lower + self._cell * self.shape
         # In space, free cells of a section are transparent.
@@ -121,7 +131,9 @@ class Stage:
     def positions(self, q: Floats) -> Floats:
         """Return the positions of configurations in space, shape (..., 3)."""
         position = q[..., : self.grid.dim]
-        return np.concatenate([position, np.zeros((*position.shape[:-1], 3 - self.grid.dim))], axis=-1)
+        return np.concatenate(
+            [position, np.zeros((*position.shape[:-1], 3 - self.grid.dim))], axis=-1
+        )
 
     def solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
@@ -136,16 +148,22 @@ class Stage:
         lattice = np.minimum(corners, self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
-        return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(
+            -1, 3
+        )
 
     def section(self, blocks: Blocks, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        layer = self._below(blocks, cut)[..., -1]  # the highest layer of blocks that begins below the cut
+        layer = self._below(blocks, cut)[
+            ..., -1
+        ]  # the highest layer of blocks that begins below the cut
         lower = self.lower[:2]
-        upper = np.minimum(lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2])
+        upper = np.minimum(
+            lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2]
+        )
         image = self._colors[layer]  # [x, y, channel]
         # Images are indexed [row, column], and their first row is the one with the largest y.
         image = image.transpose(1, 0, 2)[::-1]
@@ -164,15 +182,19 @@ class Stage:
 def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) -> Ints:
     """Return the border of solid cells as rectangles.
 
-    There are few of them, shape (n, 4, 3), in cells. Corners are counterclockwise seen from outside. Squares in a row
-    are merged into a rectangle, and rows of equal length into a larger one. The mesh is for display only, because
-    corners may lie inside edges of other rectangles.
+    There are few of them, shape (n, 4, 3), in cells. Corners are counterclockwise seen from
+    outside. Squares in a row are merged into a rectangle, and rows of equal length into a larger
+    one. The mesh is for display only, because corners may lie inside edges of other rectangles.
 
-    Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only above its top layer.
+    Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only
+    above its top layer.
     """
     sides = ((axis, up) for axis in range(3) for up in (0, 1))
     return np.concatenate(
-        [_faces_along(solid, axis, up, has_boundary and (lid or (axis, up) != (2, 1))) for axis, up in sides]
+        [
+            _faces_along(solid, axis, up, has_boundary and (lid or (axis, up) != (2, 1)))
+            for axis, up in sides
+        ]
     )
 
 
@@ -183,7 +205,9 @@ def _faces_along(solid: Bools, axis: int, up: int, has_boundary: bool) -> Ints:
     if not cells.any():
         return np.empty((0, 4, 3), dtype=np.int64)
     exposed = cells.copy()
-    inner, neighbours = (slice(1, None), slice(None, -1)) if up == 0 else (slice(None, -1), slice(1, None))
+    inner, neighbours = (
+        (slice(1, None), slice(None, -1)) if up == 0 else (slice(None, -1), slice(1, None))
+    )
     exposed[inner] &= ~cells[neighbours]
     exposed[-up] &= has_boundary
     low, high = merge_into_rectangles(exposed)
@@ -210,7 +234,9 @@ def _slab(robot: Robot, height: float) -> Surface:
     import shapely
 
     outline = robot.shape.outer.outline
-    parts = shapely.get_parts(shapely.orient_polygons(shapely.constrained_delaunay_triangles(outline)))
+    parts = shapely.get_parts(
+        shapely.orient_polygons(shapely.constrained_delaunay_triangles(outline))
+    )
     top = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     triangles = [np.concatenate([top, np.full((*top.shape[:2], 1), height)], axis=2)]
     for ring in outline_rings(outline):
@@ -229,7 +255,9 @@ def path_colors(clearances: Floats) -> NDArray[np.uint8]:
     The result has shape (n, 3).
     """
     largest = float(np.nanmax(clearances, initial=0.0, where=np.isfinite(clearances)))
-    share = np.clip(np.nan_to_num(clearances, nan=0.0, posinf=largest) / max(largest, 1e-12), 0.0, 1.0)[:, np.newaxis]
+    share = np.clip(
+        np.nan_to_num(clearances, nan=0.0, posinf=largest) / max(largest, 1e-12), 0.0, 1.0
+    )[:, np.newaxis]
     return np.rint((1.0 - share) * rgb(LOW_COLOR) + share * rgb(HIGH_COLOR)).astype(np.uint8)
 
 

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 MIN_POSE_JOINTS: Final = 6
-"""Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked for at first."""
+"""Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked
+for at first."""
 MAX_POSE_CANDIDATES: Final = 8
 """Number of configurations at a pose among which a FREE one is sought."""
 
@@ -33,7 +34,8 @@ class ToolFrame:
     size : float
         Length of the axes that users drag, metres.
     name : str, optional
-        Default: the frame that the most joints move; the last one in a tie. Attached objects are skipped.
+        Default: the frame that the most joints move; the last one in a tie. Attached objects are
+        skipped.
 
     Attributes
     ----------
@@ -54,14 +56,21 @@ class ToolFrame:
         If no joint moves a frame of that name.
     """
 
-    def __init__(self, space: Any, server: ViserServer, size: float, name: str | None = None) -> None:
+    def __init__(
+        self, space: Any, server: ViserServer, size: float, name: str | None = None
+    ) -> None:
         arm = space.arm
         self._space, self.is_held, self.pose = space, False, np.eye(4)
         counts = {frame: _count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
-        deepest = max((frame for frame in reversed(self.frames) if frame not in arm._carriers), key=counts.__getitem__)
+        deepest = max(
+            (frame for frame in reversed(self.frames) if frame not in arm._carriers),
+            key=counts.__getitem__,
+        )
         self.name = deepest if name is None else check_known(name, "frame", self.frames)
-        self._gizmo = server.scene.add_transform_controls("/tool", scale=size, line_width=3.0, depth_test=False)
+        self._gizmo = server.scene.add_transform_controls(
+            "/tool", scale=size, line_width=3.0, depth_test=False
+        )
         self.choose(self.name)
 
     @property
@@ -103,14 +112,17 @@ class ToolFrame:
     def solve(self, near: Floats) -> tuple[Floats, str]:
         """Return the configuration of an arm at :attr:`pose`, and why it is not there.
 
-        Among configurations that reach the pose, a FREE one is preferred, then the nearest to ``near``. If none does,
-        the nearest pose reached is returned with the reason; otherwise the reason is empty.
+        Among configurations that reach the pose, a FREE one is preferred, then the nearest to
+        ``near``. If none does, the nearest pose reached is returned with the reason; otherwise the
+        reason is empty.
         """
         goal = self.goal
 
         def find(count: int) -> Floats:
             return np.asarray(
-                self._space.arm.inverse(goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count)
+                self._space.arm.inverse(
+                    goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count
+                )
             )
 
         try:

@@ -55,8 +55,8 @@ class ViewOptions(TypedDict, total=False):
 class Viewer:
     """A page in the browser that shows a map or an arm.
 
-    :meth:`cspace.CSpace.view` opens it. Notebooks show the page if ``block=False``. All users of the page share its
-    state.
+    :meth:`cspace.CSpace.view` opens it. Notebooks show the page if ``block=False``. All users of
+    the page share its state.
 
     Parameters
     ----------
@@ -147,7 +147,8 @@ class Viewer:
         """Return a frame with the page, for notebooks."""
         if self._closed.is_set():
             return html.escape(repr(self))
-        return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
+        look = 'width="100%" height="640" style="border:0"'
+        return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
 
 
 def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
@@ -158,7 +159,9 @@ def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
     if isinstance(space, ArmSpace):
         return partial(ArmCanvas, space, frame=frame)
     if frame is not None:
-        raise InputError("frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame)
+        raise InputError(
+            "frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame
+        )
     return partial(MapCanvas, space)
 
 
@@ -179,17 +182,19 @@ def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
 def serve(host: str, port: int | None) -> ViserServer:
     """Start a server that prints nothing and refuses pages of other sites.
 
-    Browsers let pages of any site connect to servers on the user's machine. They name the site, but viser does not
-    check it.
+    Browsers let pages of any site connect to servers on the user's machine. They name the site, but
+    viser does not check it.
 
-    Raises InputError if this machine lacks the address, or if the port is taken or invalid; MissingPackageError if
-    viser is not installed.
+    Raises InputError if this machine lacks the address, or if the port is taken or invalid;
+    MissingPackageError if viser is not installed.
     """
     viser = import_optional("viser", "it serves the page in the browser", "view")
     from websockets.exceptions import ConnectionClosed
 
     with _quiet():
-        server: ViserServer = viser.ViserServer(host, _free_port(host, port), label="cspace", verbose=False)
+        server: ViserServer = viser.ViserServer(
+            host, _free_port(host, port), label="cspace", verbose=False
+        )
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
@@ -228,9 +233,10 @@ def _quiet() -> Iterator[None]:
 def is_same_site(origin: str | None, asked: str, host: str) -> bool:
     """Return True if a browser's page comes from this server.
 
-    ``origin`` is the site of the page, as named by the browser; other programs send None. ``asked`` is the name and
-    port in the request, and ``host`` the address of the server. A server at a loopback address accepts only loopback
-    names, because a foreign name can temporarily resolve to that address (DNS rebinding).
+    ``origin`` is the site of the page, as named by the browser; other programs send None. ``asked``
+    is the name and port in the request, and ``host`` the address of the server. A server at a
+    loopback address accepts only loopback names, because a foreign name can temporarily resolve to
+    that address (DNS rebinding).
     """
     if origin is None:
         return True
@@ -258,7 +264,9 @@ def _free_port(host: str, port: int | None) -> int:
     else:
         ports = [check_count(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
     hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-    no_host = InputError("host", f"is {host!r}", "it must be an address of this machine", hint, value=host)
+    no_host = InputError(
+        "host", f"is {host!r}", "it must be an address of this machine", hint, value=host
+    )
     try:
         kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
     except OSError as error:
@@ -270,11 +278,19 @@ def _free_port(host: str, port: int | None) -> int:
                 trial.bind((host, candidate))
             except PermissionError as error:
                 hint = "pass a port from 1024 on"
-                raise InputError("port", f"is {candidate}", "this user cannot serve it", hint, value=port) from error
+                raise InputError(
+                    "port", f"is {candidate}", "this user cannot serve it", hint, value=port
+                ) from error
             except OSError as error:
                 if error.errno not in _TAKEN_ERRORS:
                     raise no_host from error
                 continue
             return int(trial.getsockname()[1])
-    problem = f"is {port}" if port is not None else f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
-    raise InputError("port", problem, "other programs use it", "pass another port, or 0 for any", value=port)
+    problem = (
+        f"is {port}"
+        if port is not None
+        else f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
+    )
+    raise InputError(
+        "port", problem, "other programs use it", "pass another port, or 0 for any", value=port
+    )

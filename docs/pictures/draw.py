@@ -1,4 +1,5 @@
-"""Draw the pictures of the pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside it.
+"""Draw the pictures of the pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside
+it.
 
 All except the house and the hull tree show answers of maps that the library builds here.
 """
@@ -64,11 +65,12 @@ def draw_all(folder: Path) -> None:
             plt.close(figure)
 
 
-# ---- concepts --------------------------------------------------------------------------------------------------------
+# ---- concepts ------------------------------------------------------------------------------------
 
 
 def draw_correlation() -> Figure:
-    """Draw obstacle cells W, robot offsets A, and the number of coincidences for each cell of the map."""
+    """Draw obstacle cells W, robot offsets A, and the number of coincidences for each cell of the
+    map."""
     occupied = np.zeros((11, 8), dtype=bool)
     occupied[3:5, :4] = True
     occupied[7:9, 5:] = True
@@ -78,7 +80,9 @@ def draw_correlation() -> Figure:
         for m in offsets:
             i = (k[0] + m[0], k[1] + m[1])
             counts[k] += 0 <= i[0] < 11 and 0 <= i[1] < 8 and occupied[i]
-    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.9), width_ratios=[11, 5, 11], layout="constrained")
+    figure, axes = plt.subplots(
+        1, 3, figsize=(9.6, 2.9), width_ratios=[11, 5, 11], layout="constrained"
+    )
     axes[0].set_title("W: cells that meet an obstacle")
     fill_cells(axes[0], occupied, ListedColormap([FREE, OBSTACLE]))
     raster = np.zeros((5, 5), dtype=bool)
@@ -93,7 +97,14 @@ def draw_correlation() -> Figure:
     for k in np.ndindex(counts.shape):
         color, weight = ("#999999", "normal") if counts[k] == 0 else ("black", "bold")
         axes[2].text(
-            k[0] + 0.5, k[1] + 0.5, counts[k], ha="center", va="center", fontsize=7.5, color=color, weight=weight
+            k[0] + 0.5,
+            k[1] + 0.5,
+            counts[k],
+            ha="center",
+            va="center",
+            fontsize=7.5,
+            color=color,
+            weight=weight,
         )
     return figure
 
@@ -105,14 +116,26 @@ def draw_states() -> Figure:
     exact = minkowski_sum(obstacle, affinity.scale(robot, -1.0, -1.0, origin=(0, 0)))[0]
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
     for ax, spacing in zip(axes, (0.2, 0.1), strict=True):
-        workspace = cspace.Workspace.from_polygons([obstacle], spacing=spacing, bounds=(0.6, 0.4, 4.4, 3.4))
+        workspace = cspace.Workspace.from_polygons(
+            [obstacle], spacing=spacing, bounds=(0.6, 0.4, 4.4, 3.4)
+        )
         space = cspace.build(workspace, robot, outside="free")
         states = space.classify(centers(workspace.grid))
         draw_states_in(ax, states, (0.6, 4.4, 0.4, 3.4), spacing)
-        ax.add_patch(polygon(exact, edgecolor="black", facecolor="none", linewidth=1.2, linestyle="--", zorder=3))
+        ax.add_patch(
+            polygon(
+                exact, edgecolor="black", facecolor="none", linewidth=1.2, linestyle="--", zorder=3
+            )
+        )
         ax.add_patch(polygon(obstacle, facecolor=OBSTACLE, zorder=3))
         ax.add_patch(
-            polygon(affinity.translate(robot, 1.22, 2.75), facecolor="none", edgecolor=ROBOT, linewidth=2.0, zorder=4)
+            polygon(
+                affinity.translate(robot, 1.22, 2.75),
+                facecolor="none",
+                edgecolor=ROBOT,
+                linewidth=2.0,
+                zorder=4,
+            )
         )
         ax.plot(1.22, 2.75, "o", color=ROBOT, markersize=4.0, zorder=5)
         ax.set_title(f"cells of {spacing} m")
@@ -129,32 +152,51 @@ def draw_states() -> Figure:
 
 
 def draw_covering_angle() -> Figure:
-    """Draw a rectangle at the rotations of one yaw cell, and the sets that contain and lie in all of them."""
+    """Draw a rectangle at the rotations of one yaw cell, and the sets that contain and lie in all
+    of them."""
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.5), layout="constrained")
     robot = shapely.box(-0.5, -0.28, 1.3, 0.28)
     for ax, count, cell in ((axes[0], 12, 1), (axes[1], 36, 3)):
         rotations = cspace.Rotations.of(count)
-        angle, center = float(rotations.covering_angles[cell]), float(np.ravel(rotations.centers)[cell])
+        angle, center = (
+            float(rotations.covering_angles[cell]),
+            float(np.ravel(rotations.centers)[cell]),
+        )
         at = [
-            affinity.rotate(robot, center + t, origin=(0, 0), use_radians=True) for t in np.linspace(-angle, angle, 61)
+            affinity.rotate(robot, center + t, origin=(0, 0), use_radians=True)
+            for t in np.linspace(-angle, angle, 61)
         ]
         outer, inner = shapely.union_all(at), shapely.intersection_all(at)
         ax.add_patch(polygon(outer, facecolor="#fbd9bf", edgecolor=MIXED, linewidth=1.5))
         ax.add_patch(polygon(inner, facecolor="#d4eaf7", edgecolor="#4a90c0", linewidth=1.5))
         for shape in (at[0], at[-1]):
-            ax.add_patch(polygon(shape, facecolor="none", edgecolor="#777777", linewidth=0.8, linestyle=":"))
+            ax.add_patch(
+                polygon(shape, facecolor="none", edgecolor="#777777", linewidth=0.8, linestyle=":")
+            )
         ax.add_patch(polygon(at[30], facecolor="none", edgecolor=ROBOT, linewidth=2.0))
         ax.plot(0, 0, "o", color="black", markersize=4.0)
         tip = np.array([1.3, 0.28])
         reach = 2.0 * np.hypot(*tip) * np.sin(angle / 2.0)
-        ax.set_title(f"rotations={count}: covering angle {np.degrees(angle):.0f}°, the tip moves by {reach:.2f} m")
+        ax.set_title(
+            f"rotations={count}: covering angle {np.degrees(angle):.0f}°, the tip moves by {reach:.2f} m"
+        )
         ax.set(xlim=(-0.95, 1.65), ylim=(-0.75, 1.2), aspect="equal")
         ax.axis("off")
     handles = [
-        Patch(facecolor="none", edgecolor=ROBOT, linewidth=2.0, label="robot at the representative"),
+        Patch(
+            facecolor="none", edgecolor=ROBOT, linewidth=2.0, label="robot at the representative"
+        ),
         plt.Line2D([], [], color="#777777", linestyle=":", label="at both ends of the cell"),
-        Patch(facecolor="#fbd9bf", edgecolor=MIXED, label="at some rotation of the cell: lies in A_out"),
-        Patch(facecolor="#d4eaf7", edgecolor="#4a90c0", label="at every rotation of the cell: holds A_in"),
+        Patch(
+            facecolor="#fbd9bf",
+            edgecolor=MIXED,
+            label="at some rotation of the cell: lies in A_out",
+        ),
+        Patch(
+            facecolor="#d4eaf7",
+            edgecolor="#4a90c0",
+            label="at every rotation of the cell: holds A_in",
+        ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
     return figure
@@ -170,7 +212,9 @@ def draw_window() -> Figure:
     lower, upper = (40.0, 25.0), (85.0, 66.0)
     with tempfile.TemporaryDirectory() as folder:
         workspace = cspace.Workspace.from_array(occupied, 0.5)
-        space = cspace.build(workspace, cspace.Robot.disc(1.2), store=Path(folder) / "city.zarr", tile=64)
+        space = cspace.build(
+            workspace, cspace.Robot.disc(1.2), store=Path(folder) / "city.zarr", tile=64
+        )
         whole = space.classify(centers(workspace.grid))
         window = space.window(lower, upper)
         part = window.classify(centers(window.grid))
@@ -208,8 +252,14 @@ def draw_trajectory() -> Figure:
     """Draw the paths of a differential drive and of a car around a wall, and their speed over time."""
     occupied = np.zeros((160, 100), dtype=bool)
     occupied[78:82, :70] = True
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.9, 0.6), rotations=36)
-    limits: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_angular_velocity": 1.0}
+    space = cspace.build(
+        cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.9, 0.6), rotations=36
+    )
+    limits: dict[str, Any] = {
+        "max_velocity": 1.0,
+        "max_acceleration": 0.5,
+        "max_angular_velocity": 1.0,
+    }
     figure, axes = plt.subplots(2, 2, figsize=(9.6, 4.9), width_ratios=[2, 5], layout="constrained")
     drives: list[tuple[str, dict[str, float], dict[str, float]]] = [
         ("differential", {}, {"max_angular_acceleration": 1.0}),
@@ -219,13 +269,17 @@ def draw_trajectory() -> Figure:
         start, goal = (2.0, 2.0, 0.0), (14.0, 2.0, 0.0)
         plan = planners.plan(space, start, goal, drive=drive, time_limit=5.0, seed=1, **options)
         trajectory = plan.trajectory(**limits, **further)
-        left.imshow(occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE]))
+        left.imshow(
+            occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE])
+        )
         left.plot(*trajectory.positions[:, :2].T, color=PATH, linewidth=1.8)
         rests = trajectory.positions[~trajectory.velocities.any(axis=1)]
         left.plot(*rests[:, :2].T, ".", color=PATH, markersize=8.0)
         left.set(title=f'drive="{drive}"', xlabel="x [m]", ylabel="y [m]")
         trajectory.plot(right)
-        right.set_title(f"{trajectory.duration:.1f} s; purple: speed, green: angular speed; dots: stops")
+        right.set_title(
+            f"{trajectory.duration:.1f} s; purple: speed, green: angular speed; dots: stops"
+        )
     return figure
 
 
@@ -247,8 +301,12 @@ def draw_hull_tree() -> Figure:
         for group in groups:
             hull = affinity.translate(shapely.union_all(group).convex_hull, 0.0, -1.05 * row)
             axes[0].add_patch(polygon(hull, facecolor="#fdebdd", edgecolor=MIXED, linewidth=1.5))
-        axes[0].add_patch(polygon(affinity.translate(link, 0.0, -1.05 * row), facecolor=ROBOT, alpha=0.85))
-        axes[0].text(-0.3, 0.15 - 1.05 * row, ("1 hull", "2 hulls", "4 hulls")[row], ha="right", va="center")
+        axes[0].add_patch(
+            polygon(affinity.translate(link, 0.0, -1.05 * row), facecolor=ROBOT, alpha=0.85)
+        )
+        axes[0].text(
+            -0.3, 0.15 - 1.05 * row, ("1 hull", "2 hulls", "4 hulls")[row], ha="right", va="center"
+        )
     axes[0].set(xlim=(-1.1, 2.1), ylim=(-2.4, 0.8), aspect="equal")
     pieces = halve_motion(link, obstacle, joint, np.radians(-55.0), np.radians(82.0))
     axes[1].set_title(f"a motion of 137°, proven free in {len(pieces)} parts")
@@ -259,12 +317,20 @@ def draw_hull_tree() -> Figure:
             axes[1].add_patch(polygon(placed, facecolor="none", edgecolor="#999999", linewidth=0.6))
         arc = np.linspace(first, last, 20)
         axes[1].plot(
-            ARC_RADIUS * np.cos(arc), ARC_RADIUS * np.sin(arc), color=color, linewidth=5.0, solid_capstyle="butt"
+            ARC_RADIUS * np.cos(arc),
+            ARC_RADIUS * np.sin(arc),
+            color=color,
+            linewidth=5.0,
+            solid_capstyle="butt",
         )
     for t in {t for piece in pieces for t in piece}:
         tick = np.array([ARC_RADIUS - 0.07, ARC_RADIUS + 0.07])
         axes[1].plot(tick * np.cos(t), tick * np.sin(t), color="black", linewidth=0.8)
-    axes[1].add_patch(polygon(affinity.rotate(link, pieces[0][0], origin=joint, use_radians=True), facecolor=ROBOT))
+    axes[1].add_patch(
+        polygon(
+            affinity.rotate(link, pieces[0][0], origin=joint, use_radians=True), facecolor=ROBOT
+        )
+    )
     axes[1].add_patch(polygon(obstacle, facecolor=OBSTACLE))
     axes[1].plot(*joint, "o", color="black", markersize=5.0)
     axes[1].text(0.75, -0.45, "far: long parts", ha="left")
@@ -276,9 +342,14 @@ def draw_hull_tree() -> Figure:
 
 
 def halve_motion(
-    link: shapely.Geometry, obstacle: shapely.Geometry, joint: tuple[float, float], first: float, last: float
+    link: shapely.Geometry,
+    obstacle: shapely.Geometry,
+    joint: tuple[float, float],
+    first: float,
+    last: float,
 ) -> list[tuple[float, float]]:
-    """Halve a turn of a link until in each part the link cannot reach the obstacle from the middle of the part."""
+    """Halve a turn of a link until in each part the link cannot reach the obstacle from the middle
+    of the part."""
     middle, half = (first + last) / 2.0, (last - first) / 2.0
     placed = affinity.rotate(link, middle, origin=joint, use_radians=True)
     reach = max(np.hypot(x - joint[0], y - joint[1]) for x, y in shapely.get_coordinates(link))
@@ -288,12 +359,15 @@ def halve_motion(
     return [piece for part in halves for piece in halve_motion(link, obstacle, joint, *part)]
 
 
-# ---- tasks -----------------------------------------------------------------------------------------------------------
+# ---- tasks ---------------------------------------------------------------------------------------
 
 
 def draw_joint_map() -> Figure:
-    """Draw an arm of two bars among two posts along a path, and the same path in the map of its joints."""
-    bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+    """Draw an arm of two bars among two posts along a path, and the same path in the map of its
+    joints."""
+    bar = (
+        '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+    )
     joint = (
         '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
@@ -311,7 +385,9 @@ def draw_joint_map() -> Figure:
     for k, post in enumerate(posts):
         pose = np.eye(4)
         pose[:2, 3] = post
-        obstacles[f"post {k}"] = cspace.arms.PosedShape(cspace.Robot.cylinder(0.15, 1.0).shape, pose)
+        obstacles[f"post {k}"] = cspace.arms.PosedShape(
+            cspace.Robot.cylinder(0.15, 1.0).shape, pose
+        )
     joints = cspace.build_joint_map(cspace.build_arm_space(obstacles, arm), 0.03)
     path = joints.find_path((-0.6, 0.3), (1.4, -0.2))
     states = joints.classify(centers(joints.grid))
@@ -349,7 +425,7 @@ def draw_joint_map() -> Figure:
     return figure
 
 
-# ---- the house -------------------------------------------------------------------------------------------------------
+# ---- the house -----------------------------------------------------------------------------------
 
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("doors for users", ("cspace", "cli", "demo", "view"), "#e8e3f3"),
@@ -364,13 +440,19 @@ FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("what users make", ("robot", "workspace", "obstacles"), "#d9f0e6"),
     ("geometry", ("shapes", "raster", "rotations"), "#d9f0e6"),
     ("bytes to arrays", ("files",), "#d9f0e6"),
-    ("ground", ("grid", "limits", "check", "errors", "arrays", "compiling", "threads", "kernels"), "#eeeeee"),
+    (
+        "ground",
+        ("grid", "limits", "check", "errors", "arrays", "compiling", "threads", "kernels"),
+        "#eeeeee",
+    ),
 )
-"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down."""
+"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down.
+"""
 
 
 def draw_lengths() -> Figure:
-    """Draw the lengths of paths that ``python -m benchmarks paths --json docs/measured/paths.json`` measured."""
+    """Draw the lengths of paths that ``python -m benchmarks paths --json docs/measured/paths.json``
+    measured."""
     cases: dict[str, list[dict[str, Any]]] = {}
     for row in json.loads(LENGTHS.read_text())["rows"]:
         if "ratios" in row:
@@ -380,12 +462,26 @@ def draw_lengths() -> Figure:
     for ax, (case, methods) in zip(axes.flat, cases.items(), strict=True):
         for place, row in enumerate(methods):
             ratios, color = row["ratios"], PATH if place == 0 else ROBOT
-            ax.plot(ratios, [place] * len(ratios), "o", color=color, alpha=0.35, markersize=6, clip_on=False)
+            ax.plot(
+                ratios,
+                [place] * len(ratios),
+                "o",
+                color=color,
+                alpha=0.35,
+                markersize=6,
+                clip_on=False,
+            )
             if ratios:
-                ax.plot(np.median(ratios), place, "|", color=OBSTACLE, markersize=16, markeredgewidth=2)
+                ax.plot(
+                    np.median(ratios), place, "|", color=OBSTACLE, markersize=16, markeredgewidth=2
+                )
             found = f"{row['solved'] * row['queries']:.0f} of {row['queries']}, {show_seconds(row['cpu_s'])}"
-            ax.annotate(found, (1.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
-        names = [row["name"].replace("motions in steps of half a cell", "in steps") for row in methods]
+            ax.annotate(
+                found, (1.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5
+            )
+        names = [
+            row["name"].replace("motions in steps of half a cell", "in steps") for row in methods
+        ]
         ax.set_yticks(range(len(names)), names)
         ax.set_title(case.partition(":")[0].removeprefix("maps/").replace(".yaml", ""))
         ax.set(xscale="log", xlim=(0.98, 5.0), xticks=[1, 1.5, 2, 3, 4])
@@ -421,20 +517,39 @@ def draw_house() -> Figure:
             )  # fmt: skip
             ax.add_patch(box)
             size = 9.5 if len(rooms) < 7 else 8.5
-            ax.text(x + each / 2, y + height / 2, room, ha="center", va="center", fontsize=size, family="monospace")
+            ax.text(
+                x + each / 2,
+                y + height / 2,
+                room,
+                ha="center",
+                va="center",
+                fontsize=size,
+                family="monospace",
+            )
     top = len(FLOORS) * height
     ax.add_patch(
         FancyArrowPatch(
-            (left + width + 0.25, top), (left + width + 0.25, 0), arrowstyle="-|>", mutation_scale=14, color="#888888"
+            (left + width + 0.25, top),
+            (left + width + 0.25, 0),
+            arrowstyle="-|>",
+            mutation_scale=14,
+            color="#888888",
         )
     )
-    ax.text(left + width + 0.42, top / 2, "imports point down", rotation=-90, va="center", color="#555555")
+    ax.text(
+        left + width + 0.42,
+        top / 2,
+        "imports point down",
+        rotation=-90,
+        va="center",
+        color="#555555",
+    )
     ax.set(xlim=(0.2, left + width + 0.75), ylim=(-0.1, top + 0.1))
     ax.axis("off")
     return figure
 
 
-# ---- parts of pictures -----------------------------------------------------------------------------------------------
+# ---- parts of pictures ---------------------------------------------------------------------------
 
 
 def fill_cells(ax: Axes, cells: NDArray[Any], colors: ListedColormap) -> None:
@@ -444,9 +559,20 @@ def fill_cells(ax: Axes, cells: NDArray[Any], colors: ListedColormap) -> None:
     ax.axis("off")
 
 
-def draw_states_in(ax: Axes, states: ArrayLike, extent: tuple[float, ...], spacing: float | None) -> None:
-    """Draw states indexed ``[x, y]`` as an image, with lines between cells if their spacing is given."""
-    ax.imshow(np.asarray(states).T, origin="lower", extent=extent, cmap=STATES, vmin=0, vmax=2, interpolation="none")
+def draw_states_in(
+    ax: Axes, states: ArrayLike, extent: tuple[float, ...], spacing: float | None
+) -> None:
+    """Draw states indexed ``[x, y]`` as an image, with lines between cells if their spacing is
+    given."""
+    ax.imshow(
+        np.asarray(states).T,
+        origin="lower",
+        extent=extent,
+        cmap=STATES,
+        vmin=0,
+        vmax=2,
+        interpolation="none",
+    )
     if spacing is not None:
         for x in np.arange(extent[0], extent[1] + spacing / 2, spacing):
             ax.plot([x, x], extent[2:], color=GRID, linewidth=0.4)

@@ -31,7 +31,9 @@ SHAPES = {
     "ball": lambda: Robot.ball(0.1).shape,
     "ring": lambda: to_mesh(trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40)),
     "globe": lambda: to_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.2)),
-    "flat": lambda: Mesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], solid="surface"),
+    "flat": lambda: Mesh(
+        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], solid="surface"
+    ),
 }
 
 
@@ -55,7 +57,9 @@ def test_nodes_contain_their_descendants(name: str) -> None:
     for node in range(0, len(hulls.nodes), 1 + len(hulls.nodes) // 200):
         below = [k for k in leaves if node <= k < last[node]]
         corners = (
-            boundary.reshape(-1, 3) if len(leaves) == 1 else np.concatenate([node_corners(hulls, k)[0] for k in below])
+            boundary.reshape(-1, 3)
+            if len(leaves) == 1
+            else np.concatenate([node_corners(hulls, k)[0] for k in below])
         )
         box = hulls.boxes[node]
         assert (np.abs(corners - box[:3]).max(axis=0) + radius <= box[3:6] + 1e-12).all()
@@ -76,7 +80,9 @@ def test_hulls_of_solids_contain_all_parts() -> None:
         size = len(own.nodes)
         np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], own.boxes)
         for node in range(0, size, 7):
-            np.testing.assert_array_equal(node_corners(hulls, trunk + node)[0], node_corners(own, node)[0])
+            np.testing.assert_array_equal(
+                node_corners(hulls, trunk + node)[0], node_corners(own, node)[0]
+            )
     assert roots[1] == packed.part_roots[3]
     found, pending = set(), [int(roots[0])]
     while pending:
@@ -94,7 +100,9 @@ def test_hulls_of_solids_contain_all_parts() -> None:
 
 
 @njit
-def compute_bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tuple[float, float, float]:
+def compute_bounds(
+    chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any
+) -> tuple[float, float, float]:
     return motion_bounds(chain, a, b, radius, q0, q1)
 
 
@@ -119,11 +127,13 @@ def write_chain(folder: Path, last: str) -> Path:
     ],
     ids=["turns", "slides", *map(str, range(3))],
 )
-def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: Any, end: Any) -> None:
+def test_motion_bounds_agree_with_differences(
+    tmp_path: Path, make: Any, start: Any, end: Any
+) -> None:
     """Compare bounds of link pairs with motions of corners.
 
-    The bounds are nearly sharp: in a row of links rotating in one sense, the end of the last link reaches the largest
-    acceleration.
+    The bounds are nearly sharp: in a row of links rotating in one sense, the end of the last link
+    reaches the largest acceleration.
     """
     arm, rng = Arm.from_urdf(make(tmp_path)), np.random.default_rng(5)
     lower, upper = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
@@ -134,12 +144,21 @@ def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: 
     for one in arm.links:
         corners = np.concatenate([part.boundary.simplices.reshape(-1, 3) for part in one.parts])
         corners = np.c_[corners, np.ones(len(corners))][rng.permutation(len(corners))[:20]]
-        radius = max(float(np.linalg.norm(part.boundary.simplices, axis=-1).max()) for part in one.parts)
+        radius = max(
+            float(np.linalg.norm(part.boundary.simplices, axis=-1).max()) for part in one.parts
+        )
         for other in arm.links:
             if one.body == other.body:
                 continue
-            far, curvature_bound, _ = compute_bounds(arm.chain, one.body, other.body, radius, q0, q1)
-            seen = np.stack([(corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3] for each in poses])
+            far, curvature_bound, _ = compute_bounds(
+                arm.chain, one.body, other.body, radius, q0, q1
+            )
+            seen = np.stack(
+                [
+                    (corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3]
+                    for each in poses
+                ]
+            )
             speed = np.linalg.norm(np.diff(seen, axis=0), axis=-1).max() * 100
             bent = np.linalg.norm(np.diff(seen, n=2, axis=0), axis=-1).max() * 100**2
             assert speed <= far * (1 + 1e-6)
@@ -165,7 +184,9 @@ def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
         there = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
         space = build_arm_space(
-            {"seed": PosedShape(Robot.ball(1e-4).shape, pose_at(*there))}, arm, allowed_collisions=touch
+            {"seed": PosedShape(Robot.ball(1e-4).shape, pose_at(*there))},
+            arm,
+            allowed_collisions=touch,
         )
         assert not space.motion_is_free(q0, q1)
 
@@ -192,7 +213,9 @@ def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str
 def test_many_turns_prove_nothing_below_their_rounding(tmp_path: Path) -> None:
     """Test 10^9 turns, whose rounding is 1e-7 rad."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
-    arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
+    arm = Arm.from_urdf(
+        write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous"))
+    )
     space = build_arm_space({"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm)
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
@@ -202,7 +225,10 @@ def test_ball_inside_a_ring_body_collides(tmp_path: Path) -> None:
     """Put a ball into a ring, and into its hole."""
     arm = Arm.from_urdf(
         write_urdf(
-            tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0))
+            tmp_path,
+            link("base"),
+            link("arm", ((0.1,) * 3, (0, 0, 9))),
+            joint("j", "base", "arm", axis=(0, 1, 0)),
         )
     )
     held = arm.attach("ring", to_mesh(trimesh.creation.annulus(0.5, 1.5, 1.0)), "arm")
@@ -216,11 +242,20 @@ def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
 
     The hull of the plate covers the window.
     """
-    corners = [(0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    faces = [face for k in range(4) for n in ((k + 1) % 4,) for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))]
+    corners = [
+        (0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    faces = [
+        face
+        for k in range(4)
+        for n in ((k + 1) % 4,)
+        for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))
+    ]
     bar = link("arm", ((1.0, 0.1, 0.1), (0.5, 0, 0)))
     arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
-    space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), pose_at(0.5, 0.0))}, arm)
+    space = build_arm_space(
+        {"plate": PosedShape(Mesh(corners, faces, solid="surface"), pose_at(0.5, 0.0))}, arm
+    )
     assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))

@@ -39,7 +39,10 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(seed: int, count: 
         path = random_chain(Path(folder), seed, count)
         arm = Arm.from_urdf(path)
         q, near = rng.uniform(*arm._ranges(), (2, arm.dof))
-        pose, tolerance = pose_of(path, "tool0", dict(zip(arm.joints, q, strict=True))), (1e-3, 1e-2)
+        pose, tolerance = (
+            pose_of(path, "tool0", dict(zip(arm.joints, q, strict=True))),
+            (1e-3, 1e-2),
+        )
         # The pose is reached from q itself; from elsewhere nearly always.
         for solutions in (
             arm.inverse("tool0", pose, tolerance=tolerance, near=q, seed=seed % 100),
@@ -53,12 +56,16 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(seed: int, count: 
             assert (between[~np.eye(len(solutions), dtype=bool)] > 1e-3).all()
 
 
-def _solutions_or_none(arm: Arm, pose: np.ndarray, tolerance: tuple[float, float], near: np.ndarray) -> np.ndarray:
+def _solutions_or_none(
+    arm: Arm, pose: np.ndarray, tolerance: tuple[float, float], near: np.ndarray
+) -> np.ndarray:
     """Return solutions, the nearest first, or none if the pose counts as out of reach."""
     try:
         solutions = arm.inverse("tool0", pose, tolerance=tolerance, near=near, max_solutions=8)
     except ConfigurationError as error:
-        assert (np.array(poses_apart(arm.pose(error.nearest or (), "tool0"), pose)) > tolerance).any()
+        assert (
+            np.array(poses_apart(arm.pose(error.nearest or (), "tool0"), pose)) > tolerance
+        ).any()
         return np.empty((0, arm.dof))
     distances = np.linalg.norm(solutions - near, axis=1)
     assert 1 <= len(solutions) <= 8
@@ -71,7 +78,9 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path: Path)
     for seed in range(40):
         arm = Arm.from_urdf(random_chain(tmp_path, seed, 2 + seed % 6))
         for q in np.random.default_rng(seed).uniform(*arm._ranges(), (5, arm.dof)):
-            refused += not len(_solutions_or_none(arm, arm.pose(q, "tool0"), (1e-4, 1e-3), arm.configuration()))
+            refused += not len(
+                _solutions_or_none(arm, arm.pose(q, "tool0"), (1e-4, 1e-3), arm.configuration())
+            )
     assert refused <= 2
 
 
@@ -157,7 +166,9 @@ def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
     pose = arm.pose(np.random.default_rng(3).uniform(*arm._ranges()), "tool0")
     first = arm.inverse("tool0", pose, seed=5)
     np.testing.assert_array_equal(arm.inverse("tool0", pose, seed=5), first)
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(arm)).inverse("tool0", pose, seed=5), first)
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(arm)).inverse("tool0", pose, seed=5), first
+    )
     assert not np.array_equal(arm.inverse("tool0", pose, seed=6), first)
     assert [len(arm.inverse("tool0", pose, max_solutions=n)) for n in (1, 3)] == [1, 3]
 
@@ -196,7 +207,9 @@ def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path: Path) -> 
         arm.inverse("tip", pose_at(3, 0))
     assert caught.value.nearest is not None
     np.testing.assert_allclose(caught.value.nearest, (0, 0), atol=1e-3)
-    with pytest.raises(ConfigurationError, match=r"reached is 0.5 m away; it must be within 0.01 m; move"):
+    with pytest.raises(
+        ConfigurationError, match=r"reached is 0.5 m away; it must be within 0.01 m; move"
+    ):
         arm.inverse("tip", pose_at(0, 2.5), tolerance=(0.01, math.inf))
 
 
@@ -214,7 +227,14 @@ def test_joints_turn_towards_the_given_configuration(tmp_path: Path) -> None:
     (q,) = arm.inverse("d", pose, near=(20.0, 6.5, 0.7), max_solutions=1)
     np.testing.assert_allclose(q, (0.5 + 6 * math.pi, 0.6 + 2 * math.pi, 0.7), atol=2e-3)
     assert all(abs(each[1]) <= 7.0 for each in arm.inverse("d", pose, near=(20.0, 7.0, 0.7)))
-    follows = joint("half", "d", "e", kind="continuous", limits=None, extra='<mimic joint="endless" multiplier="0.5"/>')
+    follows = joint(
+        "half",
+        "d",
+        "e",
+        kind="continuous",
+        limits=None,
+        extra='<mimic joint="endless" multiplier="0.5"/>',
+    )
     path.write_text(path.read_text().replace("</robot>", f"{link('e', BOX)}{follows}</robot>"))
     arm = Arm.from_urdf(path)
     for q in arm.inverse("e", arm.pose((0.5, 0.6, 0.7), "e"), near=(20.0, 6.5, 0.7)):
@@ -242,7 +262,14 @@ def test_held_joints_stay_where_they_are_held(tmp_path: Path) -> None:
     q = np.random.default_rng(4).uniform(*arm._ranges())
     pose = pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *q), strict=True)))
     for each in arm.inverse("tool0", pose):
-        assert max(poses_apart(pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *each), strict=True))), pose)) < 1e-3
+        assert (
+            max(
+                poses_apart(
+                    pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *each), strict=True))), pose
+                )
+            )
+            < 1e-3
+        )
 
 
 def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
@@ -267,18 +294,26 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
     ({"pose": np.eye(3)}, r"pose has shape \(3, 3\); it must be a rigid motion"),
     ({"pose": 2 * np.eye(4)}, "pose has shape.*it must be a rigid motion"),
     ({"pose": np.full((4, 4), np.nan)}, r"pose\[0, 0\] is nan"),
-    ({"tolerance": 0.01}, "tolerance is 0.01; it must be two numbers above zero, metres and radians"),
+    (
+        {"tolerance": 0.01},
+        "tolerance is 0.01; it must be two numbers above zero, metres and radians",
+    ),
     ({"tolerance": (0.01, 0.0)}, r"tolerance is \(0.01, 0.0\); it must be two numbers above zero"),
     ({"tolerance": (0.01, math.nan)}, r"tolerance is \(0.01, nan\); it must be two numbers"),
     ({"tolerance": (math.inf, math.inf)}, "of which one may be infinite"),
     ({"tolerance": "fine"}, "tolerance is 'fine'; it must be numeric"),
-    ({"near": (0.0,)}, r"near has shape \(1,\); the last axis must hold one number for each of shoulder, elbow"),
+    (
+        {"near": (0.0,)},
+        r"near has shape \(1,\); the last axis must hold one number for each of shoulder, elbow",
+    ),
     ({"near": np.zeros((2, 2))}, r"near has shape \(2, 2\); it must be one configuration"),
     ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),
     ({"max_solutions": 0}, "max_solutions is 0; it must be a whole number above zero"),
     ({"seed": -1}, "seed is -1"),
 )
-def test_inverse_rejects_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_inverse_rejects_invalid_arguments(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     arguments = {"frame": "fore", "pose": np.eye(4), **options}
     with pytest.raises(InputError, match=message):

@@ -29,16 +29,22 @@ POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""
 
 
-def build_plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
+def build_plane_arm(
+    folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS
+) -> ArmSpace:
     """Build two bars among posts."""
-    shapes = {f"post{k}": posed_box((side, side, 2.0), x, y, 0) for k, (x, y, side) in enumerate(posts)}
+    shapes = {
+        f"post{k}": posed_box((side, side, 2.0), x, y, 0) for k, (x, y, side) in enumerate(posts)
+    }
     return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
 def meets_posts(q: Any, posts: Any = POSTS, bars: Any = ("upper", "fore")) -> Any:
     """Return True where the bars meet a post, by shapely."""
     (first, second), bar = np.transpose(q), shapely.box(0.0, -0.05, 1.0, 0.05)
-    upper = place_polygon(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
+    upper = place_polygon(
+        bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1)
+    )
     fore = place_polygon(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
     squares = [shapely.box(x - s / 2, y - s / 2, x + s / 2, y + s / 2) for x, y, s in posts]
     chosen = np.array([{"upper": upper, "fore": fore}[name] for name in bars])
@@ -61,11 +67,16 @@ def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
         cells = np.argwhere(joint_map.cell_states == state)
         # Cells next to other states reveal bounds that are too weak.
         near = np.array(
-            [(joint_map.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
+            [
+                (joint_map.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any()
+                for i, j in cells
+            ]
         )
         sample = cells[near][rng.permutation(near.sum())[:250]]
         within = np.where(
-            rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
+            rng.random((len(sample), 2)) < 0.5,
+            rng.integers(0, 2, (len(sample), 2)),
+            rng.random((len(sample), 2)),
         )
         points = joint_map.grid.lower + joint_map.grid.spacing * (sample + within)
         wrong += points[meets_posts(points) == collides].tolist()
@@ -73,7 +84,11 @@ def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
     free, mixed, blocked = joint_map.count()
     truth = meets_posts(rng.uniform(-3.0, 3.0, (400, 2))).mean()
     assert mixed < 0.1 * joint_map.grid.size
-    assert free / joint_map.grid.size - 0.05 < 1.0 - truth < (free + mixed) / joint_map.grid.size + 0.05
+    assert (
+        free / joint_map.grid.size - 0.05
+        < 1.0 - truth
+        < (free + mixed) / joint_map.grid.size + 0.05
+    )
     assert blocked > 0.5 * truth * joint_map.grid.size
 
 
@@ -84,7 +99,9 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
     configurations = space.sample_free(50, rng)
     held = configurations[np.argmax(space.obstacle_distance(configurations))]
     names = space.arm.joints[:3]
-    intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
+    intervals = np.stack(
+        [np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1
+    )
     limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))
     joint_map = build_joint_map(space, 0.05, names, held_joints=held, limits=limits)
     states = np.asarray(joint_map.cell_states)
@@ -93,13 +110,17 @@ def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) ->
         cells = np.argwhere(states == state)
         for cell in cells[rng.permutation(len(cells))[:25]]:
             q = held.copy()
-            q[: len(names)] = joint_map.grid.lower + joint_map.grid.spacing * (cell + rng.integers(0, 2, len(names)))
+            q[: len(names)] = joint_map.grid.lower + joint_map.grid.spacing * (
+                cell + rng.integers(0, 2, len(names))
+            )
             assert (oracle.apart(q) > 0.0) == apart
 
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_maps_of_two_joints_agree_with_fcl(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+def test_maps_of_two_joints_agree_with_fcl(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
     """Draw boxes on all kinds of joints, and cells whose neighbours have another state."""
     space, oracle, rng = draw_scene(tmp_path_factory.mktemp("arm"), seed)
     held = space.sample_free(None, rng)
@@ -112,7 +133,9 @@ def test_maps_of_two_joints_agree_with_fcl(tmp_path_factory: pytest.TempPathFact
     states = np.asarray(joint_map.cell_states)
     for state, apart in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
-        near = [(states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
+        near = [
+            (states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells
+        ]
         cells = cells[np.array(near, dtype=np.bool_)]
         for cell in cells[rng.permutation(len(cells))[:60]]:
             within = np.where(rng.random(2) < 0.6, rng.integers(0, 2, 2), rng.random(2))
@@ -140,7 +163,10 @@ def test_undecided_pairs_are_those_that_touch_in_the_cell(tmp_path: Path) -> Non
         touching = [meets_posts(points, wider, bars=(pair[0],)).any()]
         assert touching == [True]
     assert undecided_pairs(joint_map, joint_map.sample_free(20, np.random.default_rng(1))) == {}
-    assert undecided_pairs(build_joint_map(space, 0.1, limits={"elbow": (2.8, 2.95)}), (0.0, 2.97)) == {}
+    assert (
+        undecided_pairs(build_joint_map(space, 0.1, limits={"elbow": (2.8, 2.95)}), (0.0, 2.97))
+        == {}
+    )
 
 
 def test_undecided_pairs_need_the_geometry(tmp_path: Path) -> None:
@@ -168,7 +194,12 @@ def test_undecided_pairs_need_the_geometry(tmp_path: Path) -> None:
     ],
 )
 def test_maps_of_real_arms_agree_with_coal(
-    data: Path, robot: str, names: tuple[str, str], spacing: float, min_free: float, max_mixed: float
+    data: Path,
+    robot: str,
+    names: tuple[str, str],
+    spacing: float,
+    min_free: float,
+    max_mixed: float,
 ) -> None:
     """Place a box beside the arm; include the pairs of links that few joints move."""
     pytest.importorskip("pinocchio")
@@ -176,7 +207,9 @@ def test_maps_of_real_arms_agree_with_coal(
     arm = Arm.from_urdf(folder / f"{robot}.urdf", folder / f"{robot}.srdf")
     solids = [("box", "box", pose_at(0.5, 0.3, 0.5), (0.2, 0.2, 0.4))]
     space = build_arm_space(our_solids(solids), arm)
-    meshes = Meshes(folder / f"{robot}.urdf", arm.joints, coal_solids(solids), folder / f"{robot}.srdf")
+    meshes = Meshes(
+        folder / f"{robot}.urdf", arm.joints, coal_solids(solids), folder / f"{robot}.srdf"
+    )
     held = (
         np.array([0.0, 0.3, 0.0, -1.8, 0.0, 1.9, 0.6])
         if robot == "panda"
@@ -188,10 +221,17 @@ def test_maps_of_real_arms_agree_with_coal(
     assert free > min_free and mixed < max_mixed
     for state in (FREE, BLOCKED):
         cells = np.argwhere(states == state)
-        near = np.array([(states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells])
+        near = np.array(
+            [
+                (states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any()
+                for i, j in cells
+            ]
+        )
         for cell in rng.permutation(cells[near])[:60]:
             q = held.copy()
-            q[indices] = joint_map.grid.lower + joint_map.grid.spacing * (cell + rng.integers(0, 2, 2))
+            q[indices] = joint_map.grid.lower + joint_map.grid.spacing * (
+                cell + rng.integers(0, 2, 2)
+            )
             if state == FREE:
                 assert not meshes.is_wrong(q)
             else:
@@ -206,10 +246,15 @@ def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert joint_map.is_disconnected(left, right)
     assert joint_map.is_connected(left, (-0.9, -1.0))
-    q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
+    q = np.stack(
+        np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1
+    )
     free = ~meets_posts(q.reshape(-1, 2), posts).reshape(61, 61)
     parts, _ = label(free, np.ones((3, 3)))
-    near = [tuple(np.abs(q - end).sum(axis=-1).argmin() // np.array([61, 1]) % 61) for end in (left, right)]
+    near = [
+        tuple(np.abs(q - end).sum(axis=-1).argmin() // np.array([61, 1]) % 61)
+        for end in (left, right)
+    ]
     assert parts[near[0]] != parts[near[1]]
 
 
@@ -246,7 +291,10 @@ def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
     ax = joint_map.plot(path=joint_map.find_path(start, goal))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
     # Obstacles may also be added in joint space.
-    assert joint_map.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
+    assert (
+        joint_map.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed
+        > 0
+    )
     assert not joint_map.is_free((2.5, 0.5))
 
 
@@ -302,15 +350,21 @@ def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
         np.testing.assert_array_equal(each.motion_is_free(q, targets, exact=True), moves)
         check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
         assert [check(*a) for a in q[:40]] == free[:40].tolist()
-        assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[:40].tolist()
+        assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[
+            :40
+        ].tolist()
     assert meets_posts(q, posts).tolist() == (~free).tolist()
     mixed = free & (joint_map.classify(q) == MIXED)
     assert mixed.sum() > 30
     beyond_map, beyond_joint = (1.5, 2.5), (1.5, 3.1)
     assert joint_map.classify(beyond_map) == MIXED and joint_map.is_free(beyond_map, exact=True)
-    assert joint_map.classify(beyond_joint) == MIXED and not joint_map.is_free(beyond_joint, exact=True)
+    assert joint_map.classify(beyond_joint) == MIXED and not joint_map.is_free(
+        beyond_joint, exact=True
+    )
     on_map = q[mixed & joint_map.grid.contains(q)]
-    plans = [planners.plan(joint_map, a, b, exact=True, seed=1) for a, b in on_map[:6].reshape(-1, 2, 2)]
+    plans = [
+        planners.plan(joint_map, a, b, exact=True, seed=1) for a, b in on_map[:6].reshape(-1, 2, 2)
+    ]
     assert any(plan.certified for plan in plans)
     assert not any(plan.certified and plan.is_disconnected for plan in plans)
     assert not any(meets_posts(plan.path, posts).any() for plan in plans)
@@ -327,7 +381,8 @@ POST: Any = ((0.7, 0.0, 0.3),)
 
 
 @pytest.mark.parametrize(
-    "limits", [None, {"shoulder": (-2.0, 2.0)}, {"shoulder": (-3.0, 9.0)}, {"shoulder": (-9.0, 3.0)}]
+    "limits",
+    [None, {"shoulder": (-2.0, 2.0)}, {"shoulder": (-3.0, 9.0)}, {"shoulder": (-9.0, 3.0)}],
 )
 def test_a_way_around_a_continuous_joint_is_undecided(tmp_path: Path, limits: Any) -> None:
     """The arm can turn past the ends of the map, so that no map that ends there excludes a path."""
@@ -347,7 +402,9 @@ def test_only_the_mapped_part_of_a_range_leaves_a_way_around(tmp_path: Path) -> 
     space = build_plane_arm(tmp_path, posts=POST)
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert build_joint_map(space, 0.05).is_disconnected(left, right)
-    assert not build_joint_map(space, 0.05, limits={"shoulder": (-2.0, 2.0)}).is_disconnected(left, right)
+    assert not build_joint_map(space, 0.05, limits={"shoulder": (-2.0, 2.0)}).is_disconnected(
+        left, right
+    )
 
 
 OBSTACLES = ((1.6, 0.0, 0.3), (0.7, 1.1, 0.3))
@@ -378,7 +435,8 @@ def test_certified_trajectories_meet_no_obstacle(
 
 @settings(max_examples=3)
 @given(
-    seed=st.integers(0, 2**32 - 1), elbow=st.sampled_from([{"limits": None, "kind": "continuous"}, {"limits": (-2, 2)}])
+    seed=st.integers(0, 2**32 - 1),
+    elbow=st.sampled_from([{"limits": None, "kind": "continuous"}, {"limits": (-2, 2)}]),
 )
 def test_joint_maps_agree_with_shapely(
     tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]
@@ -386,19 +444,28 @@ def test_joint_maps_agree_with_shapely(
     """Test states and connectivity among random posts."""
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
-    posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
+    posts = tuple(
+        zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True)
+    )
     space = build_turning_arm(tmp_path_factory.mktemp("arm"), posts, **elbow)
     joint_map = build_joint_map(space, 0.12)
     states = np.asarray(joint_map.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
-        near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="clip")[:, j] != state).any() for k, j in cells])
+        near = np.array(
+            [
+                (np.take(states, [k - 1, k, k + 1], 0, mode="clip")[:, j] != state).any()
+                for k, j in cells
+            ]
+        )
         sample = rng.permutation(cells[near])[:40]
-        points = joint_map.grid.lower + joint_map.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
+        points = joint_map.grid.lower + joint_map.grid.spacing * (
+            sample + rng.integers(0, 2, sample.shape)
+        )
         assert not (meets_posts(points, posts) == collides).any()
-    q = np.stack(np.meshgrid(*(joint_map.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(
-        -1, 2
-    )
+    q = np.stack(
+        np.meshgrid(*(joint_map.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1
+    ).reshape(-1, 2)
     for max_state, answer in ((FREE, True), (MIXED, False)):
         # Whatever is not BLOCKED at the rim may be joined around a continuous joint.
         open_cells = np.pad(states <= max_state, 1, constant_values=max_state == MIXED)
@@ -429,7 +496,9 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
         if good:
             assert build_joint_map(space, 0.5).grid.lower[0] == -np.pi
         else:
-            with pytest.raises(InputError, match=r"limits are missing for 'one'.*other joints by another angle"):
+            with pytest.raises(
+                InputError, match=r"limits are missing for 'one'.*other joints by another angle"
+            ):
                 build_joint_map(space, 0.5)
 
 
@@ -443,7 +512,9 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
     ({"limits": {"elbow": (1.0, 1.0)}}, "two ascending numbers"),
     ({"spacing": 1e-5}, r"cells of 1e-05 rad and needs"),
 )
-def test_build_joint_map_refuses_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_build_joint_map_refuses_invalid_arguments(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         build_joint_map(build_plane_arm(tmp_path), **{"spacing": 0.1, **options})
 
@@ -462,13 +533,19 @@ def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
         build_joint_map(space, 0.5, ("0", "1"), held_joints=(0, 0, 0, 5))
     with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
         build_joint_map(space, 0.5, ("2", "3"), held_joints=(2.2, 2.2, 0, 0))
-    assert (build_joint_map(space, 0.1, ("1", "2"), held_joints=(0, 0, 0, 0)).cell_states == MIXED).any()
+    assert (
+        build_joint_map(space, 0.1, ("1", "2"), held_joints=(0, 0, 0, 0)).cell_states == MIXED
+    ).any()
 
 
-@pytest.mark.parametrize("posts", [(), POSTS[:1]], ids=["no obstacle", "an obstacle that may be touched"])
+@pytest.mark.parametrize(
+    "posts", [(), POSTS[:1]], ids=["no obstacle", "an obstacle that may be touched"]
+)
 def test_map_of_joints_that_move_no_pair_is_free(tmp_path: Path, posts: Any) -> None:
     space = build_plane_arm(tmp_path, posts=posts)
-    space.allow_collisions([(one, other) for one in ("foot", "upper", "fore") for other in (*space.obstacles, "fore")])
+    space.allow_collisions(
+        [(one, other) for one in ("foot", "upper", "fore") for other in (*space.obstacles, "fore")]
+    )
     joint_map = build_joint_map(space, 0.5)
     assert joint_map.count() == (joint_map.grid.size, 0, 0)
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (2, 20, 2))
@@ -489,5 +566,7 @@ def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(path))
     assert space.sample_free(2, np.random.default_rng(0))[:, 0].tolist() == [0.3, 0.3]
     assert len(space.find_path((0.3, -1.0), (0.3, 1.0))) == 2
-    with pytest.raises(InputError, match=r"name 'one', which stays at 0.3.*held_joints= says where it is held"):
+    with pytest.raises(
+        InputError, match=r"name 'one', which stays at 0.3.*held_joints= says where it is held"
+    ):
         build_joint_map(space, 0.1)

@@ -1,4 +1,5 @@
-"""Motions of arms along straight lines, against forward kinematics and collisions of other libraries."""
+"""Motions of arms along straight lines, against forward kinematics and collisions of other
+libraries."""
 
 import math
 import pickle
@@ -19,12 +20,22 @@ from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
 from tests.refusals import refusals
 from tests.solids import ArmOracle, box
-from tests.urdfs import joint, link, planar_with_tip, pose_at, pose_of, posed_box, random_chain, write_urdf
+from tests.urdfs import (
+    joint,
+    link,
+    planar_with_tip,
+    pose_at,
+    pose_of,
+    posed_box,
+    random_chain,
+    write_urdf,
+)
 
 pytest.importorskip("yourdfpy")
 
 Poses = Callable[[np.ndarray], np.ndarray]
-"""Poses of a frame, shape (..., 4, 4), at configurations, shape (..., dof), computed without the library."""
+"""Poses of a frame, shape (..., 4, 4), at configurations, shape (..., dof), computed without the
+library."""
 
 ROUNDING = 1e-11
 """Metres and radians by which two libraries may differ."""
@@ -37,7 +48,9 @@ FREE_ROTATION = (1e-3, math.inf)
 def without_collisions(arm: Arm) -> ArmSpace:
     """Build the space of an arm whose links may touch."""
     names = [link.name for link in arm.links]
-    return build_arm_space({}, arm, allowed_collisions=[(a, b) for a in names for b in names if a < b])
+    return build_arm_space(
+        {}, arm, allowed_collisions=[(a, b) for a in names for b in names if a < b]
+    )
 
 
 def poses_by_urdf(path: Path, arm: Arm, frame: str = "tool0") -> Poses:
@@ -46,7 +59,8 @@ def poses_by_urdf(path: Path, arm: Arm, frame: str = "tool0") -> Poses:
 
 
 def sample_motion(waypoints: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return configurations on the motions between waypoints, shape (n - 1, samples, dof), and their times."""
+    """Return configurations on the motions between waypoints, shape (n - 1, samples, dof), and
+    their times."""
     times = np.linspace(0.0, 1.0, samples)
     steps = np.diff(waypoints, axis=0)
     return waypoints[:-1, None] + times[:, None] * steps[:, None], times
@@ -79,29 +93,45 @@ def check_motion(motion: LineMotion, arm: Arm, poses: Poses) -> None:
     """Assert that a motion keeps its promises, except those on collisions."""
     deviation, angle = sample_deviation(motion, poses)
     assert deviation <= motion.deviation + ROUNDING and angle <= motion.angle + ROUNDING
-    assert motion.deviation <= motion.tolerance[0] and motion.angle <= max(motion.tolerance[1], math.pi)
+    assert motion.deviation <= motion.tolerance[0] and motion.angle <= max(
+        motion.tolerance[1], math.pi
+    )
     assert motion.angle <= motion.tolerance[1]
     assert ((motion.waypoints >= arm.lower) & (motion.waypoints <= arm.upper)).all()
     parameters, end = motion.parameters, len(motion.poses) - 1
     assert parameters[0] == 0.0 and (np.diff(parameters) > 0.0).all()
-    assert set(range(int(parameters[-1]) + 1)) <= set(parameters.tolist())  # each pose that it reaches is a waypoint
-    assert motion.certified == (parameters[-1] == end) == (motion.fraction == 1.0) == (not motion.stopped_by)
+    assert set(range(int(parameters[-1]) + 1)) <= set(
+        parameters.tolist()
+    )  # each pose that it reaches is a waypoint
+    assert (
+        motion.certified
+        == (parameters[-1] == end)
+        == (motion.fraction == 1.0)
+        == (not motion.stopped_by)
+    )
     assert 0.0 <= motion.fraction <= 1.0
     if not motion.certified:
         assert motion.stopped_by in {"collision", "limit", "reach", "jump"}
         assert f"before poses[{int(parameters[-1])}]" in motion.status
 
 
-def draw_line(folder: Path, seed: int, count: int) -> tuple[ArmSpace, ArmOracle, Poses, np.ndarray, np.ndarray]:
+def draw_line(
+    folder: Path, seed: int, count: int
+) -> tuple[ArmSpace, ArmOracle, Poses, np.ndarray, np.ndarray]:
     """Draw a chain among boxes, a free start, and one to three poses."""
     rng = np.random.default_rng(seed)
     path = random_chain(folder, seed, count)
     arm = Arm.from_urdf(path)
     blocks = {
-        f"block {n}": (rng.uniform(0.05, 0.2, 3), pose_at(*rng.uniform(-0.8, 0.8, 3), rng.normal(size=3)))
+        f"block {n}": (
+            rng.uniform(0.05, 0.2, 3),
+            pose_at(*rng.uniform(-0.8, 0.8, 3), rng.normal(size=3)),
+        )
         for n in range(3)
     }
-    shapes = {name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
+    shapes = {
+        name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()
+    }
     try:
         space = build_arm_space(shapes, arm)
         start = space.sample_free(rng=rng)
@@ -116,7 +146,9 @@ def draw_line(folder: Path, seed: int, count: int) -> tuple[ArmSpace, ArmOracle,
         corners = np.array([poses(start)] * rng.integers(1, 3))
         corners[:, :3, 3] += rng.normal(scale=0.15, size=(len(corners), 3))
         if rng.random() < 0.5:
-            corners[:, :3, :3] = Rotation.from_rotvec(rng.normal(scale=0.3, size=3)).as_matrix() @ corners[:, :3, :3]
+            corners[:, :3, :3] = (
+                Rotation.from_rotvec(rng.normal(scale=0.3, size=3)).as_matrix() @ corners[:, :3, :3]
+            )
     return space, ArmOracle(path, arm, still, arm.allowed_collisions), poses, start, corners
 
 
@@ -124,9 +156,13 @@ def draw_line(folder: Path, seed: int, count: int) -> tuple[ArmSpace, ArmOracle,
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(2, 7),
-    tolerance=st.sampled_from([(1e-3, 1e-2), (1e-4, 1e-3), (0.03, 0.3), (1e-3, math.inf), (math.inf, 1e-2)]),
+    tolerance=st.sampled_from(
+        [(1e-3, 1e-2), (1e-4, 1e-3), (0.03, 0.3), (1e-3, math.inf), (math.inf, 1e-2)]
+    ),
 )
-def test_motions_stay_within_their_bounds_and_free(seed: int, count: int, tolerance: tuple[float, float]) -> None:
+def test_motions_stay_within_their_bounds_and_free(
+    seed: int, count: int, tolerance: tuple[float, float]
+) -> None:
     with tempfile.TemporaryDirectory() as folder:
         space, oracle, poses, start, corners = draw_line(Path(folder), seed, count)
         motion = space.follow_line(start, "tool0", corners, tolerance=tolerance)
@@ -147,7 +183,9 @@ def test_lines_that_the_arm_can_follow_are_followed(tmp_path: Path) -> None:
         rng = np.random.default_rng(seed)
         path = random_chain(tmp_path, seed, 6 + seed % 2)
         arm = Arm.from_urdf(path)
-        start = 0.5 * (np.maximum(arm.lower, -3.0) + np.minimum(arm.upper, 3.0)) + rng.normal(scale=0.2, size=arm.dof)
+        start = 0.5 * (np.maximum(arm.lower, -3.0) + np.minimum(arm.upper, 3.0)) + rng.normal(
+            scale=0.2, size=arm.dof
+        )
         space = without_collisions(arm)
         start = start.clip(arm.lower, arm.upper)
         corner = arm.pose(start, "tool0")
@@ -158,8 +196,11 @@ def test_lines_that_the_arm_can_follow_are_followed(tmp_path: Path) -> None:
     assert sum(followed) >= 36
 
 
-def bound_line(arm: Arm, ends: np.ndarray, waypoints: np.ndarray, parameters: np.ndarray, parts: int) -> np.ndarray:
-    """Return the bounds of deviation and angle on a motion, and the largest values halfway through its parts."""
+def bound_line(
+    arm: Arm, ends: np.ndarray, waypoints: np.ndarray, parameters: np.ndarray, parts: int
+) -> np.ndarray:
+    """Return the bounds of deviation and angle on a motion, and the largest values halfway through
+    its parts."""
     (line,) = make_lines(ends)
     branch, tool = arm._branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
@@ -175,7 +216,9 @@ def bound_line(arm: Arm, ends: np.ndarray, waypoints: np.ndarray, parameters: np
     size=st.sampled_from([1e-3, 0.05, 0.5, 3.0]),
     parts=st.sampled_from([1, 2, 8, 64]),
 )
-def test_bounds_hold_for_any_motion_and_line(seed: int, count: int, size: float, parts: int) -> None:
+def test_bounds_hold_for_any_motion_and_line(
+    seed: int, count: int, size: float, parts: int
+) -> None:
     """The bounds need no inverse kinematics: they hold far from the line, too."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -188,17 +231,26 @@ def test_bounds_hold_for_any_motion_and_line(seed: int, count: int, size: float,
         assume(Rotation.from_matrix(ends[1, :3, :3] @ ends[0, :3, :3].T).magnitude() < 3.1)
         waypoints, parameters = np.array([q0, q1]), np.sort(rng.uniform(size=2))
         bounds = bound_line(arm, ends, waypoints, parameters, parts)
-        motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, parameters, False, 0.0, *bounds[:2], "", "")
+        motion = LineMotion(
+            "tool0", ends, (1.0, 1.0), waypoints, parameters, False, 0.0, *bounds[:2], "", ""
+        )
         deviation, angle = sample_deviation(motion, poses, 129)
         assert deviation <= bounds[0] + ROUNDING and min(angle, math.pi) <= bounds[1] + ROUNDING
-        assert bounds[2] <= deviation + ROUNDING + size / 4 and bounds[2] <= bounds[0] and bounds[3] <= bounds[1]
+        assert (
+            bounds[2] <= deviation + ROUNDING + size / 4
+            and bounds[2] <= bounds[0]
+            and bounds[3] <= bounds[1]
+        )
         if parts == 64 and size <= 0.5:  # close enough to be of use
             assert bounds[0] <= deviation + 0.01 * size and bounds[1] <= angle + 0.1 * size
 
 
-@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4]))
+@given(
+    seed=st.integers(0, 2**32 - 1), count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4])
+)
 def test_bounds_hold_for_lines_tangent_to_the_motion(seed: int, count: int, size: float) -> None:
-    """Halfway, frame and target coincide and move alike, so that only the bounds of accelerations are left."""
+    """Halfway, frame and target coincide and move alike, so that only the bounds of accelerations
+    are left."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
         path = random_chain(Path(folder), seed, count)
@@ -215,7 +267,9 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(seed: int, count: int, size
             end[:3, :3] = Rotation.from_rotvec(time * spin).as_matrix() @ end[:3, :3]
         waypoints = center + step * np.array([[-0.5], [0.5]])
         bounds = bound_line(arm, ends, waypoints, np.array([0.0, 1.0]), 1)
-        motion = LineMotion("tool0", ends, (1.0, 1.0), waypoints, np.arange(2.0), False, 0.0, *bounds[:2], "", "")
+        motion = LineMotion(
+            "tool0", ends, (1.0, 1.0), waypoints, np.arange(2.0), False, 0.0, *bounds[:2], "", ""
+        )
         deviation, angle = sample_deviation(motion, poses)
         # Differences give the velocities up to 1e-9.
         assert deviation <= bounds[0] + 1e-8 and angle <= bounds[1] + 1e-8
@@ -237,7 +291,9 @@ def test_real_arms_stay_near_lines_by_pinocchio(data: Path, name: str, frame: st
         return np.array(state.oMf[number].homogeneous)
 
     def poses(q: np.ndarray) -> np.ndarray:
-        return np.array([pose_by_pinocchio(row) for row in q.reshape(-1, arm.dof)]).reshape(*q.shape[:-1], 4, 4)
+        return np.array([pose_by_pinocchio(row) for row in q.reshape(-1, arm.dof)]).reshape(
+            *q.shape[:-1], 4, 4
+        )
 
     ball = PosedShape(Robot.ball(0.1).shape, pose_at(0.3, -0.6, 0.2))
     space = build_arm_space({"ball": ball}, arm)
@@ -245,7 +301,9 @@ def test_real_arms_stay_near_lines_by_pinocchio(data: Path, name: str, frame: st
     for start in space.sample_free(12, np.random.default_rng(3)):
         corner = pose_by_pinocchio(start)
         corners = np.array([corner, corner, corner])
-        corners[0, 2, 3] += 0.1  # up, then to the side while it turns, then 0.3 m at a constant rotation
+        corners[0, 2, 3] += (
+            0.1  # up, then to the side while it turns, then 0.3 m at a constant rotation
+        )
         corners[1, :3, 3] += 0.1, 0.05, 0.1
         corners[1:, :3, :3] = Rotation.from_euler("z", 0.3).as_matrix() @ corner[:3, :3]
         corners[2, :3, 3] += 0.1, 0.35, 0.1
@@ -256,14 +314,18 @@ def test_real_arms_stay_near_lines_by_pinocchio(data: Path, name: str, frame: st
         if motion.certified:
             ratios.append(motion.deviation / sample_deviation(motion, poses)[0])
             last = motion.waypoints[motion.parameters >= 2.0]
-            turns = Rotation.from_matrix(poses(last)[:, :3, :3]) * Rotation.from_matrix(corners[2, :3, :3]).inv()
+            turns = (
+                Rotation.from_matrix(poses(last)[:, :3, :3])
+                * Rotation.from_matrix(corners[2, :3, :3]).inv()
+            )
             assert (turns.magnitude() <= motion.angle + ROUNDING).all()
     assert reasons.count("") >= 2 and len(set(reasons)) >= 2
     assert max(ratios) < 2.0  # the bound is not far above the truth
 
 
 def polar(folder: Path, **shapes: PosedShape) -> ArmSpace:
-    """Build the space of a bar that turns about the origin and slides out by up to 1 m, with the frame hand."""
+    """Build the space of a bar that turns about the origin and slides out by up to 1 m, with the
+    frame hand."""
     path = write_urdf(
         folder,
         link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.5))),
@@ -277,19 +339,25 @@ def polar(folder: Path, **shapes: PosedShape) -> ArmSpace:
 
 def test_a_bar_follows_a_line_beside_its_axis(tmp_path: Path) -> None:
     space = polar(tmp_path)
-    motion = space.follow_line((-1.0, 0.5 / math.cos(1.0)), "hand", pose_at(0.5, 0.5), tolerance=FREE_ROTATION)
+    motion = space.follow_line(
+        (-1.0, 0.5 / math.cos(1.0)), "hand", pose_at(0.5, 0.5), tolerance=FREE_ROTATION
+    )
     assert motion.certified and motion.status == "pose reached"
     np.testing.assert_allclose(motion.waypoints[-1], (math.pi / 4, math.sqrt(0.5)), atol=1e-3)
     assert motion.deviation <= 1e-3 and motion.angle > 0.7  # the hand turns with the bar
     x = motion.waypoints[:, 1] * np.cos(motion.waypoints[:, 0])
     np.testing.assert_allclose(x, 0.5, atol=1e-3)
-    fine = space.follow_line((-1.0, 0.5 / math.cos(1.0)), "hand", pose_at(0.5, 0.5), tolerance=(1e-5, math.inf))
+    fine = space.follow_line(
+        (-1.0, 0.5 / math.cos(1.0)), "hand", pose_at(0.5, 0.5), tolerance=(1e-5, math.inf)
+    )
     assert fine.certified and len(fine.waypoints) > 5 * len(motion.waypoints)
 
 
 def test_stops_are_explained(tmp_path: Path) -> None:
     bar = PosedShape(Robot.box((0.1, 0.1, 0.1)).shape, pose_at(0.5, 0.3))
-    collision = polar(tmp_path, block=bar).follow_line((0.0, 0.5), "hand", pose_at(0.5, 0.5), tolerance=FREE_ROTATION)
+    collision = polar(tmp_path, block=bar).follow_line(
+        (0.0, 0.5), "hand", pose_at(0.5, 0.5), tolerance=FREE_ROTATION
+    )
     assert (collision.certified, collision.stopped_by) == (False, "collision")
     assert collision.fraction == pytest.approx((0.3 - 0.05 - 0.01 * math.cos(0.5)) / 0.5, abs=0.02)
     assert "hand is in collision with block, or nearly so" in collision.status
@@ -303,10 +371,19 @@ def test_stops_are_explained(tmp_path: Path) -> None:
     jump = polar(tmp_path).follow_line(
         (0.0, 0.5), "hand", [pose_at(0.5, 1e-4), pose_at(-0.5, 1e-4)], tolerance=(1e-6, 7.0)
     )
-    assert jump.stopped_by == "jump" and "as at a singularity" in jump.status and "it moves turn by" in jump.status
+    assert (
+        jump.stopped_by == "jump"
+        and "as at a singularity" in jump.status
+        and "it moves turn by" in jump.status
+    )
     arm = planar_with_tip(tmp_path)
-    stretched = build_arm_space({}, arm).follow_line((0.5, 0.5), "tip", pose_at(4, 1), tolerance=FREE_ROTATION)
-    assert stretched.stopped_by == "reach" and "no configuration near the last one reaches farther" in stretched.status
+    stretched = build_arm_space({}, arm).follow_line(
+        (0.5, 0.5), "tip", pose_at(4, 1), tolerance=FREE_ROTATION
+    )
+    assert (
+        stretched.stopped_by == "reach"
+        and "no configuration near the last one reaches farther" in stretched.status
+    )
     tip = np.array(arm.pose(stretched.waypoints[-1], "tip"))[:2, 3]
     assert np.linalg.norm(tip) == pytest.approx(2.0, abs=2e-3)
 
@@ -328,18 +405,29 @@ def test_a_gantry_stops_where_it_hits_the_first_box(seed: int, thickness: float)
             joint("y", "cart", "hand", axis=(0, 1, 0), kind="prismatic", limits=(-1, 1)),
         )
         arm = Arm.from_urdf(path)
-    centers, sides = rng.uniform(-0.6, 0.6, (3, 2)), rng.permuted([[thickness, 0.3, 0.1]] * 3, axis=1)
+    centers, sides = (
+        rng.uniform(-0.6, 0.6, (3, 2)),
+        rng.permuted([[thickness, 0.3, 0.1]] * 3, axis=1),
+    )
     start, goal = rng.uniform(-0.9, 0.9, (2, 2))
-    boxes = {f"box {k}": posed_box(side, *center) for k, (side, center) in enumerate(zip(sides, centers, strict=True))}
+    boxes = {
+        f"box {k}": posed_box(side, *center)
+        for k, (side, center) in enumerate(zip(sides, centers, strict=True))
+    }
     space = build_arm_space(boxes, arm)
     assume(space.is_free(start))
     motion = space.follow_line(start, "hand", pose_at(*goal))
-    # The line enters a box, grown by half a hand, where it has crossed the nearer side along both axes.
+    # The line enters a box, grown by half a hand, where it has crossed the nearer side along both
+    # axes.
     with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = (centers + 0.5 * np.array([[[-1]], [[1]]]) * (sides[:, :2] + 0.02) - start) / (goal - start)
+        crossings = (centers + 0.5 * np.array([[[-1]], [[1]]]) * (sides[:, :2] + 0.02) - start) / (
+            goal - start
+        )
     enters, leaves = crossings.min(axis=0).max(axis=1), crossings.max(axis=0).min(axis=1)
     hits = enters[(enters <= leaves) & (leaves >= 0.0) & (enters <= 1.0)]
-    assert motion.certified == (not len(hits)) and motion.stopped_by == ("collision" if len(hits) else "")
+    assert motion.certified == (not len(hits)) and motion.stopped_by == (
+        "collision" if len(hits) else ""
+    )
     assert motion.fraction == pytest.approx(hits.min(initial=1.0), abs=2e-4)
 
 
@@ -363,12 +451,17 @@ def poses_of_polar(q: np.ndarray) -> np.ndarray:
     """Compute the poses of the hand by hand, shape (..., 4, 4)."""
     poses = np.zeros((*q.shape[:-1], 4, 4))
     poses[..., :3, :3] = Rotation.from_rotvec(q[..., :1] * [0.0, 0.0, 1.0]).as_matrix()
-    poses[..., 0, 3], poses[..., 1, 3] = q[..., 1] * np.cos(q[..., 0]), q[..., 1] * np.sin(q[..., 0])
+    poses[..., 0, 3], poses[..., 1, 3] = (
+        q[..., 1] * np.cos(q[..., 0]),
+        q[..., 1] * np.sin(q[..., 0]),
+    )
     poses[..., 3, 3] = 1.0
     return poses
 
 
-sizes = st.sampled_from([0.0, 1e-320, 1e-15, 1e-9, 0.1, 1e8, 1e9, 1e80, 1e99, 1e154, 1e160, 1e300, math.inf])
+sizes = st.sampled_from(
+    [0.0, 1e-320, 1e-15, 1e-9, 0.1, 1e8, 1e9, 1e80, 1e99, 1e154, 1e160, 1e300, math.inf]
+)
 """Metres and radians from rounding errors to overflow."""
 
 
@@ -439,24 +532,44 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     "options, message",
     ({"frame": "tool9"}, "frame is 'tool9'; there are foot, arm, hand"),
     ({"frame": "foot"}, "frame is 'foot'; no joint of the arm moves it"),
-    ({"poses": np.eye(3)}, r"poses has shape \(3, 3\); it must be one pose, shape \(4, 4\), or several"),
+    (
+        {"poses": np.eye(3)},
+        r"poses has shape \(3, 3\); it must be one pose, shape \(4, 4\), or several",
+    ),
     ({"poses": np.empty((0, 4, 4))}, r"poses has shape \(0, 4, 4\); it must be one pose"),
     ({"poses": [np.eye(4), 2 * np.eye(4)]}, r"poses\[1\] has shape.*it must be a rigid motion"),
     ({"poses": np.full((4, 4), np.nan)}, r"poses\[0, 0\] is nan"),
-    ({"poses": pose_at(1, 0, 0, (0, 0, math.pi))}, r"poses\[0\] is half a turn from the pose at q0; both ways"),
-    ({"poses": [np.eye(4), pose_at(0, 0, 0, (math.pi, 0, 0))]}, r"poses\[1\] is half a turn from poses\[0\]"),
+    (
+        {"poses": pose_at(1, 0, 0, (0, 0, math.pi))},
+        r"poses\[0\] is half a turn from the pose at q0; both ways",
+    ),
+    (
+        {"poses": [np.eye(4), pose_at(0, 0, 0, (math.pi, 0, 0))]},
+        r"poses\[1\] is half a turn from poses\[0\]",
+    ),
     ({"tolerance": 1e-3}, "tolerance is 0.001; it must be two numbers above zero"),
     ({"tolerance": (0.0, 1.0)}, r"tolerance is \(0.0, 1.0\); it must be two numbers above zero"),
-    ({"tolerance": (1e-15, 1.0)}, "tolerance is 1e-15 m; .* rounding errors of up to .* m; pass a larger tolerance"),
+    (
+        {"tolerance": (1e-15, 1.0)},
+        "tolerance is 1e-15 m; .* rounding errors of up to .* m; pass a larger tolerance",
+    ),
     ({"tolerance": (1.0, 1e-15)}, "tolerance is 1e-15 rad; .* rounding errors of up to 4e-12 rad"),
-    ({"poses": pose_at(1e10, 0)}, r"tolerance is 0.001 m; .* rounding errors of up to 0.04 m; .* or nearer poses"),
-    ({"poses": [np.eye(4), pose_at(1e300, 0)]}, r"poses\[1\] has the coordinate 1e\+300 m; the limit is 1e\+100 m"),
+    (
+        {"poses": pose_at(1e10, 0)},
+        r"tolerance is 0.001 m; .* rounding errors of up to 0.04 m; .* or nearer poses",
+    ),
+    (
+        {"poses": [np.eye(4), pose_at(1e300, 0)]},
+        r"poses\[1\] has the coordinate 1e\+300 m; the limit is 1e\+100 m",
+    ),
     ({"q0": (0.0,)}, r"q0 has shape \(1,\)"),
     ({"q0": np.zeros((2, 2))}, r"q0 has shape \(2, 2\); it must be one configuration"),
     ({"q0": (0.0, 2.0)}, "q0 has slide at 2; its limits are 0 and 1"),
     ({"q0": (0.0, 0.8)}, r"q0 \(0, 0.8\) is not proven free: hand is in collision with block"),
 )
-def test_follow_line_rejects_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_follow_line_rejects_invalid_arguments(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
     space = polar(tmp_path, block=PosedShape(Robot.box((0.1, 0.1, 0.1)).shape, pose_at(0.8, 0.0)))
     arguments = {"q0": (0.0, 0.5), "frame": "hand", "poses": np.eye(4), **options}
     with pytest.raises(InputError, match=message):

@@ -26,25 +26,36 @@ from tests.urdfs import planar, pose_at, posed_box, random_arm
 
 NAMES = ("table", "cup", "cloud")
 LENGTH, COORDINATE = st.floats(0.05, 0.4), st.floats(-1.0, 1.0)
-POSES = st.builds(pose_at, COORDINATE, COORDINATE, COORDINATE, st.tuples(COORDINATE, COORDINATE, COORDINATE))
+POSES = st.builds(
+    pose_at, COORDINATE, COORDINATE, COORDINATE, st.tuples(COORDINATE, COORDINATE, COORDINATE)
+)
 
 
 def draw_cells(seed: int) -> Workspace:
     """Return a grid of cells, some of them only possibly occupied, or none."""
     rng = np.random.default_rng(seed)
     outer = rng.random((8, 8, 8)) < 0.02 * (seed % 3)
-    return Workspace.from_array(outer, 0.2, (-0.8,) * 3, inner=outer & (rng.random(outer.shape) < 0.5))
+    return Workspace.from_array(
+        outer, 0.2, (-0.8,) * 3, inner=outer & (rng.random(outer.shape) < 0.5)
+    )
 
 
 SHAPES = st.one_of(
     st.builds(lambda *sides: Robot.box(sides).shape, LENGTH, LENGTH, LENGTH),
     st.builds(lambda radius: Robot.ball(radius).shape, LENGTH),
-    st.builds(lambda radius: trimesh.creation.annulus(0.5 * radius, radius, 0.1, sections=8), LENGTH),
-    st.builds(lambda seed: Balls.of(np.random.default_rng(seed).uniform(-0.3, 0.3, (40, 3)), 0.02), st.integers(0, 9)),
+    st.builds(
+        lambda radius: trimesh.creation.annulus(0.5 * radius, radius, 0.1, sections=8), LENGTH
+    ),
+    st.builds(
+        lambda seed: Balls.of(np.random.default_rng(seed).uniform(-0.3, 0.3, (40, 3)), 0.02),
+        st.integers(0, 9),
+    ),
 )
 NAME = st.sampled_from(NAMES)
 FRAME = st.sampled_from(("l0", "l2", "l4", *NAMES))
-PAIR = st.tuples(st.sampled_from(("l1", "l4", *NAMES)), NAME).filter(lambda pair: pair[0] != pair[1])
+PAIR = st.tuples(st.sampled_from(("l1", "l4", *NAMES)), NAME).filter(
+    lambda pair: pair[0] != pair[1]
+)
 STEPS = st.lists(
     st.one_of(
         st.tuples(st.just("add"), NAME, SHAPES, POSES),
@@ -54,7 +65,9 @@ STEPS = st.lists(
         st.tuples(st.just("pick up"), NAME, FRAME),
         st.tuples(st.just("detach"), NAME),
         st.tuples(st.just("put down"), NAME),
-        st.tuples(st.just("pad"), st.sampled_from(("l2", *NAMES)), st.sampled_from((0.0, 0.02, 0.3))),
+        st.tuples(
+            st.just("pad"), st.sampled_from(("l2", *NAMES)), st.sampled_from((0.0, 0.02, 0.3))
+        ),
         st.tuples(st.just("allow"), PAIR),
         st.tuples(st.just("forbid"), PAIR),
     ),
@@ -82,14 +95,17 @@ class Cell:
             name: shape if isinstance(shape, Workspace) else PosedShape(shape, pose)
             for name, (shape, pose) in self.obstacles.items()
         }
-        return build_arm_space(placed, arm, allowed_collisions=self.allowed, margin=0.01, padding=self.padding)
+        return build_arm_space(
+            placed, arm, allowed_collisions=self.allowed, margin=0.01, padding=self.padding
+        )
 
     def refuses(self, step: Any) -> bool:
         """Return whether a step has a wrong name."""
         kind, name, *more = step
         known = {*self.obstacles, *self.held, *(each.name for each in self.arm.links)}
         is_empty = (
-            isinstance(self.obstacles.get(name, [None])[0], Workspace) and not self.obstacles[name][0].outer.any()
+            isinstance(self.obstacles.get(name, [None])[0], Workspace)
+            and not self.obstacles[name][0].outer.any()
         )
         match kind:
             case "add":
@@ -99,9 +115,15 @@ class Cell:
             case "attach":
                 return name in known or more[1] not in {*self.arm.frames, *self.held}
             case "pick up":
-                return name not in self.obstacles or is_empty or more[0] not in {*self.arm.frames, *self.held}
+                return (
+                    name not in self.obstacles
+                    or is_empty
+                    or more[0] not in {*self.arm.frames, *self.held}
+                )
             case "detach" | "put down":
-                return name not in self.held or any(name == link for _, link, _ in self.held.values())
+                return name not in self.held or any(
+                    name == link for _, link, _ in self.held.values()
+                )
             case "forbid":
                 return tuple(sorted(name)) not in self.allowed
         return not ({name} if kind == "pad" else set(name)) <= known
@@ -109,7 +131,9 @@ class Cell:
     def changed(self, space: ArmSpace, q: Any, step: Any) -> Cell:
         """Return the cell after a step; the space is that before the step."""
         kind, name, *more = step
-        new = Cell(self.arm, dict(self.obstacles), dict(self.held), set(self.allowed), dict(self.padding))
+        new = Cell(
+            self.arm, dict(self.obstacles), dict(self.held), set(self.allowed), dict(self.padding)
+        )
         match kind:
             case "add":
                 new.obstacles[name] = more
@@ -121,7 +145,11 @@ class Cell:
                 new.held[name] = more
             case "pick up":
                 placed = space.obstacles[name]
-                new.held[name] = placed.shape, more[0], np.linalg.inv(space.arm.pose(q, more[0])) @ placed.pose
+                new.held[name] = (
+                    placed.shape,
+                    more[0],
+                    np.linalg.inv(space.arm.pose(q, more[0])) @ placed.pose,
+                )
                 del new.obstacles[name]
             case "put down":
                 new.obstacles[name] = new.held.pop(name)[0], space.arm.pose(q, name)
@@ -179,7 +207,9 @@ def assert_equal_answers(space: ArmSpace, new: ArmSpace, seed: int = 0) -> None:
     states = np.asarray(new.classify(points))
     np.testing.assert_array_equal(space.classify(points), states)
     np.testing.assert_array_equal(space.is_free(points), states == FREE)
-    np.testing.assert_allclose(space.obstacle_distance(points), new.obstacle_distance(points), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        space.obstacle_distance(points), new.obstacle_distance(points), rtol=1e-9, atol=1e-12
+    )
     np.testing.assert_array_equal(
         space.motion_is_free(points[:20], points[20:]), new.motion_is_free(points[:20], points[20:])
     )
@@ -191,14 +221,18 @@ def assert_equal_answers(space: ArmSpace, new: ArmSpace, seed: int = 0) -> None:
             assert one[:3] == other[:3]
             np.testing.assert_array_equal(one.points, other.points)
     path = points[0] + 0.1 * (points[:4] - points[0])
-    assert space.path_obstacle_distance(path) == pytest.approx(new.path_obstacle_distance(path), rel=1e-9)
+    assert space.path_obstacle_distance(path) == pytest.approx(
+        new.path_obstacle_distance(path), rel=1e-9
+    )
     free = points[states == FREE][:2]
     if len(free) == 2 and new.motion_is_free(*free):
         np.testing.assert_array_equal(space.find_path(*free, seed=1), new.find_path(*free, seed=1))
 
 
 @given(seed=st.integers(0, 2), steps=STEPS)
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 def test_changed_scenes_answer_as_new_ones(tmp_path: Path, seed: int, steps: Any) -> None:
     """Refused changes are those that a new scene or a wrong name refuses, and change nothing."""
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
@@ -222,7 +256,9 @@ def test_changed_scenes_answer_as_new_ones(tmp_path: Path, seed: int, steps: Any
 
 def test_moves_are_seen_before_or_after_by_other_threads(tmp_path: Path) -> None:
     """Move a post between two places that block one configuration each, and pick it up."""
-    space = build_arm_space({"post": posed_box((0.2, 0.2, 1.0), 1.5, 0.0)}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space(
+        {"post": posed_box((0.2, 0.2, 1.0), 1.5, 0.0)}, Arm.from_urdf(planar(tmp_path))
+    )
     moved = posed_box((0.2, 0.2, 1.0), 0.0, 1.5).pose
     q = np.array([(0.0, 0.0), (np.pi / 2, 0.0)])
     batch, done = np.tile(q, (100, 1)), threading.Event()
@@ -235,9 +271,17 @@ def test_moves_are_seen_before_or_after_by_other_threads(tmp_path: Path) -> None
             moves = tuple(np.asarray(space.motion_is_free(batch, batch)).tolist())
             distances = tuple(np.asarray(space.obstacle_distance(q)) > 0.0)
             seen.add(free)
-            if free.count(True) != 1 or states[:2] not in ((0, 2), (2, 0)) or states != states[:2] * 100:
+            if (
+                free.count(True) != 1
+                or states[:2] not in ((0, 2), (2, 0))
+                or states != states[:2] * 100
+            ):
                 wrong.append((free, states))
-            if moves != moves[:2] * 100 or sum(distances) != 1 or space.closest(q[0]).other not in ("post", "foot"):
+            if (
+                moves != moves[:2] * 100
+                or sum(distances) != 1
+                or space.closest(q[0]).other not in ("post", "foot")
+            ):
                 wrong.append((moves, distances))
             check(*q[0], *q[0])
 
@@ -270,7 +314,9 @@ def test_objects_are_picked_up_and_put_down(tmp_path: Path) -> None:
     assert space.is_free(grasp) and not space.is_free((-0.2, 0.0))
     assert space.allowed_collisions == [("box", "fore"), ("box", "table")]
     space.detach("box", away)
-    np.testing.assert_allclose(space.obstacles["box"].pose, arm.pose(away, "fore") @ pose_at(0.9, -0.15), atol=1e-12)
+    np.testing.assert_allclose(
+        space.obstacles["box"].pose, arm.pose(away, "fore") @ pose_at(0.9, -0.15), atol=1e-12
+    )
     assert space.is_free(away) and ("box", "table") in space.allowed_collisions
     space.forbid_collisions([("fore", "box")])
     assert not space.is_free(away)
@@ -284,7 +330,10 @@ def test_padding_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
     """A link and an obstacle are FREE if they are farther apart than both paddings."""
     path, rng = random_arm(tmp_path, seed), np.random.default_rng(seed)
     arm = Arm.from_urdf(path)
-    poses = {name: pose_at(*(rng.choice([-1, 1], 3) * rng.uniform(0.3, 0.6, 3))) for name in ("near", "far")}
+    poses = {
+        name: pose_at(*(rng.choice([-1, 1], 3) * rng.uniform(0.3, 0.6, 3)))
+        for name in ("near", "far")
+    }
     links = [each.name for each in arm.links]
     inner = [(one, other) for one in links for other in links if one < other]
     space = build_arm_space(
@@ -306,7 +355,11 @@ def test_padding_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
 
     apart = {(name, link): measure(name, link) for name in poses for link in links[1:]}
     slack = np.min(
-        [value - 0.1 * (name == "near") - 0.2 * (link == "l4") for (name, link), value in apart.items()], axis=0
+        [
+            value - 0.1 * (name == "near") - 0.2 * (link == "l4")
+            for (name, link), value in apart.items()
+        ],
+        axis=0,
     )
     free = np.asarray(space.is_free(points))
     assert 5 < free.sum() < 55
@@ -315,7 +368,9 @@ def test_padding_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
     distances = np.asarray(space.obstacle_distance(points))
     assert (distances[~free] == 0.0).all()
     np.testing.assert_allclose(distances[free], least[free], rtol=1e-3, atol=1e-5)
-    assert (np.asarray(space.classify(points)) != 2)[least > 1e-6].all()  # padding proves no collision
+    assert (np.asarray(space.classify(points)) != 2)[
+        least > 1e-6
+    ].all()  # padding proves no collision
 
 
 def test_obstacles_follow_the_base_pose(tmp_path: Path) -> None:
@@ -376,20 +431,35 @@ BALL = Robot.ball(0.1)
     (lambda s: s.add_obstacle("a", [(0.0, 0.0, 0.0)] * 4), "points need a radius"),
     (lambda s: s.add_obstacle("a", BALL, 2.0 * np.eye(4)), "it must be a rigid motion"),
     (lambda s: s.add_obstacle("a", BALL, padding=-1.0), "padding is -1.0"),
-    (lambda s: s.add_obstacle("a", BALL, touch_links=["fort"]), "touch_links names 'fort'; .*did you mean 'fore'"),
-    (lambda s: s.add_obstacle("a", BALL, touch_links=3), "touch_links is 3; it must be names of links"),
-    (lambda s: s.add_obstacle("a", s.obstacles["post"], radius=0.1), "radius is given with a PosedShape"),
+    (
+        lambda s: s.add_obstacle("a", BALL, touch_links=["fort"]),
+        "touch_links names 'fort'; .*did you mean 'fore'",
+    ),
+    (
+        lambda s: s.add_obstacle("a", BALL, touch_links=3),
+        "touch_links is 3; it must be names of links",
+    ),
+    (
+        lambda s: s.add_obstacle("a", s.obstacles["post"], radius=0.1),
+        "radius is given with a PosedShape",
+    ),
     (lambda s: s.remove_obstacle("pots"), "name is 'pots'; there are post; did you mean 'post'"),
     (lambda s: s.attach("cup", BALL, "for"), "link is 'for'; .*did you mean 'fore'"),
     (lambda s: s.attach("cup", BALL), "link is None; there are foot, upper, fore, tool"),
-    (lambda s: s.attach("post", BALL, "fore"), "name is 'post'; an obstacle has it; leave out the shape"),
+    (
+        lambda s: s.attach("post", BALL, "fore"),
+        "name is 'post'; an obstacle has it; leave out the shape",
+    ),
     (lambda s: s.attach("tool", BALL, "fore"), "name is 'tool'; a link has it"),
     (lambda s: s.attach("cup", BALL, "fore", q=(0.0, 0.0)), "q is given for a new object"),
     (lambda s: s.attach("cup", link="fore", q=(0.0, 0.0)), "name is 'cup'; there are post"),
     (lambda s: s.attach("post", link="fore"), r"q is missing; .*pass \(shoulder, elbow\)"),
     (lambda s: s.attach("post", link="fore", q=(0.0,)), r"q has shape \(1,\)"),
     (lambda s: s.attach("post", link="fore", q=[(0.0, 0.0)]), "it must be one configuration"),
-    (lambda s: s.attach("post", None, "fore", np.eye(4), q=(0.0, 0.0)), "pose is given for an obstacle"),
+    (
+        lambda s: s.attach("post", None, "fore", np.eye(4), q=(0.0, 0.0)),
+        "pose is given for an obstacle",
+    ),
     (lambda s: s.detach("post"), "name is 'post'; there are tool, bit"),
     (lambda s: s.detach("tool"), "name is 'tool'; it carries 'bit'; detach 'bit' first"),
     (lambda s: s.detach("bit", touch_links=["fore"]), "touch_links are given without q"),
@@ -400,7 +470,10 @@ BALL = Robot.ball(0.1)
     (lambda s: s.allow_collisions(["fore"]), "it must hold pairs of names"),
     (lambda s: s.forbid_collisions([("fore", "post")]), "pairs hold .*no pairs are allowed"),
     (lambda s: build_arm_space({}, s.arm, padding={"sky": 0.1}), "padding names 'sky'"),
-    (lambda s: s.add_obstacle("a", Robot.box((0.1,) * 3), pose_at(0, 0, -0.2)), "foot touches obstacle 'a'"),
+    (
+        lambda s: s.add_obstacle("a", Robot.box((0.1,) * 3), pose_at(0, 0, -0.2)),
+        "foot touches obstacle 'a'",
+    ),
     (lambda s: s.set_padding("post", 9.0), "foot touches obstacle 'post', or comes nearer"),
 )
 def test_refused_changes_change_nothing(tmp_path: Path, call: Any, message: str) -> None:

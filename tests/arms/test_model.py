@@ -23,7 +23,10 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 def test_frames_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
     """Include all kinds of joints, a mimic joint, and links without geometry."""
     path = random_arm(tmp_path, seed)
-    bare = link("tool0"), joint("mount", "l4", "tool0", at=(0.1, 0.2, 0.3), rpy=(0.4, 0.5, 0.6), kind="fixed")
+    bare = (
+        link("tool0"),
+        joint("mount", "l4", "tool0", at=(0.1, 0.2, 0.3), rpy=(0.4, 0.5, 0.6), kind="fixed"),
+    )
     path.write_text(path.read_text().replace("</robot>", f"{''.join(bare)}</robot>"))
     arm = Arm.from_urdf(path)
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
@@ -52,7 +55,9 @@ def test_poses_and_joint_order_agree_with_pinocchio(data: Path, name: str) -> No
         theirs[indices] = q[row]
         pin.framesForwardKinematics(model, state, theirs)
         for frame, pose in poses.items():
-            np.testing.assert_allclose(pose[row], state.oMf[model.getFrameId(frame)].homogeneous, atol=1e-9)
+            np.testing.assert_allclose(
+                pose[row], state.oMf[model.getFrameId(frame)].homogeneous, atol=1e-9
+            )
 
 
 def test_joints_are_ordered_depth_first_and_branches_by_name(tmp_path: Path) -> None:
@@ -104,14 +109,18 @@ def test_equal_links_share_one_object(tmp_path: Path) -> None:
 
     def parts_of(length: float) -> list[PosedShape]:
         box = ((length, 0.1, 0.1), (0.5, 0, 0))
-        path = write_urdf(tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0)))
+        path = write_urdf(
+            tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0))
+        )
         return [part for each in Arm.from_urdf(path).links for part in each.parts]
 
     first, second, other = parts_of(0.9), parts_of(0.9), parts_of(0.8)
     assert first[0] is second[0] is other[0] is not first[1]
     assert first[1] is second[1] is not other[1]
     made = first[1].hulls
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(first[1])).__dict__["hulls"].corners, made.corners)
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(first[1])).__dict__["hulls"].corners, made.corners
+    )
     # A shape with filled caches is shared too.
     arm, ball = Arm.from_urdf(planar(tmp_path)), Mesh.of(trimesh.creation.icosphere(1, 0.1))
     held = arm.attach("ball", ball, arm.links[-1].name).links[-1].parts[0]
@@ -131,9 +140,14 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None
         joint("two", "bare", "b", axis=(1, 0, 0)),
         joint("three", "b", "c", at=(1, 0, 0)),
     )
-    assert Arm.from_urdf(path).allowed_collisions == {("a", "b"): "adjacent", ("b", "c"): "adjacent"}
+    assert Arm.from_urdf(path).allowed_collisions == {
+        ("a", "b"): "adjacent",
+        ("b", "c"): "adjacent",
+    }
     srdf = tmp_path / "arm.srdf"
-    srdf.write_text('<robot name="small"><disable_collisions link1="c" link2="a" reason="Never"/></robot>')
+    srdf.write_text(
+        '<robot name="small"><disable_collisions link1="c" link2="a" reason="Never"/></robot>'
+    )
     assert Arm.from_urdf(path, srdf).allowed_collisions == {("a", "c"): "Never"}
     srdf.write_text(
         '<robot name="small"><group name="all"><chain base_link="a" tip_link="c"/></group>'
@@ -144,7 +158,11 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None
 
 def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
     path = write_urdf(
-        tmp_path, *(link(name, BAR) for name in "ab"), link("bare"), joint("one", "a", "b"), joint("two", "b", "bare")
+        tmp_path,
+        *(link(name, BAR) for name in "ab"),
+        link("bare"),
+        joint("one", "a", "b"),
+        joint("two", "b", "bare"),
     )
     srdf = tmp_path / "arm.srdf"
     srdf.write_text(
@@ -158,12 +176,17 @@ def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_p
         <group_state name="alone"><joint name="two" value="1"/></group_state>
         </robot>"""
     )
-    with pytest.warns(UserWarning, match=r"bellows, lost, gone, three, which the URDF.* bare, without coll") as heard:
+    with pytest.warns(
+        UserWarning, match=r"bellows, lost, gone, three, which the URDF.* bare, without coll"
+    ) as heard:
         arm = Arm.from_urdf(path, srdf)
     assert [each.filename for each in heard] == [__file__]
     assert arm.allowed_collisions == {("a", "b"): "SRDF"}
     assert arm.groups == {"g": ("two",)}
-    assert {name: q.tolist() for name, q in arm.named_configurations.items()} == {"g/s": [0, 0], "alone": [0, 1]}
+    assert {name: q.tolist() for name, q in arm.named_configurations.items()} == {
+        "g/s": [0, 0],
+        "alone": [0, 1],
+    }
 
 
 def test_srdf_groups_states_and_end_effectors_are_read(tmp_path: Path) -> None:
@@ -222,7 +245,10 @@ def test_named_configurations_agree_with_pinocchio(data: Path, name: str) -> Non
         group, _, state = key.partition("/")
         theirs = model.referenceConfigurations[state]
         for joint_name in arm.groups[group]:
-            assert q[arm.joints.index(joint_name)] == theirs[model.joints[model.getJointId(joint_name)].idx_q]
+            assert (
+                q[arm.joints.index(joint_name)]
+                == theirs[model.joints[model.getJointId(joint_name)].idx_q]
+            )
 
 
 def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
@@ -262,7 +288,9 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     message = r"touches 'sleeve'.*in 1000 random configurations.*allowed_collisions=\[\('core', 'sleeve'\)\]"
     with pytest.raises(ConfigurationError, match=message):
         build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve")])
-    known = build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve"), ("core", "sleeve")])
+    known = build_arm_space(
+        {}, forgotten, allowed_collisions=[("base", "sleeve"), ("core", "sleeve")]
+    )
     assert known.is_free((0.0, 0.0))
     assert not known.is_free((0.54, 0.0))
 
@@ -273,12 +301,18 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
     trimesh.creation.box((2.0, 0.1, 0.1)).export(mesh)
     (tmp_path / "urdf").mkdir()
     extra = '<collision><geometry><mesh filename="package://arm/meshes/bar.stl"/></geometry></collision>'
-    path = write_urdf(tmp_path / "urdf", link("a", BAR), link("b", extra=extra), joint("one", "a", "b"))
+    path = write_urdf(
+        tmp_path / "urdf", link("a", BAR), link("b", extra=extra), joint("one", "a", "b")
+    )
     with pytest.raises(FileError, match=r"pass package_dirs=FOLDER"):
         Arm.from_urdf(path)
     arm = Arm.from_urdf(path, package_dirs=tmp_path / "ws")
-    np.testing.assert_allclose(arm.links[1].parts[0].shape.outer.bounds[1], (1.0, 0.05, 0.05), atol=1e-6)
-    assert [link.name for link in Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")]).links] == ["a", "b"]
+    np.testing.assert_allclose(
+        arm.links[1].parts[0].shape.outer.bounds[1], (1.0, 0.05, 0.05), atol=1e-6
+    )
+    assert [
+        link.name for link in Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")]).links
+    ] == ["a", "b"]
 
 
 OPEN_MESH = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
@@ -317,7 +351,9 @@ def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path
         lambda: arm.attach("tool", open_box, "fore"),
         lambda: build_arm_space({"tool": open_box}, arm, allowed_collisions=may),
     ):
-        with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
+        with pytest.warns(
+            MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)"
+        ) as heard:
             call()
         assert [each.filename for each in heard] == [__file__]
     arm.attach("tool", Mesh.of(open_box, solid="surface"), "fore")
@@ -325,9 +361,14 @@ def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path
 
 def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> None:
     path = write_urdf(
-        tmp_path, link("a", BAR), link("b", ((2, 2, 2), (9, 0, 0))), joint("one", "a", "b", limits=(-0.01, 0.01))
+        tmp_path,
+        link("a", BAR),
+        link("b", ((2, 2, 2), (9, 0, 0))),
+        joint("one", "a", "b", limits=(-0.01, 0.01)),
     )
-    inside = PosedShape(Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    inside = PosedShape(
+        Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    )
     for solid in ("auto", "surface"):
         options: Any = {"solid": solid}
         with pytest.raises(ConfigurationError, match="b touches 'ball'"):
@@ -339,11 +380,14 @@ def write_chain(folder: Path, leader: str) -> Path:
     mimics = ["", f'<mimic joint="{leader}"/>', '<mimic joint="one"/>' if leader == "three" else ""]
     joints = zip(("one", "two", "three"), "abc", "bcd", mimics, strict=True)
     links = (link(name, BAR) for name in "abcd")
-    return write_urdf(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
+    return write_urdf(
+        folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints)
+    )
 
 
 def write_rack(folder: Path, factor: float) -> Path:
-    """Write a pinion that turns without end, and a rack that slides by ``factor`` metres for each radian of it."""
+    """Write a pinion that turns without end, and a rack that slides by ``factor`` metres for each
+    radian of it."""
     mimic = f'<mimic joint="pinion" multiplier="{factor}" offset="0.3"/>'
     return write_urdf(
         folder,
@@ -368,7 +412,12 @@ def write_arm_with_mesh(folder: Path) -> Path:
     (planar, {"limits": None}, InputError, "has no limits"),
     (planar, {"kind": "floating"}, InputError, "is floating; it must be one of fixed"),
     (planar, {"axis": (0, 0, 0)}, FileError, "axis '0.0 0.0 0.0' at the joint 'shoulder'"),
-    (planar, {"axis": (0, 1)}, FileError, "has xyz='0.0 1.0' at the axis of joint 'shoulder'; it must be 3 numbers"),
+    (
+        planar,
+        {"axis": (0, 1)},
+        FileError,
+        "has xyz='0.0 1.0' at the axis of joint 'shoulder'; it must be 3 numbers",
+    ),
     (
         planar,
         {"extra": '<limit lower="low" upper="1"/>', "limits": None},
@@ -381,16 +430,36 @@ def write_arm_with_mesh(folder: Path) -> Path:
         InputError,
         "joint 'shoulder' mimics 'lost'; the URDF has no such joint",
     ),
-    (write_chain, {"leader": "lost"}, InputError, "joint 'two' mimics 'lost'; .* no such joint; it has one, two"),
-    (write_chain, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
-    (write_chain, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
+    (
+        write_chain,
+        {"leader": "lost"},
+        InputError,
+        "joint 'two' mimics 'lost'; .* no such joint; it has one, two",
+    ),
+    (
+        write_chain,
+        {"leader": "one", "base": "b"},
+        InputError,
+        "mimics 'one'; that joint is not below the base 'b'",
+    ),
+    (
+        write_chain,
+        {"leader": "three"},
+        InputError,
+        "mimics 'three'; that joint mimics another one itself",
+    ),
     (
         write_rack,
         {"factor": 0.01},
         InputError,
         "joint 'rack' mimics 'pinion'; that joint is continuous, so a prismatic joint would slide without end",
     ),
-    (write_arm_with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
+    (
+        write_arm_with_mesh,
+        {},
+        FileError,
+        "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist",
+    ),
     (
         lambda folder: write_urdf(folder, link("a"), link("b"), joint("one", "a", "b")),
         {},
@@ -415,7 +484,9 @@ def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None
     assert space.is_free((0.0,)) and not space.is_free((0.5,))
     np.testing.assert_allclose(still.pose((7.0,), "c")[:3, 3], (0.3, 0, 0))
     path = write_rack(tmp_path, 0.01)
-    path.write_text(path.read_text().replace("</robot>", link("d", BAR) + joint("arm", "a", "d") + "</robot>"))
+    path.write_text(
+        path.read_text().replace("</robot>", link("d", BAR) + joint("arm", "a", "d") + "</robot>")
+    )
     held = Arm.from_urdf(path, joints=["arm"], held_joints={"pinion": 20.0})
     np.testing.assert_allclose(held.pose((0.0,), "c")[:3, 3], (0.5, 0, 0))
 
@@ -426,9 +497,15 @@ def test_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
 
 @refusals(
     "text, message",
-    ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
+    (
+        '<robot name="small"><disable_collisions link1="foot"/></robot>',
+        "has a <disable_collisions> without link2",
+    ),
     ('<robot name="small"><group/></robot>', "has a <group> without name"),
-    ('<robot name="small"><group name="g"><group name="g"/></group></robot>', "has the group 'g' within itself"),
+    (
+        '<robot name="small"><group name="g"><group name="g"/></group></robot>',
+        "has the group 'g' within itself",
+    ),
     (
         '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
         "has elbow at 'up' in the state 'g/s'; it must be one finite number",
@@ -463,7 +540,9 @@ BALL = Robot.ball(0.1)
     (("tool", BALL, "fore", None, 5), "touch_links is 5; it must be names of links"),
     ((5, BALL, "fore"), "name is 5; it must be a string"),
 )
-def test_attach_refuses_invalid_arguments(tmp_path: Path, arguments: tuple[Any, ...], message: str) -> None:
+def test_attach_refuses_invalid_arguments(
+    tmp_path: Path, arguments: tuple[Any, ...], message: str
+) -> None:
     *given, touch = (*arguments, ()) if len(arguments) < 5 else arguments
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(planar(tmp_path)).attach(*given, touch_links=touch)
@@ -471,12 +550,17 @@ def test_attach_refuses_invalid_arguments(tmp_path: Path, arguments: tuple[Any, 
 
 def test_attach_takes_frames_without_geometry_and_adds_a_frame(tmp_path: Path) -> None:
     path = planar(tmp_path)
-    bare = link("tool0"), joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed")
+    bare = (
+        link("tool0"),
+        joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed"),
+    )
     path.write_text(path.read_text().replace("</robot>", f"{''.join(bare)}</robot>"))
     arm = Arm.from_urdf(path)
     held = arm.attach("ball", BALL, "tool0", pose_at(0.2, 0.0), touch_links="upper")
     q = np.array((0.3, -0.7))
-    np.testing.assert_allclose(held.pose(q, "ball"), arm.pose(q, "tool0") @ pose_at(0.2, 0.0), atol=1e-12)
+    np.testing.assert_allclose(
+        held.pose(q, "ball"), arm.pose(q, "tool0") @ pose_at(0.2, 0.0), atol=1e-12
+    )
     assert held.allowed_collisions == arm.allowed_collisions | {("ball", "upper"): "held"}
     assert (held.frames, "ball" in arm.frames) == ((*arm.frames, "ball"), False)
     # The ball is where its frame is: it touches a post there, and no other.
@@ -485,14 +569,20 @@ def test_attach_takes_frames_without_geometry_and_adds_a_frame(tmp_path: Path) -
         space = build_arm_space({"post": posed_box((0.1, 0.1, 0.1), *center + offset)}, held)
         assert bool(space.is_free(q)) is free
     stacked = held.attach("lid", BALL, "ball", pose_at(0.0, 0.1))
-    np.testing.assert_allclose(stacked.pose(q, "lid"), held.pose(q, "ball") @ pose_at(0.0, 0.1), atol=1e-12)
+    np.testing.assert_allclose(
+        stacked.pose(q, "lid"), held.pose(q, "ball") @ pose_at(0.0, 0.1), atol=1e-12
+    )
 
 
 @refusals(
     "q, frame, message",
     ((0.0, 0.0), "wing", "frame is 'wing'; there are foot, upper, fore"),
     ((0.0, 0.0), 3, "frame is 3; there are"),
-    ((0.0,), "fore", r"q has shape \(1,\); the last axis must hold one number for each of shoulder, elbow"),
+    (
+        (0.0,),
+        "fore",
+        r"q has shape \(1,\); the last axis must hold one number for each of shoulder, elbow",
+    ),
     ((0.0, np.nan), "fore", r"q\[1\] is nan; it must be finite"),
 )
 def test_pose_refuses_invalid_arguments(tmp_path: Path, q: Any, frame: Any, message: str) -> None:
@@ -551,15 +641,35 @@ def test_configurations_have_named_joints_at_their_values(
     ({"five": 1.0}, None, InputError, "values names 'five'; the joints are one, two, three"),
     ({"four": 0.0}, None, InputError, "values names 'four'; the joints are one, two, three"),
     ({"one": "up"}, None, InputError, r"values\['one'\] is 'up'; it must be numeric"),
-    ({"one": (1.0, 2.0)}, None, InputError, r"values\['one'\] has shape \(2,\); a joint has one number"),
+    (
+        {"one": (1.0, 2.0)},
+        None,
+        InputError,
+        r"values\['one'\] has shape \(2,\); a joint has one number",
+    ),
     ({"one": np.inf}, None, InputError, r"values\['one'\] is inf; it must be finite"),
     ({"two": 1.5}, None, ConfigurationError, "values has two at 1.5; its limits are 0.5 and 1"),
     (None, (0.0, 0.0, 0.0), ConfigurationError, "base has two at 0; its limits are 0.5 and 1"),
     (None, (0.0, 0.0), InputError, r"base has shape \(2,\); the last axis must hold one number"),
     (None, np.zeros((1, 3)), InputError, r"base has shape \(1, 3\); it must be one configuration"),
-    ((0.0, 0.5, 0.0), None, InputError, "it must map names of joints to numbers; pass e.g. {'one': 0.0}"),
-    ("home", None, InputError, "values is 'home'; the group states are arm/home, hand/home; name one of these"),
-    ("closed", None, InputError, "values is 'closed'; the group states are arm/home, hand/home, hand/open"),
+    (
+        (0.0, 0.5, 0.0),
+        None,
+        InputError,
+        "it must map names of joints to numbers; pass e.g. {'one': 0.0}",
+    ),
+    (
+        "home",
+        None,
+        InputError,
+        "values is 'home'; the group states are arm/home, hand/home; name one of these",
+    ),
+    (
+        "closed",
+        None,
+        InputError,
+        "values is 'closed'; the group states are arm/home, hand/home, hand/open",
+    ),
     (None, "closed", InputError, "base is 'closed'; the group states are"),
 )
 def test_configuration_refuses_unknown_names_and_values_beyond_limits(
@@ -571,7 +681,9 @@ def test_configuration_refuses_unknown_names_and_values_beyond_limits(
 
 
 def test_configuration_without_srdf_says_that_there_are_no_states(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"values is 'home'; the arm has none; pass srdf= to Arm.from_urdf"):
+    with pytest.raises(
+        InputError, match=r"values is 'home'; the arm has none; pass srdf= to Arm.from_urdf"
+    ):
         Arm.from_urdf(planar(tmp_path)).configuration("home")
 
 
@@ -586,16 +698,23 @@ def test_joints_of_a_group_move_and_others_are_held_at_their_values(tmp_path: Pa
     assert arm.configuration("home").tolist() == [0.2, 0.7]
     hand = Arm.from_urdf(path, srdf, joints="hand")
     assert hand.joints == ("three",)
-    np.testing.assert_allclose(hand.pose((0.02,), "e"), whole.pose((0.0, 0.5, 0.02), "e"), atol=1e-12)
+    np.testing.assert_allclose(
+        hand.pose((0.02,), "e"), whole.pose((0.0, 0.5, 0.02), "e"), atol=1e-12
+    )
     chosen = Arm.from_urdf(path, joints=["three", "one"], held_joints={"two": 0.9})
     assert chosen.joints == ("one", "three")
-    np.testing.assert_allclose(chosen.pose((0.1, 0.02), "d"), whole.pose((0.1, 0.9, 0.02), "d"), atol=1e-12)
+    np.testing.assert_allclose(
+        chosen.pose((0.1, 0.02), "d"), whole.pose((0.1, 0.9, 0.02), "d"), atol=1e-12
+    )
 
 
 @refusals(
     "options, message",
     ({"joints": "leg"}, "joints is 'leg'; the groups of the SRDF are arm, hand"),
-    ({"joints": "arm", "srdf": None}, "joints is 'arm'; no SRDF gives groups; name a group, or pass a list of joints"),
+    (
+        {"joints": "arm", "srdf": None},
+        "joints is 'arm'; no SRDF gives groups; name a group, or pass a list of joints",
+    ),
     ({"joints": ["leg"]}, "joints names 'leg'; the URDF has one, two, three, four"),
     ({"joints": ["four"]}, "joints names 'four'; it mimics 'three'"),
     ({"joints": 5}, "joints is 5; it must be a group of the SRDF, or names of joints"),
@@ -607,8 +726,14 @@ def test_joints_of_a_group_move_and_others_are_held_at_their_values(tmp_path: Pa
     ({"joints": JOINTS, "held_joints": {"four": 0.0}}, "'four'; it mimics 'three'; leave it out$"),
     ({"joints": "arm", "held_joints": {"leg": 0.0}}, "'leg'; the URDF has one, two, .* name three"),
     ({"base": "b", "held_joints": {"one": 0.0}}, "it is not below the base 'b'; leave it out$"),
-    ({"joints": "arm", "held_joints": {"three": 0.05}}, "has three at 0.05; its limits are 0 and 0.04"),
-    ({"joints": "arm", "held_joints": [0.0]}, r"held_joints is \[0.0\]; it must map names of joints to numbers"),
+    (
+        {"joints": "arm", "held_joints": {"three": 0.05}},
+        "has three at 0.05; its limits are 0 and 0.04",
+    ),
+    (
+        {"joints": "arm", "held_joints": [0.0]},
+        r"held_joints is \[0.0\]; it must map names of joints to numbers",
+    ),
     ({"held_joints": {"one": 0.0}}, "held_joints names 'one'; it moves; pass joints="),
     ({"held_joints": [0.0]}, r"it must map names of joints to numbers; pass e.g. \{'elbow': 0.0\}"),
 )

@@ -48,7 +48,13 @@ def write_arm(folder: Path) -> tuple[Path, Path]:
         ),
     )
     srdf = folder / "arm.srdf"
-    pairs = (("upper", "fore"), ("fore", "left"), ("fore", "right"), ("left", "right"), ("base_link", "upper"))
+    pairs = (
+        ("upper", "fore"),
+        ("fore", "left"),
+        ("fore", "right"),
+        ("left", "right"),
+        ("base_link", "upper"),
+    )
     disabled = "".join(f'<disable_collisions link1="{a}" link2="{b}"/>' for a, b in pairs)
     srdf.write_text(
         '<robot name="small"><group name="bars"><joint name="shoulder"/><joint name="elbow"/></group>'
@@ -71,10 +77,17 @@ def joint_state(values: dict[str, float]) -> dict[str, Any]:
     return {"joint_state": {"name": list(values), "position": list(values.values())}}
 
 
-def make_object(name: str, position: Any = (0, 0, 0), side: float = 0.2, **more: Any) -> dict[str, Any]:
+def make_object(
+    name: str, position: Any = (0, 0, 0), side: float = 0.2, **more: Any
+) -> dict[str, Any]:
     """Make a cube as a collision object."""
     pose = {"position": list(map(float, position)), "orientation": [0, 0, 0, 1]}
-    return {"id": name, "primitives": [{"type": "box", "dimensions": [side] * 3}], "primitive_poses": [pose], **more}
+    return {
+        "id": name,
+        "primitives": [{"type": "box", "dimensions": [side] * 3}],
+        "primitive_poses": [pose],
+        **more,
+    }
 
 
 ON_TOOL = {"header": {"frame_id": "tool"}}
@@ -88,7 +101,9 @@ def write_scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
 
 def read_arm(folder: Path, **options: Any) -> Arm:
     path, srdf = write_arm(folder)
-    return Arm.from_urdf(path, srdf, **{"joints": "bars", "held_joints": JointValues(STATE), **options})
+    return Arm.from_urdf(
+        path, srdf, **{"joints": "bars", "held_joints": JointValues(STATE), **options}
+    )
 
 
 def make_matrix(names: Any, pairs: Any = (), **defaults: bool) -> dict[str, Any]:
@@ -102,7 +117,7 @@ def make_matrix(names: Any, pairs: Any = (), **defaults: bool) -> dict[str, Any]
     }
 
 
-# ---- states ------------------------------------------------------------------------------------------------------
+# ---- states --------------------------------------------------------------------------------------
 
 
 def test_joint_values_give_the_held_joints_and_the_configuration(tmp_path: Path) -> None:
@@ -113,31 +128,49 @@ def test_joint_values_give_the_held_joints_and_the_configuration(tmp_path: Path)
     urdf = yourdfpy.URDF.load(str(tmp_path / "arm.urdf"), load_meshes=False)
     urdf.update_cfg({name: STATE[name] for name in urdf.actuated_joint_names})
     for frame in arm.frames:
-        np.testing.assert_allclose(arm.pose((0.5, -0.5), frame), urdf.get_transform(frame), atol=1e-12)
+        np.testing.assert_allclose(
+            arm.pose((0.5, -0.5), frame), urdf.get_transform(frame), atol=1e-12
+        )
     assert Arm.from_urdf(*write_arm(tmp_path)).held_joints == {}
-    assert Arm.from_urdf(*write_arm(tmp_path), joints="bars").held_joints == {"lift": 0.0, "finger": 0.03}
+    assert Arm.from_urdf(*write_arm(tmp_path), joints="bars").held_joints == {
+        "lift": 0.0,
+        "finger": 0.03,
+    }
 
 
 @refusals(
     "values, message",
-    (STATE | {"lift": 0.3}, "values has lift at 0.3; the arm holds it at 0.25; pass these values as held_joints="),
-    (STATE | {"wheel": 0.0}, "values names 'wheel'; the joints are shoulder, elbow, lift, finger, follower"),
-    ({"shoulder": 0.0, "lift": 0.25}, "values lack elbow; they are values of all joints of a robot"),
+    (
+        STATE | {"lift": 0.3},
+        "values has lift at 0.3; the arm holds it at 0.25; pass these values as held_joints=",
+    ),
+    (
+        STATE | {"wheel": 0.0},
+        "values names 'wheel'; the joints are shoulder, elbow, lift, finger, follower",
+    ),
+    (
+        {"shoulder": 0.0, "lift": 0.25},
+        "values lack elbow; they are values of all joints of a robot",
+    ),
     (STATE | {"elbow": math.nan}, r"values\['elbow'\] is nan"),
 )
-def test_joint_values_of_another_robot_are_refused(tmp_path: Path, values: dict[str, float], message: str) -> None:
+def test_joint_values_of_another_robot_are_refused(
+    tmp_path: Path, values: dict[str, float], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         read_arm(tmp_path).configuration(JointValues(values))
 
 
 def test_held_joints_of_another_robot_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="held_joints names 'wheel'; the joints are lift, mount, shoulder"):
+    with pytest.raises(
+        InputError, match="held_joints names 'wheel'; the joints are lift, mount, shoulder"
+    ):
         read_arm(tmp_path, held_joints=JointValues(wheel=0.0))
     with pytest.raises(InputError, match="held_joints has lift at 2; its limits are 0 and 1"):
         read_arm(tmp_path, held_joints=JointValues(STATE | {"lift": 2.0}))
 
 
-# ---- scenes ------------------------------------------------------------------------------------------------------
+# ---- scenes --------------------------------------------------------------------------------------
 
 
 def count_equal(space: Any, expected: Any, seed: int = 0) -> int:
@@ -155,13 +188,22 @@ def test_frames_of_the_arm_place_the_obstacles(tmp_path: Path) -> None:
     assert count_equal(build_arm_space(read_moveit_scene(world), arm), expected) > 1
     stand = write_scene(tmp_path, make_object("box", (1.5, 0.3, 0), header={"frame_id": "stand"}))
     assert count_equal(build_arm_space(read_moveit_scene(stand), arm), expected) > 1
-    shelf = read_moveit_scene(write_scene(tmp_path, make_object("box", header={"frame_id": "shelf"})))
+    shelf = read_moveit_scene(
+        write_scene(tmp_path, make_object("box", header={"frame_id": "shelf"}))
+    )
     pose = np.linalg.inv(box.pose)
     assert count_equal(build_arm_space(shelf, arm, base_pose=pose), expected) > 1
-    with pytest.raises(InputError, match=r"has poses in the frame 'shelf'; the arm has no such frame; .* base_pose="):
+    with pytest.raises(
+        InputError,
+        match=r"has poses in the frame 'shelf'; the arm has no such frame; .* base_pose=",
+    ):
         build_arm_space(shelf, arm)
-    moving = read_moveit_scene(write_scene(tmp_path, make_object("box", header={"frame_id": "tool"})))
-    with pytest.raises(InputError, match="has poses in the frame 'tool'; a joint of the arm moves it"):
+    moving = read_moveit_scene(
+        write_scene(tmp_path, make_object("box", header={"frame_id": "tool"}))
+    )
+    with pytest.raises(
+        InputError, match="has poses in the frame 'tool'; a joint of the arm moves it"
+    ):
         build_arm_space(moving, arm)
 
 
@@ -171,11 +213,18 @@ def test_attached_objects_are_carried(tmp_path: Path, frame: str) -> None:
     arm, post = read_arm(tmp_path), make_object("post", (1.2, 1.2, 0.75), 0.3)
     at = (0.2, 0, 0) if frame == "tool" else (1.6, 0.9, 0.75)
     held = make_object("mug", at, header={"frame_id": frame})
-    carried = {"link_name": "tool", "object": held, "touch_links": ["left", "right", "fore", "camera"]}
+    carried = {
+        "link_name": "tool",
+        "object": held,
+        "touch_links": ["left", "right", "fore", "camera"],
+    }
     state = joint_state(STATE) | {"attached_collision_objects": [carried]}
     path = write_scene(tmp_path, post, robot_state=state)
     scene = read_moveit_scene(path)
-    assert repr(scene) == f"PlanningScene({path}: 1 obstacles, 1 attached)" and scene.robot_state == STATE
+    assert (
+        repr(scene) == f"PlanningScene({path}: 1 obstacles, 1 attached)"
+        and scene.robot_state == STATE
+    )
     space = build_arm_space(scene, arm)
     urdf = yourdfpy.URDF.load(str(tmp_path / "arm.urdf"), load_meshes=False)
     urdf.update_cfg({name: STATE[name] for name in urdf.actuated_joint_names})
@@ -183,7 +232,9 @@ def test_attached_objects_are_carried(tmp_path: Path, frame: str) -> None:
     point = on_base @ [*at, 1.0]
     np.testing.assert_allclose(space.arm.pose((0.5, -0.5), "mug")[:3, 3], point[:3], atol=1e-12)
     on_tool = np.linalg.solve(arm.pose((0.5, -0.5), "tool"), space.arm.pose((0.5, -0.5), "mug"))
-    held_arm = arm.attach("mug", Robot.box((0.2, 0.2, 0.2)).shape, "tool", on_tool, ["left", "right", "fore"])
+    held_arm = arm.attach(
+        "mug", Robot.box((0.2, 0.2, 0.2)).shape, "tool", on_tool, ["left", "right", "fore"]
+    )
     expected = build_arm_space({"post": posed_box((0.3, 0.3, 0.3), 1.2, 1.2, 0.75)}, held_arm)
     assert count_equal(space, expected) > 1
 
@@ -206,16 +257,27 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path: Path) -> None:
     """Compare every pair with MoveIt's rule for entries and defaults that agree."""
     arm = read_arm(tmp_path)
     names = ["upper", "fore", "left", "right", "base_link", "camera", "table"]
-    pairs = [("upper", "fore"), ("fore", "left"), ("fore", "right"), ("left", "right"), ("table", "left")]
+    pairs = [
+        ("upper", "fore"),
+        ("fore", "left"),
+        ("fore", "right"),
+        ("left", "right"),
+        ("table", "left"),
+    ]
     shelf = make_object("table", (1.5, 0.3, 0.75))
-    shelf["primitives"], shelf["primitive_poses"] = shelf["primitives"] * 2, shelf["primitive_poses"] * 2
+    shelf["primitives"], shelf["primitive_poses"] = (
+        shelf["primitives"] * 2,
+        shelf["primitive_poses"] * 2,
+    )
     matrix = make_matrix(names, pairs)
     scene = read_moveit_scene(write_scene(tmp_path, shelf, allowed_collision_matrix=matrix))
     assert scene.may_touch("table/1", "left") and scene.may_touch("left", "table/0")
     assert not scene.may_touch("table/0", "right") and not scene.may_touch("upper", "lamp")
     space = build_arm_space(scene, arm)
     assert space.allowed_collisions == [("left", "table/0"), ("left", "table/1")]
-    assert set(space.arm.allowed_collisions) == {tuple(sorted(pair)) for pair in pairs[:4]}  # not base_link with upper
+    assert set(space.arm.allowed_collisions) == {
+        tuple(sorted(pair)) for pair in pairs[:4]
+    }  # not base_link with upper
     box = posed_box((0.2, 0.2, 0.2), 1.5, 0.3, 0.75)
     expected = build_arm_space({"table": box}, arm, allowed_collisions=[("table", "left")])
     assert count_equal(space, expected) > 1
@@ -239,7 +301,9 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path: Path) -> None:
 def test_defaults_and_entries_of_the_matrix_must_agree(
     tmp_path: Path, entry: bool | None, defaults: dict[str, bool], expected: bool
 ) -> None:
-    matrix = make_matrix("ab" if entry is not None else "cd", [("a", "b")] if entry else [], **defaults)
+    matrix = make_matrix(
+        "ab" if entry is not None else "cd", [("a", "b")] if entry else [], **defaults
+    )
     path = write_scene(tmp_path, make_object("box"), allowed_collision_matrix=matrix)
     assert read_moveit_scene(path).may_touch("b", "a") is expected
 
@@ -250,21 +314,41 @@ TWO = {"primitives": [{"type": "box", "dimensions": [0.1] * 3}] * 2, "primitive_
 
 def carry(link: str, *objects: dict[str, Any], **more: Any) -> dict[str, Any]:
     """Make a state of the robot with attached objects."""
-    return {"attached_collision_objects": [{"link_name": link, "object": each, **more} for each in objects]}
+    return {
+        "attached_collision_objects": [
+            {"link_name": link, "object": each, **more} for each in objects
+        ]
+    }
 
 
 @refusals(
     "objects, state, message",
-    ([make_object("tool")], {}, "has the object 'tool'; the arm has a frame of that name; rename the object"),
+    (
+        [make_object("tool")],
+        {},
+        "has the object 'tool'; the arm has a frame of that name; rename the object",
+    ),
     ([make_object("fore")], {}, "has the object 'fore'; the arm has a frame of that name"),
-    ([], carry("tool", make_object("left", **ON_TOOL)), "has the object 'left'; the arm has a frame"),
+    (
+        [],
+        carry("tool", make_object("left", **ON_TOOL)),
+        "has the object 'left'; the arm has a frame",
+    ),
     (
         [make_object("box")],
         carry("hand", make_object("mug", header={"frame_id": "hand"})),
         "link_name of 'mug' is 'hand'",
     ),
-    ([make_object("box")], carry("old", make_object("mug", header={"frame_id": "old"})), "link_name of 'mug' is 'old'"),
-    ([make_object("box")], joint_state(STATE | {"lift": 0.5}), "has lift at 0.5; the arm holds it at 0.25; pass held_"),
+    (
+        [make_object("box")],
+        carry("old", make_object("mug", header={"frame_id": "old"})),
+        "link_name of 'mug' is 'old'",
+    ),
+    (
+        [make_object("box")],
+        joint_state(STATE | {"lift": 0.5}),
+        "has lift at 0.5; the arm holds it at 0.25; pass held_",
+    ),
 )
 def test_scenes_of_another_arm_are_refused(
     tmp_path: Path, objects: list[Any], state: dict[str, Any], message: str
@@ -286,12 +370,16 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
     assert not build_arm_space(scene, Arm.from_urdf(path)).is_free((0.0,))
     for name in ("world", "floor"):  # without a link "world", MoveIt takes the root for it
         path.write_text(path.read_text().replace('"world"', f'"{name}"'))
-        with pytest.raises(InputError, match="in the frame 'world'; the arm has no such frame; its base is 'base'"):
+        with pytest.raises(
+            InputError, match="in the frame 'world'; the arm has no such frame; its base is 'base'"
+        ):
             build_arm_space(scene, Arm.from_urdf(path, base="base"))
     assert not build_arm_space(scene, Arm.from_urdf(path)).is_free((0.0,))
     pose = np.eye(4)
     pose[2, 3] = 1.0
-    assert not build_arm_space(scene, Arm.from_urdf(path, base="base"), base_pose=pose).is_free((0.0,))
+    assert not build_arm_space(scene, Arm.from_urdf(path, base="base"), base_pose=pose).is_free(
+        (0.0,)
+    )
 
 
 @refusals(
@@ -304,33 +392,58 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
         {"link_padding": [{"link_name": "fore", "padding": 0.1}]},
         r"has the padding 0.1 of 'fore' at link_padding\[0\]; .*, and pass padding= to build_arm_space",
     ),
-    ({"link_padding": [{"link_name": "fore", "padding": "a"}]}, r"has a as padding of link_padding\[0\]"),
-    ({"link_padding": [{"name": "fore", "padding": 1}]}, r"the unknown field 'name' at link_padding\[0\]"),
+    (
+        {"link_padding": [{"link_name": "fore", "padding": "a"}]},
+        r"has a as padding of link_padding\[0\]",
+    ),
+    (
+        {"link_padding": [{"name": "fore", "padding": 1}]},
+        r"the unknown field 'name' at link_padding\[0\]",
+    ),
     (
         {
             "fixed_frame_transforms": [
-                {"header": {"frame_id": "map"}, "child_frame_id": "world", "transform": {"translation": [0, 0, 1]}}
+                {
+                    "header": {"frame_id": "map"},
+                    "child_frame_id": "world",
+                    "transform": {"translation": [0, 0, 1]},
+                }
             ]
         },
         r"has a motion as transform of fixed_frame_transforms\[0\]; frames are not transformed; write the objects in",
     ),
     ({"robot_state": {"joints": {}}}, "has the unknown field 'joints' at robot_state"),
-    ({"robot_state": {"joint_state": {"name": ["a"], "position": []}}}, "has 1 joints but 0 positions at robot_state"),
+    (
+        {"robot_state": {"joint_state": {"name": ["a"], "position": []}}},
+        "has 1 joints but 0 positions at robot_state",
+    ),
     (
         {"robot_state": {"joint_state": {"name": ["a"], "position": [".nan"]}}},
         "as positions of robot_state; it must be 1 finite numbers",
     ),
-    ({"robot_state": joint_state({"a": 1}) | {"joint_state": {"name": ["a", "a"]}}}, "has 'a' twice in the joints of"),
+    (
+        {"robot_state": joint_state({"a": 1}) | {"joint_state": {"name": ["a", "a"]}}},
+        "has 'a' twice in the joints of",
+    ),
     (
         {
             "robot_state": {
-                "multi_dof_joint_state": {"joint_names": ["base"], "transforms": [{"translation": [0, 0, 1]}]}
+                "multi_dof_joint_state": {
+                    "joint_names": ["base"],
+                    "transforms": [{"translation": [0, 0, 1]}],
+                }
             }
         },
         "has a motion as transform 0 of multi_dof_joint_state of robot_state; an arm's base is fixed",
     ),
     (
-        {"robot_state": {"attached_collision_objects": [{"link_name": "tool", "object": {"id": "mug", **ON_TOOL}}]}},
+        {
+            "robot_state": {
+                "attached_collision_objects": [
+                    {"link_name": "tool", "object": {"id": "mug", **ON_TOOL}}
+                ]
+            }
+        },
         "has no shape at object 'mug'",
     ),
     (
@@ -354,7 +467,11 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
         r"has no header.frame_id at attached_collision_objects\[0\]; MoveIt and robowflex would take the frame of",
     ),
     (
-        {"robot_state": carry("tool", make_object("h", **ON_TOOL) | TWO, make_object("h/0", **ON_TOOL))},
+        {
+            "robot_state": carry(
+                "tool", make_object("h", **ON_TOOL) | TWO, make_object("h/0", **ON_TOOL)
+            )
+        },
         "has 'h/0' twice in the names of shapes; names must differ",
     ),
     (
@@ -373,24 +490,47 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
         {"robot_state": carry("tool", make_object("b", header={"frame_id": "fore"}))},
         "has objects in the frames 'fore', 'world'; .* may be in the frame of the link that carries them",
     ),
-    ({"robot_state": {"is_diff": True}}, "has is_diff: true at robot_state; it only changes another state"),
-    ({"robot_state": {"is_diff": "yes please"}}, "as is_diff of robot_state; it must be true or false"),
     (
-        {"robot_state": {"multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": []}}},
+        {"robot_state": {"is_diff": True}},
+        "has is_diff: true at robot_state; it only changes another state",
+    ),
+    (
+        {"robot_state": {"is_diff": "yes please"}},
+        "as is_diff of robot_state; it must be true or false",
+    ),
+    (
+        {
+            "robot_state": {
+                "multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": []}
+            }
+        },
         "has 1 joint_names but 0 transforms at multi_dof_joint_state of robot_state",
     ),
-    ({"allowed_collision_matrix": {"entry_names": ["a"]}}, "has 0 rows but 1 names in allowed_collision_matrix"),
     (
-        {"allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[True, True], [False, True]]}},
+        {"allowed_collision_matrix": {"entry_names": ["a"]}},
+        "has 0 rows but 1 names in allowed_collision_matrix",
+    ),
+    (
+        {
+            "allowed_collision_matrix": {
+                "entry_names": ["a", "b"],
+                "entry_values": [[True, True], [False, True]],
+            }
+        },
         "lets 'a' touch 'b', or not, in allowed_collision_matrix; it must be symmetric",
     ),
     (
         {"allowed_collision_matrix": {"entry_names": ["a"], "entry_values": [["yes please"]]}},
         r"has \['yes please'\] as a row of allowed_collision_matrix; it must be 1 of true and false",
     ),
-    ({"allowed_collision_matrix": {"default_entry_names": ["a"]}}, r"has \[\] as a row of allowed_collision_matrix"),
+    (
+        {"allowed_collision_matrix": {"default_entry_names": ["a"]}},
+        r"has \[\] as a row of allowed_collision_matrix",
+    ),
 )
-def test_what_cannot_be_kept_of_a_scene_is_refused(tmp_path: Path, more: dict[str, Any], message: str) -> None:
+def test_what_cannot_be_kept_of_a_scene_is_refused(
+    tmp_path: Path, more: dict[str, Any], message: str
+) -> None:
     path = write_scene(tmp_path, make_object("box"), **more)
     with pytest.raises(FileError, match=message) as caught:
         read_moveit_scene(path)
@@ -399,7 +539,13 @@ def test_what_cannot_be_kept_of_a_scene_is_refused(tmp_path: Path, more: dict[st
 
 def list_tables(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """List the paths to all tables of a message."""
-    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    items = (
+        node.items()
+        if isinstance(node, dict)
+        else enumerate(node)
+        if isinstance(node, list)
+        else ()
+    )
     return [
         *[path] * isinstance(node, dict),
         *(each for key, value in items for each in list_tables(value, (*path, key))),
@@ -407,7 +553,8 @@ def list_tables(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 def test_unknown_fields_of_any_table_are_refused(tmp_path: Path) -> None:
-    """Those of colors, of the type of an object, and of what moves it after it is detached, have no meaning here."""
+    """Those of colors, of the type of an object, and of what moves it after it is detached, have no
+    meaning here."""
     at = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     head = {"header": {"seq": 0, "stamp": 0, "frame_id": "map"}}
     motion = {"translation": at["position"], "rotation": at["orientation"]}
@@ -441,8 +588,16 @@ def test_unknown_fields_of_any_table_are_refused(tmp_path: Path) -> None:
         },
         "robot_state": {
             "joint_state": {**head, "name": [], "position": [], "velocity": [], "effort": []},
-            "multi_dof_joint_state": {**head, "joint_names": ["a"], "transforms": [motion], "twist": [], "wrench": []},
-            "attached_collision_objects": [{"link_name": "tool", "object": mug, "touch_links": ["fore"], "weight": 1}],
+            "multi_dof_joint_state": {
+                **head,
+                "joint_names": ["a"],
+                "transforms": [motion],
+                "twist": [],
+                "wrench": [],
+            },
+            "attached_collision_objects": [
+                {"link_name": "tool", "object": mug, "touch_links": ["fore"], "weight": 1}
+            ],
             "is_diff": False,
         },
         "fixed_frame_transforms": [{**head, "child_frame_id": "map", "transform": motion}],
@@ -468,34 +623,56 @@ def test_unknown_fields_of_any_table_are_refused(tmp_path: Path) -> None:
             read_moveit_scene(path)
 
 
-# ---- requests ----------------------------------------------------------------------------------------------------
+# ---- requests ------------------------------------------------------------------------------------
 
 
 def write_request(folder: Path, *goals: Any, **more: Any) -> Path:
     path = folder / "request.yaml"
-    request = {"group_name": "bars", "start_state": joint_state(STATE), "goal_constraints": list(goals), **more}
+    request = {
+        "group_name": "bars",
+        "start_state": joint_state(STATE),
+        "goal_constraints": list(goals),
+        **more,
+    }
     path.write_text(json.dumps(request))
     return path
 
 
 def joint_goal(**values: Any) -> dict[str, Any]:
-    return {"joint_constraints": [{"joint_name": name, "position": value} for name, value in values.items()]}
+    return {
+        "joint_constraints": [
+            {"joint_name": name, "position": value} for name, value in values.items()
+        ]
+    }
 
 
 def pose_goal(
-    region: Any = None, orientation: Any = None, link: str = "tool", frame: str = "world", **more: Any
+    region: Any = None,
+    orientation: Any = None,
+    link: str = "tool",
+    frame: str = "world",
+    **more: Any,
 ) -> dict[str, Any]:
-    """Make a goal from a region, as (type, dimensions, position), and an orientation, as (quaternion, tolerances)."""
+    """Make a goal from a region, as (type, dimensions, position), and an orientation, as
+    (quaternion, tolerances)."""
     head: dict[str, Any] = {"header": {"frame_id": frame}, "link_name": link}
     goal: dict[str, Any] = {}
     if region is not None:
         kind, dimensions, position = region
         pose = {"position": list(map(float, position)), "orientation": SQUARE}
-        volume = {"primitives": [{"type": kind, "dimensions": list(dimensions)}], "primitive_poses": [pose]}
+        volume = {
+            "primitives": [{"type": kind, "dimensions": list(dimensions)}],
+            "primitive_poses": [pose],
+        }
         goal["position_constraints"] = [head | {"constraint_region": volume, "weight": 1.0} | more]
     if orientation is not None:
-        tolerances = {f"absolute_{axis}_axis_tolerance": x for axis, x in zip("xyz", orientation[1], strict=True)}
-        goal["orientation_constraints"] = [head | {"orientation": list(map(float, orientation[0]))} | tolerances]
+        tolerances = {
+            f"absolute_{axis}_axis_tolerance": x
+            for axis, x in zip("xyz", orientation[1], strict=True)
+        }
+        goal["orientation_constraints"] = [
+            head | {"orientation": list(map(float, orientation[0]))} | tolerances
+        ]
     return goal
 
 
@@ -531,11 +708,17 @@ def test_requests_of_motion_bench_maker_are_planned(tmp_path: Path) -> None:
     path = tmp_path / "request.yaml"
     path.write_text(ROBOWFLEX)
     request = read_moveit_request(path)
-    assert repr(request) == f"MotionPlanRequest({path}: bars, 1 goals)" and request.time_limit == 60.0
+    assert (
+        repr(request) == f"MotionPlanRequest({path}: bars, 1 goals)" and request.time_limit == 60.0
+    )
     arm = Arm.from_urdf(*write_arm(tmp_path), joints=request.group, held_joints=request.start_state)
     assert arm.held_joints == {"lift": 0.25, "finger": 0.03}
-    space = build_arm_space(read_moveit_scene(write_scene(tmp_path, make_object("box", (0.5, 1.5, 0.75)))), arm)
-    plan = planners.plan(space, arm.configuration(request.start_state), request.make_goals(arm), seed=0)
+    space = build_arm_space(
+        read_moveit_scene(write_scene(tmp_path, make_object("box", (0.5, 1.5, 0.75)))), arm
+    )
+    plan = planners.plan(
+        space, arm.configuration(request.start_state), request.make_goals(arm), seed=0
+    )
     assert plan.certified and plan.start.tolist() == [0.0, 0.1]
     assert plan.goal.tolist() == [-1.553916788418684, 0.04659921947761923]
 
@@ -550,8 +733,17 @@ def test_requests_within_larger_messages_are_read(tmp_path: Path, field: str) ->
 
 def test_joint_goals_keep_other_joints_and_move_onto_limits(tmp_path: Path) -> None:
     arm = read_arm(tmp_path)
-    near = {"joint_name": "shoulder", "position": 3.05, "tolerance_below": 0.1, "tolerance_above": 0.0}
-    goals = joint_goal(elbow=9.0), {"joint_constraints": [near]}, joint_goal(lift=0.25, shoulder=1, elbow=2)
+    near = {
+        "joint_name": "shoulder",
+        "position": 3.05,
+        "tolerance_below": 0.1,
+        "tolerance_above": 0.0,
+    }
+    goals = (
+        joint_goal(elbow=9.0),
+        {"joint_constraints": [near]},
+        joint_goal(lift=0.25, shoulder=1, elbow=2),
+    )
     made = read_moveit_request(write_request(tmp_path, *goals)).make_goals(arm)
     assert [goal.tolist() for goal in made] == [[0.5, 9.0], [3.0, -0.5], [1.0, 2.0]]
     beyond = read_moveit_request(write_request(tmp_path, joint_goal(shoulder=3.1)))
@@ -570,7 +762,9 @@ def test_plans_reach_the_poses_of_a_request(tmp_path: Path) -> None:
     arm = read_arm(tmp_path)
     turn = Rotation.from_euler("z", 1.0)
     at = (math.cos(0.3) + math.cos(1.0), math.sin(0.3) + math.sin(1.0), 0.75)
-    path = write_request(tmp_path, pose_goal(("sphere", (0.02,), at), (turn.as_quat(), (0.1, 0.1, 3.2))))
+    path = write_request(
+        tmp_path, pose_goal(("sphere", (0.02,), at), (turn.as_quat(), (0.1, 0.1, 3.2)))
+    )
     (goal,) = read_moveit_request(path).make_goals(arm)
     assert isinstance(goal, PoseGoal) and goal.tolerance == (0.02, 0.1)
     plan = planners.plan(build_arm_space({}, arm), (0.0, 0.5), [goal], seed=0)
@@ -586,28 +780,38 @@ def test_frames_of_pose_goals_are_those_of_the_arm(tmp_path: Path) -> None:
         (goal,) = read_moveit_request(path).make_goals(arm)
         np.testing.assert_allclose(goal.pose[:3, 3], (1, 1, 0.75))
         assert goal.tolerance == (0.05, math.inf)
-    request = read_moveit_request(write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), frame="map")))
+    request = read_moveit_request(
+        write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), frame="map"))
+    )
     base = np.eye(4)
     base[:3, :3], base[:3, 3] = Rotation.from_quat(SQUARE).as_matrix(), (5, 0, 0)
     (goal,) = request.make_goals(arm, base_pose=base)
     np.testing.assert_allclose(goal.pose[:3, 3], (2, 5, 0), atol=1e-12)
-    for frame, message in (("map", "the arm has no such frame"), ("fore", "a joint of the arm moves it")):
-        request = read_moveit_request(write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), frame=frame)))
+    for frame, message in (
+        ("map", "the arm has no such frame"),
+        ("fore", "a joint of the arm moves it"),
+    ):
+        request = read_moveit_request(
+            write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), frame=frame))
+        )
         with pytest.raises(InputError, match=f"has poses in the frame '{frame}'; {message}"):
             request.make_goals(arm)
     with pytest.raises(InputError, match="link_name is 'hand'"):
-        read_moveit_request(write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), link="hand"))).make_goals(
-            arm
-        )
+        read_moveit_request(
+            write_request(tmp_path, pose_goal(("box", (1, 1, 1), (0, 2, 0)), link="hand"))
+        ).make_goals(arm)
 
 
 def satisfies(goal: dict[str, Any], pose: np.ndarray) -> bool:
-    """Return True if a pose satisfies the constraints, by the rules of MoveIt's kinematic_constraint.cpp."""
+    """Return True if a pose satisfies the constraints, by the rules of MoveIt's
+    kinematic_constraint.cpp."""
     for each in goal.get("position_constraints", ()):
         point = pose[:3, :3] @ each.get("target_point_offset", [0, 0, 0]) + pose[:3, 3]
         volume, inside = each["constraint_region"], False
         for shape, placed in zip(volume["primitives"], volume["primitive_poses"], strict=True):
-            x, y, z = Rotation.from_quat(placed["orientation"]).inv().apply(point - placed["position"])
+            x, y, z = (
+                Rotation.from_quat(placed["orientation"]).inv().apply(point - placed["position"])
+            )
             sizes = shape["dimensions"]
             if shape["type"] == "box":
                 inside |= bool((np.abs((x, y, z)) <= np.array(sizes) / 2).all())
@@ -652,14 +856,19 @@ def test_pose_goals_satisfy_the_constraints(
 ) -> None:
     """Draw poses up to the tolerance of the goal."""
     region = None if kind is None else (kind, sizes[: {"sphere": 1, "box": 3}.get(kind, 2)], at)
-    wanted = None if tolerances is None else (Rotation.from_euler("xyz", turn).as_quat(), tolerances)
+    wanted = (
+        None if tolerances is None else (Rotation.from_euler("xyz", turn).as_quat(), tolerances)
+    )
     goal = pose_goal(region, wanted, target_point_offset=list(offset))
     for each in goal.get("orientation_constraints", ()):
         each["parameterization"] = parameterization
     try:
         (made,) = read_moveit_request(write_request(tmp_path, goal)).goals
     except FileError as error:
-        assert any(reason in str(error) for reason in ("sways", "without orientation", "any pose", "0 position"))
+        assert any(
+            reason in str(error)
+            for reason in ("sways", "without orientation", "any pose", "0 position")
+        )
         return
     assert isinstance(made, PoseGoal)
     rng, (distance, angle) = np.random.default_rng(seed), made.tolerance
@@ -667,8 +876,12 @@ def test_pose_goals_satisfy_the_constraints(
         pose = np.array(made.pose)
         step, spin = rng.normal(size=(2, 3))
         share = rng.choice([0.5, 1 - 1e-9], size=2)
-        pose[:3, 3] += step / np.linalg.norm(step) * (9.0 if math.isinf(distance) else share[0] * distance)
-        spin *= (rng.uniform(0, math.pi) if math.isinf(angle) else share[1] * angle) / np.linalg.norm(spin)
+        pose[:3, 3] += (
+            step / np.linalg.norm(step) * (9.0 if math.isinf(distance) else share[0] * distance)
+        )
+        spin *= (
+            rng.uniform(0, math.pi) if math.isinf(angle) else share[1] * angle
+        ) / np.linalg.norm(spin)
         pose[:3, :3] = Rotation.from_rotvec(spin).as_matrix() @ pose[:3, :3]
         assert satisfies(goal, pose)
 
@@ -680,7 +893,11 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
 @refusals(
     "goals, more, message",
     ([], {}, "has no goal_constraints; a request has at least one"),
-    ([joint_goal(elbow=1)], {"path_constraints": joint_goal(elbow=1)}, "has path_constraints; plans would not obey"),
+    (
+        [joint_goal(elbow=1)],
+        {"path_constraints": joint_goal(elbow=1)},
+        "has path_constraints; plans would not obey",
+    ),
     (
         [joint_goal(elbow=1)],
         {"trajectory_constraints": {"constraints": [joint_goal(elbow=1)]}},
@@ -708,7 +925,11 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
         {"start_state": {"attached_collision_objects": [{"link_name": "a"}]}},
         "has attached objects in start_state; an arm space holds them",
     ),
-    ([joint_goal(elbow=1) | pose_goal(SPHERE)], {}, r"constrains joints and poses at goal_constraints\[0\]"),
+    (
+        [joint_goal(elbow=1) | pose_goal(SPHERE)],
+        {},
+        r"constrains joints and poses at goal_constraints\[0\]",
+    ),
     ([{}], {}, "has 0 position_constraints and 0 orientation_constraints"),
     ([{"visibility_constraints": [{}]}], {}, "has visibility_constraints"),
     ([{"joint_goals": [{}]}], {}, r"has the unknown field 'joint_goals' at goal_constraints\[0\]"),
@@ -724,15 +945,43 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
         {},
         "has 2 position_constraints and 0 orientation_constraints",
     ),
-    ([pose_goal(SPHERE) | pose_goal(None, EASY, link="fore")], {}, "constrains 'fore' and 'tool' at goal"),
-    ([pose_goal(SPHERE), pose_goal(SPHERE, frame="map")], {}, "has goals in the frames 'map', 'world'"),
-    ([pose_goal(("cone", (1, 1), (0, 0, 0)))], {}, r"has a cone at primitives\[0\] of region of position_constraints"),
+    (
+        [pose_goal(SPHERE) | pose_goal(None, EASY, link="fore")],
+        {},
+        "constrains 'fore' and 'tool' at goal",
+    ),
+    (
+        [pose_goal(SPHERE), pose_goal(SPHERE, frame="map")],
+        {},
+        "has goals in the frames 'map', 'world'",
+    ),
+    (
+        [pose_goal(("cone", (1, 1), (0, 0, 0)))],
+        {},
+        r"has a cone at primitives\[0\] of region of position_constraints",
+    ),
     ([pose_goal(("prism", (1, 1), (0, 0, 0)))], {}, "has the type 'prism' at primitives"),
-    ([pose_goal(SPHERE, target_point_offset=[1, 0, 0])], {}, "has a target_point_offset without orientation"),
-    ([pose_goal(SPHERE, EASY, target_point_offset=[2, 0, 0])], {}, "that sways 0.2 m within the orientation's"),
-    ([pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))], {}, "has a tolerance of zero at orientation_constraints"),
+    (
+        [pose_goal(SPHERE, target_point_offset=[1, 0, 0])],
+        {},
+        "has a target_point_offset without orientation",
+    ),
+    (
+        [pose_goal(SPHERE, EASY, target_point_offset=[2, 0, 0])],
+        {},
+        "that sways 0.2 m within the orientation's",
+    ),
+    (
+        [pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))],
+        {},
+        "has a tolerance of zero at orientation_constraints",
+    ),
     ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
-    ([pose_goal(SPHERE, constraint_region={"meshes": [{}]})], {}, "has meshes at region of position_constraints"),
+    (
+        [pose_goal(SPHERE, constraint_region={"meshes": [{}]})],
+        {},
+        "has meshes at region of position_constraints",
+    ),
     ([pose_goal(SPHERE, constraint_region={})], {}, "has 0 primitives and 0 primitive_poses"),
     ([pose_goal(SPHERE, link="")], {}, "has '' as link_name of position_constraints"),
 )
@@ -745,7 +994,9 @@ def test_what_a_plan_would_not_obey_is_refused(
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
-def test_a_request_with_more_goals_than_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_request_with_more_goals_than_the_limit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cspace.arms.moveit.MAX_GOALS", 3)
     assert len(read_moveit_request(write_request(tmp_path, *[joint_goal(elbow=1)] * 3)).goals) == 3
     with pytest.raises(FileError, match="has more than 3 goals"):

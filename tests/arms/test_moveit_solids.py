@@ -31,7 +31,8 @@ TETRAHEDRON = np.array([(0.0, 0.0, 0.0), (0.5, 0.1, 0.0), (0.0, 0.6, 0.2), (0.1,
 
 @pytest.fixture(scope="module")
 def probe(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Arm]:
-    """Write a tiny cube that three joints slide, with a flange beside it and a stand beside the base."""
+    """Write a tiny cube that three joints slide, with a flange beside it and a stand beside the
+    base."""
     path = write_urdf(
         tmp_path_factory.mktemp("probe"),
         *(link(name) for name in ("base", "stand", "beam", "cart", "flange")),
@@ -50,11 +51,12 @@ def probe(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Arm]:
     return path, Arm.from_urdf(path)
 
 
-# ---- an independent reading --------------------------------------------------------------------------------------
+# ---- an independent reading ----------------------------------------------------------------------
 
 
 def motion(position: Any, quaternion: Any) -> np.ndarray:
-    """Return the rigid motion of a position and a quaternion x, y, z, w, which need not have length 1."""
+    """Return the rigid motion of a position and a quaternion x, y, z, w, which need not have length
+    1."""
     x, y, z, w = np.array(quaternion) / math.sqrt(sum(number**2 for number in quaternion))
     matrix = np.eye(4)
     matrix[:3, :3] = (
@@ -79,7 +81,9 @@ def sample(kind: str, sizes: Any, rng: np.random.Generator) -> np.ndarray:
         shares = rng.dirichlet((1, 1, 1, 1), 8)
         return shares @ TETRAHEDRON
     height, radius = sizes
-    at[:, :2] *= np.abs(at[:, :2]).max(axis=1, keepdims=True) / np.linalg.norm(at[:, :2], axis=1, keepdims=True)
+    at[:, :2] *= np.abs(at[:, :2]).max(axis=1, keepdims=True) / np.linalg.norm(
+        at[:, :2], axis=1, keepdims=True
+    )
     narrow = (1 - at[:, 2:]) / 2 if kind == "cone" else 1.0
     return np.hstack([at[:, :2] * radius * narrow, at[:, 2:] * height / 2])
 
@@ -115,7 +119,9 @@ class Case(NamedTuple):
         names, found = matrix["entry_names"], []
         if one in names and other in names:
             found.append(matrix["entry_values"][names.index(one)][names.index(other)])
-        for name, value in zip(matrix["default_entry_names"], matrix["default_entry_values"], strict=True):
+        for name, value in zip(
+            matrix["default_entry_names"], matrix["default_entry_values"], strict=True
+        ):
             found += [value] * (name in (one, other))
         return bool(found) and all(found)
 
@@ -129,10 +135,18 @@ class Case(NamedTuple):
             for name, (_, parts) in zip(names, objects, strict=True)
             for number in range(len(parts))
         ]
-        frames = {frame for frame, _ in self.world.values()} | {frame for _, _, frame, _ in self.attached}
-        repeated = len(set(shapes)) < len(shapes) or len(set(names)) < len(names) or self.is_repeated
+        frames = {frame for frame, _ in self.world.values()} | {
+            frame for _, _, frame, _ in self.attached
+        }
+        repeated = (
+            len(set(shapes)) < len(shapes) or len(set(names)) < len(names) or self.is_repeated
+        )
         taken = {"base", "stand", "beam", "cart", "tip", "flange"}
-        return repeated or not taken.isdisjoint([*names, *shapes]) or not self.added.isdisjoint([*frames, self.root])
+        return (
+            repeated
+            or not taken.isdisjoint([*names, *shapes])
+            or not self.added.isdisjoint([*frames, self.root])
+        )
 
 
 COORDINATES = st.floats(-2.0, 2.0)
@@ -144,21 +158,27 @@ def poses(draw: st.DrawFn, scale: bool = True) -> tuple[dict[str, Any], np.ndarr
     """Draw a pose as a message, and as a motion."""
     position = draw(st.tuples(COORDINATES, COORDINATES, COORDINATES))
     quaternion = np.array(draw(st.tuples(*[st.floats(-1, 1)] * 4)))
-    quaternion = quaternion if np.linalg.norm(quaternion) > 1e-3 else np.array((0.5, -0.5, 0.5, 0.5))
+    quaternion = (
+        quaternion if np.linalg.norm(quaternion) > 1e-3 else np.array((0.5, -0.5, 0.5, 0.5))
+    )
     quaternion /= np.linalg.norm(quaternion)
     matrix = motion(position, quaternion)
     if scale:
         quaternion *= draw(st.sampled_from([1.0, 1e-9, 3.0, 1e-160]))
     message: dict[str, Any] = {"position": list(position), "orientation": quaternion.tolist()}
     if draw(st.booleans()):
-        message = {name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in message.items()}
+        message = {
+            name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in message.items()
+        }
     return message, matrix
 
 
 @st.composite
 def objects(draw: st.DrawFn, frame: str) -> tuple[dict[str, Any], list[Part]]:
     """Draw a collision object without its id, and its shapes."""
-    message: dict[str, Any] = {"header": {"frame_id": frame}} if frame != "world" or draw(st.booleans()) else {}
+    message: dict[str, Any] = (
+        {"header": {"frame_id": frame}} if frame != "world" or draw(st.booleans()) else {}
+    )
     whole = np.eye(4)
     if draw(st.booleans()):
         message["pose"], whole = draw(poses())
@@ -179,7 +199,9 @@ def objects(draw: st.DrawFn, frame: str) -> tuple[dict[str, Any], list[Part]]:
         message.setdefault(POSES[field], []).append(pose_message)
         parts[field].append(Part(kind, sizes, whole @ pose))
     for field, poses_field in POSES.items():
-        if len(message.get(field, ())) == 1 and draw(st.integers(0, 3)) == 0:  # a single shape needs no pose
+        if (
+            len(message.get(field, ())) == 1 and draw(st.integers(0, 3)) == 0
+        ):  # a single shape needs no pose
             del message[poses_field]
             parts[field] = [parts[field][0]._replace(pose=whole)]
     return message, [part for field in POSES for part in parts[field]]
@@ -206,7 +228,9 @@ def cases(draw: st.DrawFn) -> Case:
         world[str(name)] = root, parts
         added.add(str(name))
     attached, carried = [], []
-    held = st.lists(st.sampled_from(["mug", "mug/0", *NAMES]), max_size=2) | st.sampled_from([["mug"], ["mug", "cup"]])
+    held = st.lists(st.sampled_from(["mug", "mug/0", *NAMES]), max_size=2) | st.sampled_from(
+        [["mug"], ["mug", "cup"]]
+    )
     for name in draw(held):
         carrier = draw(st.sampled_from(["tip", "flange"]))
         frame = draw(st.sampled_from([carrier, root]))
@@ -218,7 +242,10 @@ def cases(draw: st.DrawFn) -> Case:
     state = dict(zip("xyz", draw(st.tuples(COORDINATES, COORDINATES, COORDINATES)), strict=True))
     known = ["tip", *draw(st.lists(st.sampled_from(["mug", "flange", *world]), unique=True))]
     shares = draw(st.lists(st.booleans(), min_size=len(known) ** 2, max_size=len(known) ** 2))
-    values = [[shares[min(i, j) * len(known) + max(i, j)] for j in range(len(known))] for i in range(len(known))]
+    values = [
+        [shares[min(i, j) * len(known) + max(i, j)] for j in range(len(known))]
+        for i in range(len(known))
+    ]
     defaults = draw(st.dictionaries(st.sampled_from(["mug", *known]), st.booleans(), max_size=3))
     scene = {
         "world": {"collision_objects": written},
@@ -283,19 +310,27 @@ def test_points_in_solids_of_a_scene_are_never_free(
             event("may touch")
             continue
         away = rng.normal(size=(len(obstacles), 3))
-        away *= (1 - 1e-9) * reach * rng.choice([0.0, 1.0], (len(away), 1)) / np.linalg.norm(away, axis=1)[:, None]
+        away *= (
+            (1 - 1e-9)
+            * reach
+            * rng.choice([0.0, 1.0], (len(away), 1))
+            / np.linalg.norm(away, axis=1)[:, None]
+        )
         q = obstacles - home - points[rng.integers(len(points), size=len(obstacles))] + away
         q = q[(np.abs(q) <= LIMIT).all(axis=1)]
         assert not len(q) or not space.is_free(q).any()
         tested += len(q)
     event(f"{'some' if tested else 'no'} points")
-    assert space.is_free((LIMIT, LIMIT, LIMIT)) or any(frame != "tip" for _, _, frame, _ in case.attached)
+    assert space.is_free((LIMIT, LIMIT, LIMIT)) or any(
+        frame != "tip" for _, _, frame, _ in case.attached
+    )
     for _, obstacles in solids:
         check_cells(file, obstacles @ base_to_root[:3, :3].T + base_to_root[:3, 3])
 
 
 def check_cells(file: Path, points: np.ndarray) -> None:
-    """Check that a map's workspace has the points, in the frame of the scene, in its occupied cells."""
+    """Check that a map's workspace has the points, in the frame of the scene, in its occupied
+    cells."""
     lower, spacing = np.array((-1.5, -1.0, -2.0)), 0.4
     workspace = Workspace.from_moveit_scene(file, spacing, (*lower, 2.0, 1.5, 1.0))
     cells = np.floor((points - lower) / spacing).astype(int)

@@ -39,8 +39,12 @@ def make_oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
     return ArmOracle(path, arm, {"still": still}, list_allowed_pairs(arm, "still"))
 
 
-def build_without_self_collisions(obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None) -> ArmSpace:
-    return build_arm_space(obstacles, arm, allowed_collisions=list_allowed_pairs(arm, name), base_pose=base_pose)
+def build_without_self_collisions(
+    obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None
+) -> ArmSpace:
+    return build_arm_space(
+        obstacles, arm, allowed_collisions=list_allowed_pairs(arm, name), base_pose=base_pose
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -79,7 +83,9 @@ def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
     if moved == "obstacles":
         space = build_without_self_collisions({"cells": PosedShape(shape, pose)}, arm, "cells")
     else:
-        space = build_without_self_collisions({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
+        space = build_without_self_collisions(
+            {"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose)
+        )
     around = make_oracle(path, arm, make_cell_boxes(cells, pose))
     points = sample_configurations(arm, rng, 40)
     free = np.asarray(space.is_free(points))
@@ -105,7 +111,12 @@ def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
 
 def make_tip_arm(folder: Path, size: float) -> Arm:
     return Arm.from_urdf(
-        write_urdf(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
+        write_urdf(
+            folder,
+            link("base"),
+            link("tip", ((size,) * 3, (5, 0, 0))),
+            joint("turn", "base", "tip"),
+        )
     )
 
 
@@ -121,7 +132,9 @@ def test_containment_is_blocked(tmp_path: Path, size: float, width: int) -> None
     assert space.obstacle_distance((0.0,)) == 0.0
     assert space.is_free((1.5,))
     assert not space.motion_is_free((0.0,), (1e-3,))
-    outer = build_arm_space(Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm)
+    outer = build_arm_space(
+        Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm
+    )
     assert outer.classify((0.0,)) == MIXED
 
 
@@ -129,7 +142,9 @@ def test_parts_larger_than_a_link_still_collide(tmp_path: Path) -> None:
     """Connect cells only by edges; a link contains some."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     cells[range(40), range(40), 20] = True
-    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), make_tip_arm(tmp_path, 2.0))
+    space = build_arm_space(
+        Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), make_tip_arm(tmp_path, 2.0)
+    )
     assert space.classify((0.0,)) == BLOCKED
 
 
@@ -155,7 +170,9 @@ def test_contacts_name_obstacles_of_all_kinds(tmp_path: Path) -> None:
     many = {
         "cells": Workspace.from_array(cells, 0.1, (2.5, -0.15, -0.15)),
         "cloud": Workspace.from_points([(0.0, 2.5, 0.0)], 0.1),
-        "mesh": Workspace.from_mesh(Robot.box((0.1, 0.1, 0.1), center=(-1.0, -2.0, 0.0)).shape.surface, 0.1),
+        "mesh": Workspace.from_mesh(
+            Robot.box((0.1, 0.1, 0.1), center=(-1.0, -2.0, 0.0)).shape.surface, 0.1
+        ),
         "none": Workspace.from_array(np.zeros((2, 2, 2), dtype=bool), 1.0),
         "ball": Robot.ball(0.1, center=(-2.5, 0.0, 0.0)).shape,
     }
@@ -176,13 +193,17 @@ def test_live_workspaces_are_copied(tmp_path: Path) -> None:
     assert space.classify((0.0, 0.0)) == FREE
 
 
-def test_scattered_cells_refuse_to_exceed_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scattered_cells_refuse_to_exceed_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Refuse scattered cells, but accept an equal number in slabs."""
     arm = Arm.from_urdf(planar(tmp_path))
     scattered = np.indices((24, 24, 24)).sum(axis=0) % 2 == 0
     away = pose_at(9.0, 9.0, 9.0)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
-    build_arm_space(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, base_pose=away)
+    build_arm_space(
+        Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, base_pose=away
+    )
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
         build_arm_space(Workspace.from_array(scattered, 0.1), arm, base_pose=away)
 
@@ -201,38 +222,61 @@ def test_trimesh_is_accepted_as_obstacle_and_attached_object(tmp_path: Path) -> 
     arm, rng = Arm.from_urdf(planar(tmp_path)), np.random.default_rng(1)
     mesh, pose = trimesh.creation.icosphere(2, 0.4), pose_at(1.3, 0.9)
     moved = mesh.copy().apply_transform(pose)
-    spaces = [build_arm_space({"ball": each}, arm) for each in (moved, Mesh.of(moved), PosedShape(mesh, pose))]
+    spaces = [
+        build_arm_space({"ball": each}, arm)
+        for each in (moved, Mesh.of(moved), PosedShape(mesh, pose))
+    ]
     points = spaces[0].sample_free(None) * np.ones((1, 1)), rng.uniform(-3.0, 3.0, (200, 2))
     states = [np.asarray(space.classify(np.concatenate(points))) for space in spaces]
     assert set(states[0].tolist()) >= {FREE, BLOCKED}
     assert (states[0] == states[1]).all() and (states[0] == states[2]).all()
-    held = [arm.attach("tool", each, "fore", pose).links[-1].parts[0] for each in (mesh, Mesh.of(mesh))]
+    held = [
+        arm.attach("tool", each, "fore", pose).links[-1].parts[0] for each in (mesh, Mesh.of(mesh))
+    ]
     assert held[0] is held[1]
-    for wrong, message in ((None, "shape is a NoneType"), (Robot.disc(0.1).shape, "shape is in the plane")):
+    for wrong, message in (
+        (None, "shape is a NoneType"),
+        (Robot.disc(0.1).shape, "shape is in the plane"),
+    ):
         with pytest.raises(InputError, match=message):
             arm.attach("tool", wrong, "fore")
 
 
 @refusals(
     "obstacles, message",
-    (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
+    (
+        lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0),
+        "hold 'workspace', a map of the plane",
+    ),
     (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
     (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
     (lambda: {"cat": "meow"}, "hold 'cat', a str: shape is 'meow'"),
     (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
-    (lambda: {"bent": PosedShape(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
+    (
+        lambda: {"bent": PosedShape(Robot.ball(1.0).shape, 2.0 * np.eye(4))},
+        "pose of bent has shape",
+    ),
     (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
 )
-def test_build_arm_space_refuses_invalid_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
+def test_build_arm_space_refuses_invalid_obstacles(
+    tmp_path: Path, obstacles: Any, message: str
+) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     with pytest.raises(InputError, match=message):
         build_arm_space(obstacles(), arm)
 
 
 @settings(max_examples=40)
-@given(angles=st.tuples(*[st.floats(-3, 3)] * 3), at=st.tuples(*[st.floats(-5, 5)] * 3), seed=st.integers(0, 2**20))
-def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles: Any, at: Any, seed: int) -> None:
-    """Give each triangle corners of its own, in random order, as STL files do; add an open body and a cavity."""
+@given(
+    angles=st.tuples(*[st.floats(-3, 3)] * 3),
+    at=st.tuples(*[st.floats(-5, 5)] * 3),
+    seed=st.integers(0, 2**20),
+)
+def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(
+    angles: Any, at: Any, seed: int
+) -> None:
+    """Give each triangle corners of its own, in random order, as STL files do; add an open body and
+    a cavity."""
     rng = np.random.default_rng(seed)
     outer, cavity, sheet = (trimesh.creation.icosphere(2, radius) for radius in (1.0, 0.5, 0.2))
     cavity.invert()

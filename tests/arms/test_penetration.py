@@ -17,11 +17,15 @@ FIXED = np.array([[1.0, 0.3, 0.1], [1.3, -0.2, 0.0], [0.4, 0.5, -0.2]]), np.arra
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])
 
 
-def sum_pairs(centers: np.ndarray, radii: np.ndarray, fixed: tuple[np.ndarray, np.ndarray]) -> float:
+def sum_pairs(
+    centers: np.ndarray, radii: np.ndarray, fixed: tuple[np.ndarray, np.ndarray]
+) -> float:
     """Sum the overlaps of all pairs of balls."""
     gaps = np.linalg.norm(centers[:, None] - fixed[0], axis=2)
     i, j = np.nonzero(gaps < radii[:, None] + fixed[1])
-    return float(pair_integrals(Bump(2.0), radii[i], fixed[1][j], gaps[i, j], centers.shape[1])[0].sum())
+    return float(
+        pair_integrals(Bump(2.0), radii[i], fixed[1][j], gaps[i, j], centers.shape[1])[0].sum()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +39,22 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
             *[link(name, bar) for name in ("upper", "fore", "hand", "finger", "other")],
             joint("shoulder", "base", "upper", axis=(0, 0, 1), rpy=(0.2, 0.1, 0)),
             joint("elbow", "upper", "fore", at=(0.5, 0, 0), axis=(0, 1, 0)),
-            joint("slide", "fore", "hand", at=(0.5, 0, 0), axis=(1, 0, 0), kind="prismatic", limits=(0, 0.3)),
-            joint("mimic", "hand", "finger", axis=(0, 0, 1), extra='<mimic joint="elbow" multiplier="-0.5"/>'),
+            joint(
+                "slide",
+                "fore",
+                "hand",
+                at=(0.5, 0, 0),
+                axis=(1, 0, 0),
+                kind="prismatic",
+                limits=(0, 0.3),
+            ),
+            joint(
+                "mimic",
+                "hand",
+                "finger",
+                axis=(0, 0, 1),
+                extra='<mimic joint="elbow" multiplier="-0.5"/>',
+            ),
             joint("branch", "upper", "other", at=(0.5, 0, 0), axis=(1, 0, 1)),
         )
     )
@@ -44,10 +62,14 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
 
 @pytest.fixture(scope="module")
 def penetration(arm: Arm) -> ArmPenetration:
-    return ArmPenetration(arm, dict.fromkeys(("upper", "hand", "finger", "other"), BALLS), FIXED, tolerance=1e-3)
+    return ArmPenetration(
+        arm, dict.fromkeys(("upper", "hand", "finger", "other"), BALLS), FIXED, tolerance=1e-3
+    )
 
 
-def test_penetration_of_an_arm_is_the_sum_over_its_balls(arm: Arm, penetration: ArmPenetration) -> None:
+def test_penetration_of_an_arm_is_the_sum_over_its_balls(
+    arm: Arm, penetration: ArmPenetration
+) -> None:
     q = np.random.default_rng(0).uniform(0.0, 0.3, (2, 20, arm.dof))
     values, _ = penetration.value_and_gradient(q)
     assert values.shape == (2, 20) and values.max() > 1e-3
@@ -59,12 +81,16 @@ def test_penetration_of_an_arm_is_the_sum_over_its_balls(arm: Arm, penetration: 
         assert value == pytest.approx(expected, abs=0.01 * values.max())
 
 
-def test_gradient_by_the_joints_agrees_with_differences(arm: Arm, penetration: ArmPenetration) -> None:
+def test_gradient_by_the_joints_agrees_with_differences(
+    arm: Arm, penetration: ArmPenetration
+) -> None:
     q = np.random.default_rng(1).uniform(0.0, 0.3, (30, arm.dof))
     _, gradient = penetration.value_and_gradient(q)
     for n, step in enumerate(1e-5 * np.eye(arm.dof)):
         higher, lower = (penetration.value_and_gradient(q + sign * step)[0] for sign in (1.0, -1.0))
-        assert gradient[:, n] == pytest.approx((higher - lower) / 2e-5, abs=1e-6 * np.abs(gradient).max())
+        assert gradient[:, n] == pytest.approx(
+            (higher - lower) / 2e-5, abs=1e-6 * np.abs(gradient).max()
+        )
     assert (np.abs(gradient).max(axis=0) > 1e-4).all()
     single, slopes = penetration.value_and_gradient(q[0])
     assert single.shape == () and slopes == pytest.approx(gradient[0])
@@ -81,7 +107,9 @@ def test_penetration_of_balls_is_the_sum_over_pairs(dim: int, seed: int) -> None
     ideal = [sum_pairs(each, radii, fixed) for each in centers]
     assert values == pytest.approx(ideal, abs=0.01 * (0.2**dim))
     step = 1e-5 * rng.normal(size=centers.shape)
-    change = field.value_and_gradient(centers + step)[0] - field.value_and_gradient(centers - step)[0]
+    change = (
+        field.value_and_gradient(centers + step)[0] - field.value_and_gradient(centers - step)[0]
+    )
     assert change == pytest.approx(2.0 * (gradient * step).sum(axis=(1, 2)), abs=1e-8)
     far, zeros = field.value_and_gradient(centers + 100.0 * np.ones(dim))
     assert not far.any() and not zeros.any()
@@ -96,7 +124,9 @@ def test_penetration_of_balls_is_the_sum_over_pairs(dim: int, seed: int) -> None
     ({"hand": BALLS}, ([[0.0, 0.0, 0.0]], -1.0), "radii"),
     ({"hand": 3}, FIXED, "hand is a int"),
 )
-def test_arm_penetration_refuses_invalid_balls(arm: Arm, links: object, obstacles: object, message: str) -> None:
+def test_arm_penetration_refuses_invalid_balls(
+    arm: Arm, links: object, obstacles: object, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         ArmPenetration(arm, links, obstacles)  # type: ignore[arg-type]
 

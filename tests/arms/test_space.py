@@ -32,7 +32,9 @@ def draw_scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.rando
         )
         for n in range(4)
     }
-    shapes = {name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
+    shapes = {
+        name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()
+    }
     ground = [("l0", name) for name in shapes]
     space = build_arm_space(shapes, arm, allowed_collisions=ground)
     still = {name: [box(size, pose[:3, 3], pose[:3, :3])] for name, (size, pose) in blocks.items()}
@@ -62,7 +64,11 @@ def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     proven = np.asarray(space.motion_is_free(free, goals))
     for q0, q1, is_free in zip(free, goals, proven, strict=True):
         distances = (oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60))
-        assert all(value > 0.0 for value in distances) if is_free else any(value < 0.02 for value in distances)
+        assert (
+            all(value > 0.0 for value in distances)
+            if is_free
+            else any(value < 0.02 for value in distances)
+        )
     assert 0 < proven.sum() < len(proven)
     np.testing.assert_array_equal(proven, space.motion_is_free(goals, free))
 
@@ -74,7 +80,10 @@ def test_path_obstacle_distance_is_a_lower_bound(tmp_path: Path) -> None:
     distances = [space.path_obstacle_distance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
     assert sum(distance > 0.0 for distance in distances) > 8
     for q0, q1, distance in zip(free, goals, distances, strict=True):
-        assert min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40)) >= distance - 1e-6
+        assert (
+            min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40))
+            >= distance - 1e-6
+        )
     assert space.path_obstacle_distance(free[:1]) == space.obstacle_distance(free[0])
     blocked = np.flatnonzero(~np.asarray(space.motion_is_free(free, goals)))
     assert len(blocked) and not any(distances[k] for k in blocked)
@@ -95,9 +104,13 @@ def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
     assert space.is_free((1.2, 0.0))
     contact = space.closest((0.4, 0.0))
     assert (contact.link, contact.other) == ("fore", "post")
-    np.testing.assert_allclose(contact.points[1][:2], (1.55, 0.95), atol=1e-9)  # a corner of the post
+    np.testing.assert_allclose(
+        contact.points[1][:2], (1.55, 0.95), atol=1e-9
+    )  # a corner of the post
     ball = build_arm_space({"ball": PosedShape(Robot.ball(0.2).shape, pose_at(1.5, 1.0, 0.0))}, arm)
-    np.testing.assert_allclose(ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9)
+    np.testing.assert_allclose(
+        ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9
+    )
     # FREE respects the margin.
     close = build_arm_space(post, arm, margin=0.95)
     assert not close.is_free((0.0, 0.0))
@@ -110,7 +123,9 @@ def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
     space, oracle, rng = draw_scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
         contact = space.closest(q)
-        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(oracle.apart(q), rel=1e-3, abs=1e-5)
+        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(
+            oracle.apart(q), rel=1e-3, abs=1e-5
+        )
 
 
 @pytest.fixture(scope="module")
@@ -148,9 +163,13 @@ def planar_distances(q: Any, boxes: dict[str, tuple[float, ...]]) -> dict[tuple[
     for bar, angle in (("upper", q[0]), ("fore", q[0] + q[1])):
         along = np.array([np.cos(angle), np.sin(angle)])
         across = 0.05 * np.array([-along[1], along[0]])
-        outline = shapely.Polygon([start - across, start + along - across, start + along + across, start + across])
+        outline = shapely.Polygon(
+            [start - across, start + along - across, start + along + across, start + across]
+        )
         for name, (side, x, y, z) in boxes.items():
-            apart = outline.distance(shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2))
+            apart = outline.distance(
+                shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2)
+            )
             found[bar, name] = float(np.hypot(apart, max(abs(z) - side / 2 - 0.05, 0.0)))
         start = start + along
     return found
@@ -159,7 +178,13 @@ def planar_distances(q: Any, boxes: dict[str, tuple[float, ...]]) -> dict[tuple[
 angles, paddings = st.floats(-3.0, 3.0), st.sampled_from([0.0, 0.1, 0.2, 0.3]) | st.floats(0.0, 0.3)
 
 
-@example(q=(0.9880535424199686, 0.5623810041527564), y=1.5, side=0.3, padding=(0.0, 0.1, 0.0, 0.0), margin=0.0)
+@example(
+    q=(0.9880535424199686, 0.5623810041527564),
+    y=1.5,
+    side=0.3,
+    padding=(0.0, 0.1, 0.0, 0.0),
+    margin=0.0,
+)
 @example(q=(0.4, 0.4), y=1.5, side=0.3, padding=(0.0, 0.0, 0.3, 0.0), margin=0.1)
 @given(
     q=st.tuples(angles, angles),
@@ -177,20 +202,32 @@ def test_closest_names_the_nearest_pair_with_padding(
     padding: tuple[float, ...],
     margin: float,
 ) -> None:
-    boxes = {"near": (side, 0.0, y, 0.4), "far": (side, 0.0, -9.0, 0.0), "beside": (side, 2.3, 0.5, 0.0)}
+    boxes = {
+        "near": (side, 0.0, y, 0.4),
+        "far": (side, 0.0, -9.0, 0.0),
+        "beside": (side, 2.3, 0.5, 0.0),
+    }
     shapes = {name: posed_box((size,) * 3, *center) for name, (size, *center) in boxes.items()}
     extra = dict(zip([*boxes, "fore"], padding, strict=True))
     allowed = [("foot", name) for name in (*boxes, "fore")]
-    space = build_arm_space(shapes, planar_arm, padding=extra, margin=margin, allowed_collisions=allowed)
+    space = build_arm_space(
+        shapes, planar_arm, padding=extra, margin=margin, allowed_collisions=allowed
+    )
     apart = planar_distances(q, boxes)
-    excess = {pair: apart[pair] - margin - sum(extra.get(name, 0.0) for name in pair) for pair in apart}
+    excess = {
+        pair: apart[pair] - margin - sum(extra.get(name, 0.0) for name in pair) for pair in apart
+    }
     contact = space.closest(q)
     assert space.obstacle_distance(q) == contact.distance
     assume(abs(min(excess.values())) > 1e-9)
     if min(excess.values()) > 0.0:
-        assert space.is_free(q) and apart[contact[:2]] == pytest.approx(min(apart.values()), abs=1e-9)
+        assert space.is_free(q) and apart[contact[:2]] == pytest.approx(
+            min(apart.values()), abs=1e-9
+        )
         assert contact.distance == pytest.approx(min(apart.values()), abs=1e-9)
-        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(min(apart.values()), abs=1e-6)
+        assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(
+            min(apart.values()), abs=1e-6
+        )
     else:
         assert not space.is_free(q) and contact.distance == 0.0
         assert excess[contact[:2]] < 1e-9
@@ -217,7 +254,10 @@ def test_containment_is_never_free(tmp_path: Path, swapped: bool) -> None:
     """Put an obstacle into a link, and a link into an obstacle."""
     size = 0.1 if swapped else 2.0
     path = write_urdf(
-        tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip")
+        tmp_path,
+        link("base"),
+        link("tip", ((size, size, size), (5, 0, 0))),
+        joint("turn", "base", "tip"),
     )
     other = 2.1 - size
     space = build_arm_space({"thing": posed_box((other,) * 3, 5, 0, 0)}, Arm.from_urdf(path))
@@ -249,7 +289,9 @@ def test_ball_obstacles_and_attached_objects_collide(tmp_path: Path) -> None:
 def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     floor = {"floor": posed_box((4.0, 4.0, 0.1), 0, 0, -0.25)}
-    with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed_collisions="):
+    with pytest.raises(
+        ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed_collisions="
+    ):
         build_arm_space(floor, arm)
     assert build_arm_space(floor, arm, allowed_collisions=[("foot", "floor")]).is_free((0.0, 0.0))
 
@@ -263,7 +305,9 @@ def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> 
     (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
     (lambda s: s.closest([(0.0, 0.0)]), "it must be one configuration"),
     (
-        lambda s: build_arm_space({}, s.arm, allowed_collisions=[("fore", "foot")]).closest((0.0, 0.0)),
+        lambda s: build_arm_space({}, s.arm, allowed_collisions=[("fore", "foot")]).closest(
+            (0.0, 0.0)
+        ),
         "there is nothing to touch",
     ),
     (lambda s: build_arm_space({}, s.arm, allowed_collisions=[("foot", "sky")]), "names 'sky'"),
@@ -271,7 +315,8 @@ def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> 
 )
 def test_arm_space_refuses_invalid_arguments(tmp_path: Path, call: Any, message: str) -> None:
     space = build_arm_space(
-        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path))
+        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(3, 3, 0))},
+        Arm.from_urdf(planar(tmp_path)),
     )
     with pytest.raises(InputError, match=message):
         call(space)
@@ -279,7 +324,8 @@ def test_arm_space_refuses_invalid_arguments(tmp_path: Path, call: Any, message:
 
 def test_build_arm_space_accepts_shapes_and_paths(tmp_path: Path) -> None:
     space = build_arm_space(
-        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path))
+        {"post": PosedShape(Robot.ball(0.1).shape, pose_at(1.5, 1.0, 0))},
+        Arm.from_urdf(planar(tmp_path)),
     )
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
@@ -287,7 +333,9 @@ def test_build_arm_space_accepts_shapes_and_paths(tmp_path: Path) -> None:
     assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]).all()
     assert not space.certify_path([(0.0, 0.0), (1.2, 0.0)]).any()
     assert space.certify_path([(0.0, 0.0)]).shape == (0,)
-    assert space.sample_free(None, np.random.default_rng(1)).shape == space.sample_free().shape == (2,)
+    assert (
+        space.sample_free(None, np.random.default_rng(1)).shape == space.sample_free().shape == (2,)
+    )
     assert np.asarray(space.is_free(space.sample_free(20))).all()
     assert MIXED not in {space.classify((0.0, 0.0))}
 
@@ -297,7 +345,10 @@ def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
     """Place a small ball on the course of a link."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
-    touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
+    touch = [
+        ("l0", "seed"),
+        *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name),
+    ]
     away = {"seed": PosedShape(Robot.ball(1e-3).shape, pose_at(20.0, 0.0, 0.0))}
     empty, rng = build_arm_space(away, arm, allowed_collisions=touch), np.random.default_rng(seed)
     for each in arm.links[1:]:
@@ -309,13 +360,17 @@ def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
             pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
             there = pose[:3, :3] @ point + pose[:3, 3]
             assert not build_arm_space(
-                {"seed": PosedShape(Robot.ball(1e-3).shape, pose_at(*there))}, arm, allowed_collisions=touch
+                {"seed": PosedShape(Robot.ball(1e-3).shape, pose_at(*there))},
+                arm,
+                allowed_collisions=touch,
             ).motion_is_free(q0, q1)
             assert empty.motion_is_free(q0, q1)
 
 
 def test_checkers_never_pass_nan_nor_joints_beyond_a_limit(tmp_path: Path) -> None:
-    space = build_arm_space({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space(
+        {"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path))
+    )
     check, q = space.edge_checker(), (0.0, 0.1)
     assert check(*q, *q) and space.point_checker()(*q)
     beyond = float(space.arm.upper[0]) + 2e-5
@@ -330,7 +385,9 @@ HAIR = 4e-6
 def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
     for planner in (None, "RRTConnect"):
-        plan = planners.plan(space, (-1.123456 - HAIR, 0.3), (2.0 + HAIR, 0.5), planner=planner, seed=1)
+        plan = planners.plan(
+            space, (-1.123456 - HAIR, 0.3), (2.0 + HAIR, 0.5), planner=planner, seed=1
+        )
         assert plan.certified
         assert plan.path[0].tolist() == plan.start.tolist() == [-1.123456, 0.3]
         assert plan.path[-1].tolist() == [2.0, 0.5]
@@ -339,8 +396,14 @@ def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path)
     assert "moved" not in planners.plan(space, (-1.123456, 0.3), (2.0, 0.5), seed=1).status
     path = space.find_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
     assert path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
-    for call in (space.is_free, lambda q: planners.plan(space, q, (0, 0)), lambda q: space.find_path(q, (0, 0))):
-        with pytest.raises(ConfigurationError, match=r"shoulder at -1.1234761.*limits are -1.123456 and 2; .*1e-05"):
+    for call in (
+        space.is_free,
+        lambda q: planners.plan(space, q, (0, 0)),
+        lambda q: space.find_path(q, (0, 0)),
+    ):
+        with pytest.raises(
+            ConfigurationError, match=r"shoulder at -1.1234761.*limits are -1.123456 and 2; .*1e-05"
+        ):
             call((-1.123456 - 2.01e-5, 0.3))
 
 
@@ -366,7 +429,10 @@ def measure_distances_to_bars(q: Any, point: Any) -> Any:
     gaps = []
     for angle, origin in zip(angles, origins, strict=True):
         local = (complex(*point) - origin) * np.exp(-1j * angle)
-        beyond = [np.maximum(np.abs(local.real - 0.5) - 0.5, 0.0), np.maximum(np.abs(local.imag) - 0.05, 0.0)]
+        beyond = [
+            np.maximum(np.abs(local.real - 0.5) - 0.5, 0.0),
+            np.maximum(np.abs(local.imag) - 0.05, 0.0),
+        ]
         gaps.append(np.hypot(*beyond))
     return np.minimum(*gaps)
 
@@ -402,7 +468,10 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]
     if abs(turn) < 3.1:
         for whole in (-2.0 * np.pi, 2.0 * np.pi):
-            with pytest.raises(InputError, match=r"path turns shoulder by .* rad from row 0 to row 1; .*numpy.unwrap"):
+            with pytest.raises(
+                InputError,
+                match=r"path turns shoulder by .* rad from row 0 to row 1; .*numpy.unwrap",
+            ):
                 space.certify_path([q0, (q1[0] + whole, elbow)])
 
 
@@ -431,7 +500,9 @@ def test_a_tuple_is_answered_and_refused_as_an_array(tmp_path: Path) -> None:
     states = [space.is_free(tuple(q)) for q in points.tolist()]
     assert 0 < sum(states) < len(states)
     assert states == space.is_free(points).tolist()
-    motions = [space.motion_is_free(tuple(a), tuple(b)) for a, b in itertools.pairwise(points.tolist())]
+    motions = [
+        space.motion_is_free(tuple(a), tuple(b)) for a, b in itertools.pairwise(points.tolist())
+    ]
     assert motions == space.motion_is_free(points[:-1], points[1:]).tolist()
     q = tuple(points[states.index(False)].tolist())
     bare = copy.copy(space)

@@ -38,10 +38,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     The rooms are 1.2 m by 1.2 m by 0.8 m, with cells of 0.1 m.
     """
     folder = tmp_path_factory.mktemp("files")
-    occupied = fill_boxes((25, 12, 8), 12, np.s_[21:, :4, :4], but=(np.s_[12, 4:8, 2:6], np.s_[22:, :3, :3]))
+    occupied = fill_boxes(
+        (25, 12, 8), 12, np.s_[21:, :4, :4], but=(np.s_[12, 4:8, 2:6], np.s_[22:, :3, :3])
+    )
     np.save(folder / "rooms.npy", occupied)
     np.save(folder / "floor.npy", occupied[:, :, 2])
-    rows = ["voxel 25 12 8", *(" ".join(map(str, index)) for index in np.argwhere(occupied).tolist())]
+    rows = [
+        "voxel 25 12 8",
+        *(" ".join(map(str, index)) for index in np.argwhere(occupied).tolist()),
+    ]
     (folder / "rooms.3dmap").write_text("\n".join(rows) + "\n")
     (folder / "cube.obj").write_text(CUBE_OBJ)
     (folder / "open.obj").write_text(CUBE_OBJ.rpartition("f ")[0])
@@ -54,7 +59,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("floor.npy", "rect:0.1x0.05", (), "plane.zarr"),
         ("floor.npy", "rect:0.1x0.05", ("--rotations", 8), "turning.zarr"),
     ):
-        command = ["map", folder / workspace, "--robot", robot, "--spacing", 0.1, *rotations, "-o", folder / name]
+        command = [
+            "map",
+            folder / workspace,
+            "--robot",
+            robot,
+            "--spacing",
+            0.1,
+            *rotations,
+            "-o",
+            folder / name,
+        ]
         assert run(*command).exit_code == 0
     return folder
 

@@ -40,14 +40,20 @@ MAP_ENDPOINTS = {
 }
 Drawn = tuple[Any, str, dict[str, Any]]
 
-UNREACHABLE = {"plane.zarr": "2.35,0.15", "turning.zarr": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
+UNREACHABLE = {
+    "plane.zarr": "2.35,0.15",
+    "turning.zarr": "2.35,0.15,0",
+    "space.zarr": "2.35,0.15,0.15",
+}
 
 
 def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run the command line in a separate process."""
     environment = {**os.environ, "PYTHONPATH": str(Path(cspace.__file__).parents[1])}
     command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60
+    )
 
 
 # ----------------------------------------------------------------------------------------------- help
@@ -100,10 +106,14 @@ def find_path_pixels(picture: Path) -> Any:
 def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path: Path) -> None:
     """Compare the paths; if they differ, copy the new ``picture.png`` to ``docs/demo.png``."""
     assert run("demo", "--output", tmp_path / "demo").exit_code == 0
-    shown, drawn = map(find_path_pixels, (ROOT / "docs" / "demo.png", tmp_path / "demo" / "picture.png"))
+    shown, drawn = map(
+        find_path_pixels, (ROOT / "docs" / "demo.png", tmp_path / "demo" / "picture.png")
+    )
     assert shown.shape == drawn.shape and shown.any()
     for one, other in ((shown, drawn), (drawn, shown)):
-        assert distance_transform_edt(~other)[one].max() <= 3.0  # in pixels, for other versions of the renderer
+        assert (
+            distance_transform_edt(~other)[one].max() <= 3.0
+        )  # in pixels, for other versions of the renderer
 
 
 # ----------------------------------------------------------------------------------------------- map
@@ -128,7 +138,9 @@ def test_map_writes_and_describes_a_map(room: Path) -> None:
 def test_options_of_map_reach_the_build(room: Path) -> None:
     common = ["map", "floor.npy", "--robot", "disc:0.15", "--spacing", 0.1]
     plain = document(*common, "-o", "plain.zarr")
-    assert document(*common, "-o", "o.zarr", "--counts", "--rotations", 8)["memory_bytes"] == 5 * 300
+    assert (
+        document(*common, "-o", "o.zarr", "--counts", "--rotations", 8)["memory_bytes"] == 5 * 300
+    )
     assert document(*common, "-o", "n.zarr", "--no-inner")["cells"]["blocked"] == 0
     assert document(*common, "-o", "f.zarr", "--outside", "free")["outside"] == "free"
     grown = document(*common, "-o", "m.zarr", "--margin", 0.2, "--method", "fft")
@@ -152,16 +164,46 @@ def test_map_accepts_every_kind_of_robot_in_space(room: Path, robot: str) -> Non
 
 
 def test_options_set_the_grid_of_shapes(room: Path) -> None:
-    common = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", 0.25, "--bounds=-1,-1,-1,2,2,2"]
+    common = [
+        "map",
+        "cube.obj",
+        "--robot",
+        "ball:0.1",
+        "--spacing",
+        0.25,
+        "--bounds=-1,-1,-1,2,2,2",
+    ]
     printed = document(*common, "-o", "a.zarr")
     assert (printed["lower_m"], printed["shape"]) == ([-1.0] * 3, [12] * 3)
     assert cspace.open("a.zarr").classify([0.5, 0.5, 0.5]) == cspace.BLOCKED
     document(*common, "--solid", "surface", "-o", "b.zarr")
     assert cspace.open("b.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
-    points = ["map", "cloud.xyz", "--robot", "ball:0.05", "--spacing", 0.1, "--bounds", "-1,-1,-1,2,3,1"]
-    thin, thick = (document(*points, *more)["cells"] for more in (["-o", "c.zarr"], ["--radius", 0.4, "-o", "d.zarr"]))
+    points = [
+        "map",
+        "cloud.xyz",
+        "--robot",
+        "ball:0.05",
+        "--spacing",
+        0.1,
+        "--bounds",
+        "-1,-1,-1,2,3,1",
+    ]
+    thin, thick = (
+        document(*points, *more)["cells"]
+        for more in (["-o", "c.zarr"], ["--radius", 0.4, "-o", "d.zarr"])
+    )
     assert thick["free"] < thin["free"]
-    flat = ["map", "wall.wkt", "--robot", "disc:0.1", "--spacing", 0.5, "--bounds=-1,-1,2,3", "-o", "e.zarr"]
+    flat = [
+        "map",
+        "wall.wkt",
+        "--robot",
+        "disc:0.1",
+        "--spacing",
+        0.5,
+        "--bounds=-1,-1,2,3",
+        "-o",
+        "e.zarr",
+    ]
     printed = document(*flat)
     assert (printed["lower_m"], printed["shape"]) == ([-1.0, -1.0], [6, 8])
 
@@ -170,14 +212,29 @@ def test_warnings_name_options_in_one_line(room: Path) -> None:
     common = ["map", "open.obj", "--robot", "ball:0.1", "--spacing", 0.25]
     document(*common, "-o", "a.zarr", warning="--solid surface")
     document(*common, "--solid", "fill", "-o", "b.zarr")
-    occupied = [np.count_nonzero(cspace.open(name).workspace.inner) for name in ("a.zarr", "b.zarr")]
+    occupied = [
+        np.count_nonzero(cspace.open(name).workspace.inner) for name in ("a.zarr", "b.zarr")
+    ]
     assert occupied[0] < occupied[1]
-    document("map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="--robot-solid surface")
-    document("map", "rooms.3dmap", "--robot", "open.obj", "--robot-solid", "surface", "-o", "d.zarr")
+    document(
+        "map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="--robot-solid surface"
+    )
+    document(
+        "map", "rooms.3dmap", "--robot", "open.obj", "--robot-solid", "surface", "-o", "d.zarr"
+    )
     assert cspace.open("d.zarr").robot.spec["solid"] == "surface"
     cube = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
     document("info", *cube, warning="fits into one cell of 2 m")
-    document("map", *cube[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="has no obstacle")
+    document(
+        "map",
+        *cube[:-1],
+        0.25,
+        "--bounds",
+        "5,5,5,6,6,6",
+        "-o",
+        "e.zarr",
+        warning="has no obstacle",
+    )
 
 
 # ----------------------------------------------------------------------------------------------- info
@@ -188,29 +245,46 @@ def test_info_describes_maps(room: Path) -> None:
     # The rotations of a centered rectangle share slices in pairs.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
     assert printed["memory_bytes"] == 4 * 300
-    assert tuple(printed["cells"].values()) == tuple(np.bincount(space.cell_states.ravel(), minlength=3).tolist())
-    assert printed["mean_free_area_m2"] == pytest.approx((space.cell_states == cspace.FREE).mean() * 3.0)
+    assert tuple(printed["cells"].values()) == tuple(
+        np.bincount(space.cell_states.ravel(), minlength=3).tolist()
+    )
+    assert printed["mean_free_area_m2"] == pytest.approx(
+        (space.cell_states == cspace.FREE).mean() * 3.0
+    )
     assert not {"rotations", "slices", "mean_free_area_m2"} & set(document("info", "plane.zarr"))
     lines = run("info", "turning.zarr").stdout.splitlines()
     assert "rotation cell   45°" in lines
     assert "memory          1,200 bytes" in lines
 
 
-def test_info_describes_a_mesh_without_rasterizing_it(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_describes_a_mesh_without_rasterizing_it(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
     printed = document("info", "cube.obj")
-    assert (printed["kind"], printed["extents_m"], printed["triangles"]) == ("workspace", [1.0] * 3, 12)
+    assert (printed["kind"], printed["extents_m"], printed["triangles"]) == (
+        "workspace",
+        [1.0] * 3,
+        12,
+    )
     assert (printed["watertight"], printed["bodies"], round(printed["volume_m3"], 9)) == (
         True,
         {"closed": 1, "open": 0},
         1.0,
     )
     assert not {"cells", "memory", "spacing_m"} & set(printed)
-    printed = document("info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3")
+    printed = document(
+        "info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3"
+    )
     assert (printed["shape"], printed["cells"]) == ([200, 100, 100], {"total": 2_000_000})
-    assert printed["memory"]["needed_bytes"] == max(MESH_CELL_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
+    assert printed["memory"]["needed_bytes"] == max(
+        MESH_CELL_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100))
+    )
     assert printed["memory"]["fits"] is True
-    assert (printed["robot"]["name"], printed["robot"]["cells_across"]) == ("box 0.1 m x 0.2 m x 0.3 m", [10, 20, 30])
+    assert (printed["robot"]["name"], printed["robot"]["cells_across"]) == (
+        "box 0.1 m x 0.2 m x 0.3 m",
+        [10, 20, 30],
+    )
     printed = document("info", "open.obj", warning="open")
     assert (printed["watertight"], printed["bodies"]) == (False, {"closed": 0, "open": 1})
     assert "volume_m3" not in printed
@@ -223,7 +297,9 @@ def test_info_counts_the_slices_of_a_robot(room: Path, robot: str | None, slices
     assert (printed["rotations"], printed["slices"]) == (72, slices)
     assert printed["memory"]["map_bytes"] == slices * 100 * 100
     rasters = printed["memory"]["needed_bytes"] - 2 * 10_000 - map_bytes((100, 100), slices)
-    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (slices == 36)  # only robots have rasters
+    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (
+        slices == 36
+    )  # only robots have rasters
     assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 
@@ -250,8 +326,16 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
     ("name", "lines", "key", "upper"),
     [
         ("cut.wkt", ["LINESTRING (0 0, 1 1)", "LINESTRING (0 0, 2 2, 0 2)"], "points", [1.0, 1.0]),
-        ("cut.obj", ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 2", "f 1 2 3", "f 1 2 4"], "triangles", [1.0, 1.0, 0.0]),
-        *[(f"cut{suffix}", ["0,0,0", "1,1,1"], "points", [0.0] * 3) for suffix in (".xyz", ".txt", ".csv")],
+        (
+            "cut.obj",
+            ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 2", "f 1 2 3", "f 1 2 4"],
+            "triangles",
+            [1.0, 1.0, 0.0],
+        ),
+        *[
+            (f"cut{suffix}", ["0,0,0", "1,1,1"], "points", [0.0] * 3)
+            for suffix in (".xyz", ".txt", ".csv")
+        ],
     ],
 )
 def test_info_shows_smaller_counts_of_a_truncated_text(
@@ -272,7 +356,11 @@ def test_info_describes_cells_points_and_robots(room: Path) -> None:
         assert printed["cells"] == {"occupied": occupied, "free": 2400 - occupied, "total": 2400}
         assert printed["extents_m"] == [25 * side, 12 * side, 8 * side]
     printed = document("info", "cloud.xyz", "--radius", 0.25)
-    assert (printed["points"], printed["lower_m"], printed["upper_m"]) == (3, [-0.25] * 3, [1.25, 2.25, 0.75])
+    assert (printed["points"], printed["lower_m"], printed["upper_m"]) == (
+        3,
+        [-0.25] * 3,
+        [1.25, 2.25, 0.75],
+    )
     assert document("info", "cloud.xyz", "--spacing", 0.5)["shape"] == [2, 4, 1]
     printed = document("info", "cube.obj", "--as", "robot", "--spacing", 0.3)
     assert (printed["robot"], printed["cells_across"]) == ("mesh cube.obj", [4] * 3)
@@ -295,12 +383,23 @@ def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build maps of two revolute joints, and of a revolute and a prismatic joint."""
     pytest.importorskip("yourdfpy")
     folder = tmp_path_factory.mktemp("joints")
-    sliding = urdfs.joint("slide", "upper", "fore", at=(1, 0, 0), kind="prismatic", limits=(-0.4, 0.7))
+    sliding = urdfs.joint(
+        "slide", "upper", "fore", at=(1, 0, 0), kind="prismatic", limits=(-0.4, 0.7)
+    )
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    links = urdfs.link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), urdfs.link("upper", bar), urdfs.link("fore", bar)
+    links = (
+        urdfs.link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
+        urdfs.link("upper", bar),
+        urdfs.link("fore", bar),
+    )
     for name, make in (
         ("turning", lambda: urdfs.planar(folder)),
-        ("mixed", lambda: urdfs.write_urdf(folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding)),
+        (
+            "mixed",
+            lambda: urdfs.write_urdf(
+                folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding
+            ),
+        ),
     ):
         post = trimesh.creation.box((0.2, 0.2, 4.0)).apply_translation((1.4, 1.2, 0.0))
         space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(make()))
@@ -311,16 +410,31 @@ def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_info_uses_the_units_of_joint_maps(joints: Path) -> None:
     turning, mixed = (document("info", joints / f"{name}.zarr") for name in ("turning", "mixed"))
     assert turning["joints"] == ["shoulder", "elbow"]
-    assert (turning["lower_rad"], turning["upper_rad"], turning["spacing_rad"]) == ([-3.0] * 2, [3.0] * 2, 0.1)
+    assert (turning["lower_rad"], turning["upper_rad"], turning["spacing_rad"]) == (
+        [-3.0] * 2,
+        [3.0] * 2,
+        0.1,
+    )
     assert turning["free_area_rad2"] == pytest.approx(turning["cells"]["free"] * 0.01)
-    assert mixed["lower"] == {"shoulder_rad": -3.0, "slide_m": -0.4} and mixed["spacing_rad_or_m"] == 0.1
+    assert (
+        mixed["lower"] == {"shoulder_rad": -3.0, "slide_m": -0.4}
+        and mixed["spacing_rad_or_m"] == 0.1
+    )
     assert mixed["free_area_rad_m"] == pytest.approx(mixed["cells"]["free"] * 0.01)
     for name in ("lower_m", "upper_m", "spacing_m", "free_area_m2"):
         assert name not in turning and name not in mixed
     # Widths of columns depend on the longest label.
-    lines = [" ".join(line.split()) for line in run("info", joints / "turning.zarr").stdout.splitlines()]
-    assert {"lower (-3, -3) rad", "spacing 0.1 rad", f"free area {turning['free_area_rad2']:.6g} rad²"} <= set(lines)
-    lines = [" ".join(line.split()) for line in run("info", joints / "mixed.zarr").stdout.splitlines()]
+    lines = [
+        " ".join(line.split()) for line in run("info", joints / "turning.zarr").stdout.splitlines()
+    ]
+    assert {
+        "lower (-3, -3) rad",
+        "spacing 0.1 rad",
+        f"free area {turning['free_area_rad2']:.6g} rad²",
+    } <= set(lines)
+    lines = [
+        " ".join(line.split()) for line in run("info", joints / "mixed.zarr").stdout.splitlines()
+    ]
     assert {"shoulder -3 rad", "slide -0.4 m", "spacing 0.1 rad or m"} <= set(lines)
 
 
@@ -328,7 +442,12 @@ def test_info_uses_the_units_of_joint_maps(joints: Path) -> None:
 def arm_file(tmp_path: Path) -> Path:
     pytest.importorskip("yourdfpy")
     bar, foot = ((1.0, 0.1, 0.1), (0.5, 0, 0)), ((0.05, 0.05, 0.05), (0, 0, -0.2))
-    links = urdfs.link("foot", foot), urdfs.link("upper", bar), urdfs.link("fore", bar), urdfs.link("tool", bar, bar)
+    links = (
+        urdfs.link("foot", foot),
+        urdfs.link("upper", bar),
+        urdfs.link("fore", bar),
+        urdfs.link("tool", bar, bar),
+    )
     joints = (
         urdfs.joint("shoulder", "foot", "upper", limits=(-1.0, 2.0)),
         urdfs.joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
@@ -340,7 +459,11 @@ def arm_file(tmp_path: Path) -> Path:
 def test_info_describes_joints_links_and_pairs_of_an_arm(arm_file: Path, tmp_path: Path) -> None:
     printed = document("info", arm_file)
     assert (printed["kind"], printed["arm"], printed["dof"]) == ("arm", "small", 3)
-    assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
+    assert printed["joints"] == {
+        "shoulder_rad": [-1.0, 2.0],
+        "elbow": "continuous",
+        "slide_out_m": [0.0, 0.3],
+    }
     assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
     assert sum(printed["pairs_of_links"].values()) == 6
     (tmp_path / "arm.srdf").write_text(
@@ -353,7 +476,11 @@ def test_info_describes_joints_links_and_pairs_of_an_arm(arm_file: Path, tmp_pat
     assert printed["groups"] == {"arm": ["shoulder", "elbow"]}
     assert printed["named_configurations"]["arm/home"][:2] == [0.5, 1.0]
     lines = run("info", arm_file).stdout.splitlines()
-    shown = {"  shoulder          (-1, 2) rad", "  elbow             continuous", "  slide_out         (0, 0.3) m"}
+    shown = {
+        "  shoulder          (-1, 2) rad",
+        "  elbow             continuous",
+        "  slide_out         (0, 0.3) m",
+    }
     assert shown <= set(lines)
     fixed = run("info", arm_file, "--as", "robot", "--json")
     assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
@@ -365,7 +492,9 @@ def test_info_warns_of_open_meshes_of_an_arm(tmp_path: Path) -> None:
     box.export(tmp_path / "open.stl")
     mesh = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
     links = urdfs.link("foot", extra=mesh), urdfs.link("upper", ((1.0, 0.1, 0.1), (0, 0, 0)))
-    path = urdfs.write_urdf(tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0)))
+    path = urdfs.write_urdf(
+        tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0))
+    )
     assert "--solid surface" in run("info", path).stderr
     assert not run("info", path, "--solid", "surface").stderr
 
@@ -389,14 +518,33 @@ def test_help_uses_one_placeholder_for_configurations() -> None:
         assert "X,Y[,Z][,ROTATION]" in run(name, "--help").stdout
 
 
-def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_passes_marks_and_path_of_an_arm(
+    arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen: dict[str, Any] = {}
-    monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
+    monkeypatch.setattr(
+        cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space)
+    )
     (tmp_path / "path.csv").write_text("shoulder,elbow,slide_out\n0,0,0\n0.5,1,0.1\n")
-    options = ["--start=-45deg,0,0.1", "--path", tmp_path / "path.csv", "--port", 0, "--frame", "tool"]
+    options = [
+        "--start=-45deg,0,0.1",
+        "--path",
+        tmp_path / "path.csv",
+        "--port",
+        0,
+        "--frame",
+        "tool",
+    ]
     assert run("view", arm_file, *options).exit_code == 0
-    assert seen["frame"] == "tool" and seen["space"].axes == ("shoulder", "elbow", "slide_out") and seen["port"] == 0
-    assert seen["start"] == pytest.approx((-math.pi / 4, 0.0, 0.1)) and seen["path"] == [[0, 0, 0], [0.5, 1, 0.1]]
+    assert (
+        seen["frame"] == "tool"
+        and seen["space"].axes == ("shoulder", "elbow", "slide_out")
+        and seen["port"] == 0
+    )
+    assert seen["start"] == pytest.approx((-math.pi / 4, 0.0, 0.1)) and seen["path"] == [
+        [0, 0, 0],
+        [0.5, 1, 0.1],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -405,7 +553,10 @@ def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, mo
         (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given, but arm.urdf is an arm"),
         (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, but disc:0.3 is a robot"),
         (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, but map.zarr is not a URDF"),
-        (["view", "map.zarr", "--solid", "surface"], "--solid is given, but map.zarr is not a URDF"),
+        (
+            ["view", "map.zarr", "--solid", "surface"],
+            "--solid is given, but map.zarr is not a URDF",
+        ),
         (["view", "map.zarr", "--frame", "tool"], "--frame is given, but map.zarr is not a URDF"),
         (["info", "arm.urdf", "--solid", "fill"], "--solid is 'fill'"),
         (["view", "arm.urdf", "--start", "1,2"], "--start is '1,2'"),
@@ -436,10 +587,19 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
     ends = [[-math.pi / 2, 0.5], [math.pi / 3, math.pi / 4]]
     np.testing.assert_allclose(np.array(printed["path"])[[0, -1]], ends, atol=1e-12)
     path = np.array(printed["path"])
-    assert printed["length_rad"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    assert "obstacle_distance_rad" in printed and not {"length_m", "obstacle_distance_m"} & set(printed)
-    assert " rad\n" in run("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1).stdout
-    printed = document("plan", joints / "mixed.zarr", "--start=-90deg,0.5", "--goal", "-60deg,-0.2", "--seed", 1)
+    assert printed["length_rad"] == pytest.approx(
+        np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    )
+    assert "obstacle_distance_rad" in printed and not {"length_m", "obstacle_distance_m"} & set(
+        printed
+    )
+    assert (
+        " rad\n"
+        in run("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1).stdout
+    )
+    printed = document(
+        "plan", joints / "mixed.zarr", "--start=-90deg,0.5", "--goal", "-60deg,-0.2", "--seed", 1
+    )
     assert "length_rad_or_m" in printed and "obstacle_distance_rad_or_m" in printed
     ends = [[-math.pi / 2, 0.5], [-math.pi / 3, -0.2]]
     np.testing.assert_allclose(np.array(printed["path"])[[0, -1]], ends, atol=1e-12)
@@ -448,11 +608,17 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
 @refusals(
     "file, start, message",
     ("turning", "90,0", "--start has the shoulder '90'; an angle without a unit is in radians"),
-    ("turning", "1", "configurations are shoulder,elbow, in radians or degrees; write e.g. --start 90deg,90deg"),
+    (
+        "turning",
+        "1",
+        "configurations are shoulder,elbow, in radians or degrees; write e.g. --start 90deg,90deg",
+    ),
     ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start 90deg,0.2"),
     ("mixed", "0,20deg", "write e.g. --start 90deg,0.2"),
 )
-def test_plan_refuses_invalid_joint_values(joints: Path, file: str, start: str, message: str) -> None:
+def test_plan_refuses_invalid_joint_values(
+    joints: Path, file: str, start: str, message: str
+) -> None:
     result = run("plan", joints / f"{file}.zarr", f"--start={start}", "--goal=0,0")
     assert result.exit_code == 2 and message in result.stderr
 
@@ -488,14 +654,30 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
     path = np.array(printed["path"])
     np.testing.assert_allclose(path[[0, -1]], [numbers(start), numbers(goal)], atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
-    axes = {"plane.zarr": "x,y", "turning.zarr": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
+    axes = {
+        "plane.zarr": "x,y",
+        "turning.zarr": "x,y,yaw",
+        "space.zarr": "x,y,z",
+        "both.zarr": "x,y,z,yaw",
+    }
     axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
     assert Path("path.csv").read_text().splitlines()[0] == axes[file]
     assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
-    assert list(printed["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
+    assert list(printed["seconds"]) == [
+        "read",
+        "set_up",
+        "plan",
+        "check",
+        "measure",
+        "write",
+        "draw",
+    ]
     space, picture, options = drawn.pop()
     assert space.plot(**options).figure.axes  # the figure is made but not rendered
-    assert picture == "path.png" and [*options["start"], *options["goal"]] == [*numbers(start), *numbers(goal)]
+    assert picture == "path.png" and [*options["start"], *options["goal"]] == [
+        *numbers(start),
+        *numbers(goal),
+    ]
     np.testing.assert_array_equal(options["path"].path, path)
     for name in ("path.csv", "path.json"):
         assert document("plot", file, "--path", name, "-o", "again.png")["picture"] == "again.png"
@@ -507,10 +689,26 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
 @pytest.mark.parametrize("file", UNREACHABLE)
 def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]) -> None:
     start, goal = MAP_ENDPOINTS[file][0], UNREACHABLE[file]
-    result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
+    result = run(
+        "plan",
+        file,
+        "--start",
+        start,
+        "--goal",
+        goal,
+        "-o",
+        "p.csv",
+        "--picture",
+        "p.png",
+        "--json",
+    )
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     printed = json.loads(result.stdout)
-    assert (printed["solved"], printed["is_connected"], printed["is_disconnected"]) == (False, False, True)
+    assert (printed["solved"], printed["is_connected"], printed["is_disconnected"]) == (
+        False,
+        False,
+        True,
+    )
     assert "no path exists: proven" in result.stderr
     assert "try" not in result.stderr
     assert not Path("p.csv").exists()
@@ -546,11 +744,17 @@ def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(planners, "plan", plan)
     arguments = ["plan", "turning.zarr", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
-    assert run(*arguments, "--drive", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
+    assert (
+        run(*arguments, "--drive", "reeds-shepp", "--turning-radius", "0.5").stderr
+        == "cspace: enough\n"
+    )
     assert (given_options["drive"], given_options["turning_radius"]) == ("reeds-shepp", 0.5)
     run(*arguments, "--exact")
     assert given_options["exact"] is True
-    assert (given_options["start"], given_options["goal"]) == ((1.0, 1.0, math.pi / 2), (-1.0, 1.0, -1.5))
+    assert (given_options["start"], given_options["goal"]) == (
+        (1.0, 1.0, math.pi / 2),
+        (-1.0, 1.0, -1.5),
+    )
     given_options.clear()
     run(*arguments, "--objective", "clearance", "--planner", "PRM", "--no-simplify", "--seed", 3)
     assert not {"exact", "turning_radius"} & set(given_options)
@@ -565,17 +769,42 @@ def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.Monk
         assert (given_options["start"], given_options["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
 
 
-def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plot_draws_car_paths(
+    room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     printed = document(
-        *("plan", "turning.zarr", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
-        *("--drive", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
+        *(
+            "plan",
+            "turning.zarr",
+            "--start",
+            "0.35,0.55,0",
+            "--goal",
+            "0.95,0.6,0.1",
+            "--seed",
+            1,
+            "--time-limit",
+            5,
+        ),
+        *(
+            "--drive",
+            "reeds-shepp",
+            "--turning-radius",
+            0.2,
+            "-o",
+            "path.csv",
+            "--animate",
+            "path.gif",
+        ),
     )
     assert printed["solved"]
     # The table has an additional column, the direction of driving.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
     space, rows = cspace.open("turning.zarr"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
-    assert document("plot", "turning.zarr", "--path", "path.csv", "-o", "path.png")["picture"] == "path.png"
+    assert (
+        document("plot", "turning.zarr", "--path", "path.csv", "-o", "path.png")["picture"]
+        == "path.png"
+    )
     np.testing.assert_array_equal(drawn.pop()[-1]["path"], rows[:, :3])
     animate(space, rows[:, :3], "own.gif", seconds=0.2)
     assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
@@ -586,7 +815,9 @@ def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytes
 
 def test_plot_passes_options_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given_options: dict[str, Any] = {}
-    monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: given_options.update(options))
+    monkeypatch.setattr(
+        "cspace.plot.save_plot", lambda *_, **options: given_options.update(options)
+    )
 
     def passed(file: str, *options: str) -> dict[str, Any]:
         given_options.clear()
@@ -620,13 +851,17 @@ def test_export_writes_every_format(room: Path) -> None:
         np.testing.assert_array_equal(held["cell_states"][0], states)
     document("export", "turning.zarr", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
-    np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE)
+    np.testing.assert_array_equal(
+        ~image.outer, cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE
+    )
 
 
 # ----------------------------------------------------------------------------------------------- progress, Ctrl-C
 
 
-def test_progress_line_needs_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_line_needs_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     with progress_line("working") as callback:
         assert callback is None
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
@@ -656,8 +891,23 @@ def test_ctrl_c_ends_planning(room: Path) -> None:
         "sys.argv[0] = 'cspace'\n"
         "main()\n"
     )
-    endpoints = ["--start", MAP_ENDPOINTS["turning.zarr"][0], "--goal", MAP_ENDPOINTS["turning.zarr"][1]]
-    arguments = ["plan", "turning.zarr", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
+    endpoints = [
+        "--start",
+        MAP_ENDPOINTS["turning.zarr"][0],
+        "--goal",
+        MAP_ENDPOINTS["turning.zarr"][1],
+    ]
+    arguments = [
+        "plan",
+        "turning.zarr",
+        *endpoints,
+        "--planner",
+        "RRTstar",
+        "--time-limit",
+        "60",
+        "-o",
+        "path.csv",
+    ]
     done = spawn("-c", code, *arguments, cwd=room)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")
     assert not Path("path.csv").exists()

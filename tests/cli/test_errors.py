@@ -18,8 +18,14 @@ _PLOT_PLANE = ["plot", "plane.zarr", "-o", "new.png"]
 
 REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     # map
-    "missing workspace": (["map", "absent.yaml", "--robot", "disc:1", "-o", "new.zarr"], ["absent.yaml"]),
-    "unknown kind of workspace": (["map", "notes.doc", "--robot", "disc:1", "-o", "new.zarr"], [".doc", ".yaml"]),
+    "missing workspace": (
+        ["map", "absent.yaml", "--robot", "disc:1", "-o", "new.zarr"],
+        ["absent.yaml"],
+    ),
+    "unknown kind of workspace": (
+        ["map", "notes.doc", "--robot", "disc:1", "-o", "new.zarr"],
+        [".doc", ".yaml"],
+    ),
     "missing spacing": ([*_MAP_FLOOR[:4], *_MAP_FLOOR[6:]], ["--spacing", "missing", "floor.npy"]),
     "missing spacing of a mesh": (
         [*_MAP_CUBE[:4], *_MAP_CUBE[6:]],
@@ -33,33 +39,66 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "box of two": ([*_MAP_ROOMS, "--robot", "box:0.1x0.2"], ["box:0.1x0.2", "XxYxZ"]),
     "missing robot file": ([*_MAP_FLOOR, "--robot", "absent.wkt"], ["absent.wkt"]),
     "robot without area": ([*_MAP_FLOOR, "--robot", "line.wkt"], ["LineString", "Polygon"]),
-    "plane robot": ([*_MAP_ROOMS, "--robot", "disc:0.1"], ["--robot", "2 dimensions", "rooms.npy has 3"]),
-    "plane robot among meshes": ([*_MAP_CUBE, "--robot", "disc:0.1"], ["2 dimensions", "cube.obj has 3"]),
+    "plane robot": (
+        [*_MAP_ROOMS, "--robot", "disc:0.1"],
+        ["--robot", "2 dimensions", "rooms.npy has 3"],
+    ),
+    "plane robot among meshes": (
+        [*_MAP_CUBE, "--robot", "disc:0.1"],
+        ["2 dimensions", "cube.obj has 3"],
+    ),
     "solid robot in the plane": (
         [*_MAP_FLOOR, "--robot", "ball:0.1"],
         ["3 dimensions", "floor.npy has 2", "footprint:ROBOT"],
     ),
     "no rotations": ([*_MAP_FLOOR, "--rotations", "0"], ["--rotations is '0'", "above zero", "72"]),
-    "quaternions in the plane": ([*_MAP_FLOOR, "--rotations", "quaternions:2"], ["by its yaw", "--rotations 72"]),
-    "robot solid without mesh": ([*_MAP_ROOMS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
-    "packages without URDF": ([*_MAP_ROOMS, "--package-dir", "."], ["--package-dir", "ball:0.1", ".urdf"]),
-    "solid without mesh": ([*_MAP_ROOMS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
-    "radius without points": ([*_MAP_CUBE, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
+    "quaternions in the plane": (
+        [*_MAP_FLOOR, "--rotations", "quaternions:2"],
+        ["by its yaw", "--rotations 72"],
+    ),
+    "robot solid without mesh": (
+        [*_MAP_ROOMS, "--robot-solid", "fill"],
+        ["solid", "ball:0.1", ".stl"],
+    ),
+    "packages without URDF": (
+        [*_MAP_ROOMS, "--package-dir", "."],
+        ["--package-dir", "ball:0.1", ".urdf"],
+    ),
+    "solid without mesh": (
+        [*_MAP_ROOMS, "--solid", "fill"],
+        ["solid", "rooms.npy", "leave it out"],
+    ),
+    "radius without points": (
+        [*_MAP_CUBE, "--radius", "1"],
+        ["radius", "cube.obj", "leave it out"],
+    ),
     "radius below zero": (["map", "cloud.xyz", *_MAP_CUBE[2:], "--radius", "-1"], ["-1"]),
-    "unknown without sensor map": ([*_MAP_CUBE, "--unknown", "free"], ["unknown", "cube.obj", "leave it out"]),
+    "unknown without sensor map": (
+        [*_MAP_CUBE, "--unknown", "free"],
+        ["unknown", "cube.obj", "leave it out"],
+    ),
     "bounds of words": ([*_MAP_CUBE, "--bounds", "here"], ["--bounds is 'here'", "or six"]),
     "bounds reversed": ([*_MAP_CUBE, "--bounds", "0,0,0,1,-1,1"], ["bounds", "must be above"]),
     "bounds of the plane": ([*_MAP_CUBE, "--bounds", "0,0,1,1"], ["bounds", "six numbers"]),
-    "bounds of voxels": ([*_MAP_ROOMS, "--bounds", "0,0,0,1,1,1"], ["bounds", "rooms.npy", "leave it out"]),
+    "bounds of voxels": (
+        [*_MAP_ROOMS, "--bounds", "0,0,0,1,1,1"],
+        ["bounds", "rooms.npy", "leave it out"],
+    ),
     "empty mesh": (["map", "empty.stl", *_MAP_CUBE[2:]], ["empty.stl"]),
     "empty octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
     "far too small spacing": ([*_MAP_CUBE, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
-    "map as a workspace": (["map", "space.zarr", *_MAP_ROOMS[2:]], ["space.zarr: holds no array", "not a saved map"]),
+    "map as a workspace": (
+        ["map", "space.zarr", *_MAP_ROOMS[2:]],
+        ["space.zarr: holds no array", "not a saved map"],
+    ),
     "map suffix": ([*_MAP_FLOOR, "-o", "new.xyz"], ["new.xyz", ".zarr"]),
     "map into an export": ([*_MAP_FLOOR, "-o", "new.npz"], ["new.npz", ".zarr"]),
     "map exists": ([*_MAP_FLOOR, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
     "map in a missing folder": ([*_MAP_FLOOR, "-o", "absent/new.zarr"], ["absent", "folder"]),
-    "map over something else": ([*_MAP_FLOOR, "-o", "precious", "--overwrite"], ["precious", "another name"]),
+    "map over something else": (
+        [*_MAP_FLOOR, "-o", "precious", "--overwrite"],
+        ["precious", "another name"],
+    ),
     # plan
     "missing map": (["plan", "absent.zarr", *_PLAN_PLANE[2:]], ["absent.zarr", "does not exist"]),
     "corrupt map": (["plan", "broken.zarr", *_PLAN_PLANE[2:]], ["broken.zarr"]),
@@ -72,16 +111,28 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         [*_PLAN_PLANE, "--start", "5"],
         ["--start is '5'", "x,y, in metres", "e.g. --start=-1.5,2"],
     ),
-    "start of three numbers": ([*_PLAN_PLANE, "--start", "5,6,1"], ["--start is '5,6,1'", "configurations are x,y"]),
+    "start of three numbers": (
+        [*_PLAN_PLANE, "--start", "5,6,1"],
+        ["--start is '5,6,1'", "configurations are x,y"],
+    ),
     "start without a yaw": (
         [*_PLAN_TURNING, "--start", "1,1"],
         ["--start is '1,1'", "x,y,yaw", "--start=-1.5,2,90deg"],
     ),
-    "start without z": ([*_PLAN_SPACE, "--start", "1,1"], ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"]),
+    "start without z": (
+        [*_PLAN_SPACE, "--start", "1,1"],
+        ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"],
+    ),
     "goal with a yaw": ([*_PLAN_SPACE, "--goal", "1,1,90deg"], ["--goal is '1,1,90deg'", "x,y,z"]),
     "goal that is not finite": ([*_PLAN_PLANE, "--goal", "nan,1"], ["--goal[0] is nan"]),
-    "degrees without a unit": ([*_PLAN_TURNING, "--start", "1,1,90"], ["--start has the yaw '90'", "90deg"]),
-    "yaw of words": ([*_PLAN_TURNING, "--goal", "1,1,north"], ["--goal has the yaw 'north'", "90deg"]),
+    "degrees without a unit": (
+        [*_PLAN_TURNING, "--start", "1,1,90"],
+        ["--start has the yaw '90'", "90deg"],
+    ),
+    "yaw of words": (
+        [*_PLAN_TURNING, "--goal", "1,1,north"],
+        ["--goal has the yaw 'north'", "90deg"],
+    ),
     "yaw that is infinite": ([*_PLAN_TURNING, "--start", "1,1,infdeg"], ["start", "inf"]),
     "time limit": ([*_PLAN_PLANE, "--time-limit", "-1"], ["--time-limit is -1"]),
     "objective": ([*_PLAN_PLANE, "--objective", "beauty"], ["--objective", "beauty", "length"]),
@@ -93,7 +144,10 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         [*_PLAN_TURNING, "--drive", "dubins"],
         ["--turning-radius is missing", "--drive dubins"],
     ),
-    "radius without a curve": ([*_PLAN_TURNING, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
+    "radius without a curve": (
+        [*_PLAN_TURNING, "--turning-radius", "1"],
+        ["--turning-radius is 1", "--drive dubins"],
+    ),
     "curve without rotations": (
         [*_PLAN_PLANE, "--drive", "dubins", "--turning-radius", "1"],
         ["--drive is 'dubins'", "(x, y)", "with rotations=72"],
@@ -111,17 +165,26 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "not a JSON path": ([*_PLOT_PLANE, "--path", "list.json"], ["list.json", "path"]),
     "binary path": ([*_PLOT_PLANE, "--path", "old.png"], ["old.png"]),
     "ragged path": ([*_PLOT_PLANE, "--path", "ragged.csv"], ["ragged.csv"]),
-    "path with yaws": ([*_PLOT_PLANE, "--path", "yaws.csv"], ["yaws.csv: has x, y, yaw", "axes are x, y;"]),
+    "path with yaws": (
+        [*_PLOT_PLANE, "--path", "yaws.csv"],
+        ["yaws.csv: has x, y, yaw", "axes are x, y;"],
+    ),
     "path of five": ([*_PLOT_PLANE, "--path", "wide.json"], ["wide.json", "x, y"]),
     "path of four": ([*_PLOT_PLANE, "--path", "four.json"], ["four.json", "x, y"]),
     "resolution": ([*_PLOT_PLANE, "--dpi", "0"], ["--dpi is 0", "in pixels per inch\n"]),
-    "resolution beyond memory": ([*_PLOT_PLANE, "--dpi", "100000"], ["--dpi is 100000", "at most 2,400"]),
+    "resolution beyond memory": (
+        [*_PLOT_PLANE, "--dpi", "100000"],
+        ["--dpi is 100000", "at most 2,400"],
+    ),
     "negative distance of robots": ([*_PLOT_PLANE, "--robot-every", "-1"], ["--robot-every is -1"]),
     "yaw in degrees": (
         ["plot", "turning.zarr", "-o", "new.png", "--rotation", "90"],
         ["--rotation has the yaw", "90deg"],
     ),
-    "yaw without rotations": ([*_PLOT_PLANE, "--rotation", "1"], ["--rotation is '1'", "the map has no rotations"]),
+    "yaw without rotations": (
+        [*_PLOT_PLANE, "--rotation", "1"],
+        ["--rotation is '1'", "the map has no rotations"],
+    ),
     "view of the plane": ([*_PLOT_PLANE, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
     "point of the plane": (
         ["plot", "turning.zarr", "-o", "new.png", "--center", "1,1,1"],
@@ -131,17 +194,29 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         ["plot", "space.zarr", "-o", "new.png", "--center", "9,9.2,9"],
         ["--center is (9, 9.2, 9)", "the grid is from"],
     ),
-    "point of two": (["plot", "space.zarr", "-o", "new.png", "--center", "1,1"], ["--center is '1,1'", "x,y,z"]),
+    "point of two": (
+        ["plot", "space.zarr", "-o", "new.png", "--center", "1,1"],
+        ["--center is '1,1'", "x,y,z"],
+    ),
     "point of 3d": (
         ["plot", "space.zarr", "-o", "n.png", "--center", "1,1,1", "--view", "3d"],
         ["--center is given without zoom", "--zoom 8"],
     ),
-    "surface of sections": (["plot", "space.zarr", "-o", "n.png", "--surface", "free"], ["--surface", "view 3d"]),
+    "surface of sections": (
+        ["plot", "space.zarr", "-o", "n.png", "--surface", "free"],
+        ["--surface", "view 3d"],
+    ),
     "export suffix": (["export", "plane.zarr", "new.bmp"], ["new.bmp", ".npz", ".yaml"]),
     "export exists": (["export", "plane.zarr", "old.npz"], ["old.npz: exists", "--overwrite"]),
-    "export's image exists": (["export", "plane.zarr", "old.yaml"], ["old.pgm: exists", "--overwrite"]),
+    "export's image exists": (
+        ["export", "plane.zarr", "old.yaml"],
+        ["old.pgm: exists", "--overwrite"],
+    ),
     "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
-    "export of both to the plane": (["export", "both.zarr", "new.yaml"], ["new.yaml", "a ROS map is plane"]),
+    "export of both to the plane": (
+        ["export", "both.zarr", "new.yaml"],
+        ["new.yaml", "a ROS map is plane"],
+    ),
     "export of the plane": (["export", "plane.zarr", "new.stl"], ["a mesh in space", ".vti"]),
     "export at a yaw": (
         ["export", "plane.zarr", "new.npz", "--rotation", "1"],
@@ -153,14 +228,38 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "info of nothing": (["info", "absent.zarr"], ["absent.zarr"]),
     "map in an export": (["info", "broken.npz"], ["broken.npz", "numpy.load", "space.save"]),
     "info of a bad robot": (["info", "disc:wide"], ["disc:wide"]),
-    "info of a robot of the plane": (["info", "cube.obj", "--robot", "disc:0.1"], ["cube.obj", "disc", "agree"]),
-    "info of a map with a spacing": (["info", "space.zarr", "--spacing", "1"], ["--spacing", "saved map"]),
-    "info of a map with rotations": (["info", "space.zarr", "--rotations", "8"], ["--rotations", "saved map"]),
-    "info of a robot with bounds": (["info", "ball:1", "--bounds", "0,0,1,1"], ["--bounds", "robot", "workspaces"]),
-    "info of a mesh with a radius": (["info", "cube.obj", "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
-    "info of a solid without a robot": (["info", "cube.obj", "--robot-solid", "fill"], ["--robot-solid", "--robot"]),
-    "info of packages without a robot": (["info", "cube.obj", "--package-dir", "."], ["--package-dir", "--robot"]),
-    "info of quaternions in the plane": (["info", "wall.wkt", "--rotations", "quaternions:2"], ["--rotations 72"]),
+    "info of a robot of the plane": (
+        ["info", "cube.obj", "--robot", "disc:0.1"],
+        ["cube.obj", "disc", "agree"],
+    ),
+    "info of a map with a spacing": (
+        ["info", "space.zarr", "--spacing", "1"],
+        ["--spacing", "saved map"],
+    ),
+    "info of a map with rotations": (
+        ["info", "space.zarr", "--rotations", "8"],
+        ["--rotations", "saved map"],
+    ),
+    "info of a robot with bounds": (
+        ["info", "ball:1", "--bounds", "0,0,1,1"],
+        ["--bounds", "robot", "workspaces"],
+    ),
+    "info of a mesh with a radius": (
+        ["info", "cube.obj", "--radius", "1"],
+        ["radius", "cube.obj", "leave it out"],
+    ),
+    "info of a solid without a robot": (
+        ["info", "cube.obj", "--robot-solid", "fill"],
+        ["--robot-solid", "--robot"],
+    ),
+    "info of packages without a robot": (
+        ["info", "cube.obj", "--package-dir", "."],
+        ["--package-dir", "--robot"],
+    ),
+    "info of quaternions in the plane": (
+        ["info", "wall.wkt", "--rotations", "quaternions:2"],
+        ["--rotations 72"],
+    ),
     "info of voxels without a spacing": (["info", "rooms.npy"], ["--spacing", "missing"]),
 }
 
@@ -207,9 +306,26 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     for name in ("opening.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
         monkeypatch.setattr(f"cspace.{name}", work)
     for name in (
-        *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "plane robot among meshes"),
-        *("plane robot", "solid robot in the plane", "map exists", "start of three numbers", "start without a yaw"),
-        *("degrees without a unit", "curve without a radius", "negative radius of a curve", "curve without rotations"),
+        *(
+            "negative spacing",
+            "no rotations",
+            "bounds of words",
+            "bounds reversed",
+            "plane robot among meshes",
+        ),
+        *(
+            "plane robot",
+            "solid robot in the plane",
+            "map exists",
+            "start of three numbers",
+            "start without a yaw",
+        ),
+        *(
+            "degrees without a unit",
+            "curve without a radius",
+            "negative radius of a curve",
+            "curve without rotations",
+        ),
         *("animation suffix", "path twice", "yaw in degrees", "yaw without rotations"),
         *("view of the plane", "point of two", "point of 3d", "surface of sections"),
         *("export at a yaw", "info of a map with a spacing", "info of a robot of the plane"),
@@ -221,7 +337,12 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
 def test_unwritable_folder_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # os.access is patched, because the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
-    for arguments in (_MAP_FLOOR, [*_PLAN_PLANE, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
+    for arguments in (
+        _MAP_FLOOR,
+        [*_PLAN_PLANE, "-o", "path.csv"],
+        ["demo"],
+        ["demo", "-o", "new/demo"],
+    ):
         result = run(*arguments)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
         assert "written" in result.stderr

@@ -15,15 +15,26 @@ from cspace.errors import CspaceError, FileError, InputError
 from tests.commands import COMMANDS, flatten, run
 from tests.refusals import refusals
 
-AXES_OF = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
+AXES_OF = {
+    "plane": ("x", "y"),
+    "turning": ("x", "y", "yaw"),
+    "space": ("x", "y", "z"),
+    "both": ("x", "y", "z", "yaw"),
+}
 OPTION_NAMES = {
-    name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", "robot_solid", "exact", "rotations")
+    name: f"--{name.replace('_', '-')}"
+    for name in ("solid", "spacing", "robot_solid", "exact", "rotations")
 }
 
 
 @pytest.mark.parametrize(
     ("file", "kind"),
-    [("plane.zarr", "plane"), ("turning.zarr", "turning"), ("space.zarr", "space"), ("both.zarr", "both")],
+    [
+        ("plane.zarr", "plane"),
+        ("turning.zarr", "turning"),
+        ("space.zarr", "space"),
+        ("both.zarr", "both"),
+    ],
 )
 def test_axes_of_a_map_are_read_without_its_cells(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
@@ -61,8 +72,20 @@ def test_invalid_configurations_are_refused_with_an_example(text: str, kind: str
 @pytest.mark.parametrize(
     ("text", "radians"),
     [
-        *(("0", 0.0), ("90deg", math.pi / 2), ("-90deg", -math.pi / 2), (" 450deg ", 2.5 * math.pi), ("1.57", 1.57)),
-        *(("-6.28", -6.28), (str(2 * math.pi), 2 * math.pi), ("1e-3", 1e-3), ("1.5rad", 1.5), ("90rad", 90.0)),
+        *(
+            ("0", 0.0),
+            ("90deg", math.pi / 2),
+            ("-90deg", -math.pi / 2),
+            (" 450deg ", 2.5 * math.pi),
+            ("1.57", 1.57),
+        ),
+        *(
+            ("-6.28", -6.28),
+            (str(2 * math.pi), 2 * math.pi),
+            ("1e-3", 1e-3),
+            ("1.5rad", 1.5),
+            ("90rad", 90.0),
+        ),
     ],
 )
 def test_angles_are_read_in_degrees_and_radians(text: str, radians: float) -> None:
@@ -121,7 +144,10 @@ def test_name_options_replaces_arguments(message: str, expected: str) -> None:
             InputError("spacing", "is -1", "it must be above zero", "pass it in metres"),
             "--spacing is -1; it must be above",
         ),
-        (InputError("solid", "is 'x'", hint="pass solid='fill'"), "--solid is 'x'; pass --solid fill"),
+        (
+            InputError("solid", "is 'x'", hint="pass solid='fill'"),
+            "--solid is 'x'; pass --solid fill",
+        ),
         (
             FileError("spacing=1.npy", "does not exist", "check the name"),
             "spacing=1.npy: does not exist; check the name",
@@ -141,7 +167,9 @@ def test_the_list_of_commands_cuts_no_sentence() -> None:
 
 
 @pytest.mark.parametrize("name", ["clearance_m", "obstacle_distance_rad"])
-def test_a_bound_of_zero_is_printed_as_not_proven(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bound_of_zero_is_printed_as_not_proven(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     show({name: 0.0, "length_m": 0.0}, as_json=False)
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].endswith("not proven to be more than 0") and printed[1].endswith("0 m")

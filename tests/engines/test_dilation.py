@@ -26,11 +26,18 @@ def test_a_run_does_not_reach_into_the_next_row():
     """Put a run far beyond one end of a row."""
     occupied = np.zeros((5, 64), dtype=bool)
     occupied[1:, :9] = True
-    (hit,), _ = collide(dilation, occupied, [Raster.from_bitmap(np.ones((1, 60), bool), (0, 0))], False)
+    (hit,), _ = collide(
+        dilation, occupied, [Raster.from_bitmap(np.ones((1, 60), bool), (0, 0))], False
+    )
     assert (hit == occupied).all()
 
 
-@given(bitmaps(12), st.tuples(st.integers(-9, 9), st.integers(-9, 9)), st.integers(1, 9), st.integers(1, 9))
+@given(
+    bitmaps(12),
+    st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
+    st.integers(1, 9),
+    st.integers(1, 9),
+)
 def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     raster = Raster.from_bitmap(cells, lower)
     other = Raster.from_bitmap(np.ones((2, 3), bool), (0, 0))
@@ -48,9 +55,13 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
 def test_dilation_equals_shifted_copies_of_the_map(seed, dim, outside):
     """Cross words, bytes and layers, by runs of up to five words; read a corner of the results."""
     rng = np.random.default_rng(seed)
-    occupied = rng.random(rng.integers(1, {2: (90, 400), 3: (7, 12, 90)}[dim])) < rng.choice([0.002, 0.1])
+    occupied = rng.random(rng.integers(1, {2: (90, 400), 3: (7, 12, 90)}[dim])) < rng.choice(
+        [0.002, 0.1]
+    )
     size = rng.integers(1, {2: (6, 320), 3: (3, 4, 80)}[dim])
-    raster = Raster.from_bitmap(rng.random(size) < rng.choice([0.3, 1.0]), tuple(rng.integers(-size, 3).tolist()))
+    raster = Raster.from_bitmap(
+        rng.random(size) < rng.choice([0.3, 1.0]), tuple(rng.integers(-size, 3).tolist())
+    )
     expected = overlaps_by_shifts(occupied, raster, outside) > 0
     corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
     hits = np.empty_like(expected[corner])
@@ -64,4 +75,7 @@ def test_memory_covers_the_map_and_its_padding():
     unpadded = 1000 * 640 // 8
     needed = dilation.bytes_needed((1000, 640), [raster])
     assert padded + unpadded <= needed < 1.1 * (padded + unpadded)
-    assert dilation.bytes_needed((1000, 640), [Raster.from_bitmap(np.zeros((1, 1), bool), (0, 0))]) == 0
+    assert (
+        dilation.bytes_needed((1000, 640), [Raster.from_bitmap(np.zeros((1, 1), bool), (0, 0))])
+        == 0
+    )

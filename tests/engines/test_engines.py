@@ -25,7 +25,11 @@ def problems(draw, dim=None, side=9, across=7):
     dim = dim or draw(st.integers(2, 3))
     occupied = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, side)] * dim)))
     cells = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, across)] * dim)))
-    return occupied, Raster.from_bitmap(cells, draw(st.tuples(*[st.integers(-12, 6)] * dim))), draw(st.booleans())
+    return (
+        occupied,
+        Raster.from_bitmap(cells, draw(st.tuples(*[st.integers(-12, 6)] * dim))),
+        draw(st.booleans()),
+    )
 
 
 @both
@@ -33,10 +37,20 @@ def problems(draw, dim=None, side=9, across=7):
 @given(problem=problems())
 @example(problem=(np.ones((1, 1), bool), Raster.from_bitmap(np.ones((1, 1), bool), (0, 0)), False))
 @example(problem=(np.ones((1, 9), bool), Raster.from_bitmap(np.ones((5, 1), bool), (-2, 0)), True))
-@example(problem=(np.zeros((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), True))
-@example(problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), False))
+@example(
+    problem=(np.zeros((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), True)
+)
+@example(
+    problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), False)
+)
 @example(problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.zeros((2, 2), bool), (0, 0)), True))
-@example(problem=(np.zeros((4, 4, 4), bool), Raster.from_bitmap(np.ones((9, 9, 9), bool), (-4, -4, -4)), True))
+@example(
+    problem=(
+        np.zeros((4, 4, 4), bool),
+        Raster.from_bitmap(np.ones((9, 9, 9), bool), (-4, -4, -4)),
+        True,
+    )
+)
 def test_engines_count_what_the_sum_counts(engine, problem):
     occupied, raster, outside = problem
     expected = overlaps_by_shifts(occupied, raster, outside)
@@ -66,7 +80,9 @@ def test_engines_agree_with_each_other(seed, dim):
     for engine in ENGINES.values():
         hits, _ = collide(engine, occupied, rasters, outside, workers=2)
         marks, _ = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
-        assert all((mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True))
+        assert all(
+            (mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True)
+        )
         corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
         part_hits = [np.empty_like(hit[corner]) for hit in hits]
         engine.collide(occupied, rasters, part_hits, outside=outside, workers=2)
@@ -81,7 +97,10 @@ def test_engines_read_maps_that_are_not_contiguous(engine):
     wide = np.random.default_rng(0).random((80, 200)) < 0.1
     raster = Raster.from_bitmap(np.ones((3, 5), bool), (-1, -2))
     for part in (wide.T, wide[:, ::3]):
-        assert (collide(engine, part, [raster], True)[0][0] == (overlaps_by_shifts(part, raster, True) > 0)).all()
+        assert (
+            collide(engine, part, [raster], True)[0][0]
+            == (overlaps_by_shifts(part, raster, True) > 0)
+        ).all()
 
 
 @both
@@ -101,7 +120,14 @@ def test_progress_runs_to_the_end(engine):
     seen = []
     occupied = np.random.default_rng(0).random((2500, 1100)) < 0.001
     raster = Raster.from_bitmap(np.ones((41, 30), bool), (-2, -2))
-    collide(engine, occupied, [raster], True, workers=2, progress=lambda done, total: seen.append((done, total)))
+    collide(
+        engine,
+        occupied,
+        [raster],
+        True,
+        workers=2,
+        progress=lambda done, total: seen.append((done, total)),
+    )
     assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1)) and len(seen) > 1
 
 
@@ -114,7 +140,12 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
     occupied = np.random.default_rng(0).random((4000, 300)) < 0.1
     with pytest.raises(KeyboardInterrupt):
         collide(
-            engine, occupied, [Raster.from_bitmap(np.ones((25, 5), bool), (-2, -2))], True, workers=2, progress=stop
+            engine,
+            occupied,
+            [Raster.from_bitmap(np.ones((25, 5), bool), (-2, -2))],
+            True,
+            workers=2,
+            progress=stop,
         )
     assert threading.active_count() == before
 
@@ -122,8 +153,19 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
 def test_auto_chooses_dilation_except_for_counts_and_very_many_rows():
     block = Raster.from_bitmap(np.ones((300, 300), bool), (0, 0))
     sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 4 == 0, (0, 0))
-    ball = Raster.from_bitmap(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
-    assert sieve.count > 301 * MAX_ROWS_PER_CELL[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
-    assert choose_engine([block]) == choose_engine([ball]) == "direct" and choose_engine([sieve]) == "fft"
-    assert choose_engine([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS
+    ball = Raster.from_bitmap(
+        np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0)
+    )
+    assert (
+        sieve.count > 301 * MAX_ROWS_PER_CELL[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
+    )
+    assert (
+        choose_engine([block]) == choose_engine([ball]) == "direct"
+        and choose_engine([sieve]) == "fft"
+    )
+    assert (
+        choose_engine([block], counts=True) == "fft"
+        and ENGINES["fft"].COUNTS
+        and not ENGINES["direct"].COUNTS
+    )
     assert choose_engine([block] * 30 + [sieve]) == "direct"

@@ -27,7 +27,9 @@ def check(occupied, rasters, outside):
 
 def box_sums(occupied, raster, outside):
     """Return the overlaps of a full raster by sums over boxes, in integers."""
-    pads = [(max(0, -low), max(0, high)) for low, high in zip(raster.lower, raster.upper, strict=True)]
+    pads = [
+        (max(0, -low), max(0, high)) for low, high in zip(raster.lower, raster.upper, strict=True)
+    ]
     sums = np.pad(occupied, pads, constant_values=outside).astype(np.int64)
     for axis, (side, low) in enumerate(zip(raster.cells.shape, raster.lower, strict=True)):
         sums = np.insert(np.cumsum(sums, axis=axis), 0, 0, axis=axis)
@@ -43,7 +45,10 @@ def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
     for _ in range(rng.integers(1, 4)):
-        cuts = [np.sort(rng.integers(0, n + 1, 2)) if rng.random() < 0.5 else (0, n) for n in occupied.shape]
+        cuts = [
+            np.sort(rng.integers(0, n + 1, 2)) if rng.random() < 0.5 else (0, n)
+            for n in occupied.shape
+        ]
         occupied[tuple(slice(*cut) for cut in cuts)] ^= True
     cells, lower = rng.random(rng.integers(1, 5, 3)) < 0.7, rng.integers(-6, 3, 3)
     raster = Raster.from_bitmap(cells, tuple(lower.tolist()))
@@ -56,10 +61,14 @@ def test_several_rasters_on_several_tiles_are_exact(seed):
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(400, 600, 2)) < rng.choice([0.001, 0.05, 1.0])
     rasters = [
-        Raster.from_bitmap(rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
+        Raster.from_bitmap(
+            rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist())
+        )
         for share in rng.choice([0.1, 1.0], rng.integers(3, 9))
     ]
-    rasters[1] = Raster.from_bitmap(np.arange(901)[None, :] % 900 == 0, (0, 0))  # one offset never falls on the map
+    rasters[1] = Raster.from_bitmap(
+        np.arange(901)[None, :] % 900 == 0, (0, 0)
+    )  # one offset never falls on the map
     rasters[2] = Raster.from_bitmap(np.zeros((2, 2), bool), (0, 0))
     assert (choose_tiling(occupied.shape, rasters[:1]).step < occupied.shape).all()
     check(occupied, rasters, bool(rng.integers(2)))
@@ -91,7 +100,9 @@ def test_the_error_stays_below_its_bound(seed, length):
         tile[: robot.shape[0], : robot.shape[1]] = robot[::-1, ::-1] - 0.5
     sums = {}
     for precision in (np.float32, np.float64):
-        spectrum = scipy.fft.rfft2(tile.astype(precision)) * scipy.fft.rfft2(robot.astype(precision), s=tile.shape)
+        spectrum = scipy.fft.rfft2(tile.astype(precision)) * scipy.fft.rfft2(
+            robot.astype(precision), s=tile.shape
+        )
         sums[precision] = scipy.fft.irfft2(spectrum, s=tile.shape)
         assert sums[precision].dtype == precision
     error = np.abs(sums[np.float32] - sums[np.float64]).max()
@@ -119,7 +130,12 @@ def test_spectra_larger_than_their_memory_are_used_in_batches(monkeypatch, size)
     for used in (rasters[:1], rasters):
         seen = []
         hits, _ = collide(
-            fft, occupied, used, True, workers=2, progress=lambda done, total, seen=seen: seen.append((done, total))
+            fft,
+            occupied,
+            used,
+            True,
+            workers=2,
+            progress=lambda done, total, seen=seen: seen.append((done, total)),
         )
         assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
         for raster, hit in zip(used, hits, strict=True):

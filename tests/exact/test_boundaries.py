@@ -21,7 +21,9 @@ def to_pieces(simplices):
 
 
 def compute_areas(triangles):
-    return 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    return 0.5 * np.linalg.norm(
+        np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+    )
 
 
 @settings(max_examples=40)
@@ -31,7 +33,10 @@ def test_cell_boundaries_have_an_anchor_per_part(seed):
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     if cells.any():
         triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
-        assert len(part_anchors(to_pieces(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
+        assert (
+            len(part_anchors(to_pieces(triangles))[0])
+            >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
+        )
 
 
 @settings(max_examples=30)
@@ -59,8 +64,14 @@ def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounde
     shift = rng.uniform(-1, 2, (len(corners), 2))
     polygons = [shapely.Polygon(part + by) for part, by in zip(corners, shift, strict=True)]
     if rounded:
-        polygons = [shapely.set_precision(shapely.set_precision(part, 0.25), 0.0) for part in polygons]
-    polygons = [part for part in polygons if part.geom_type == "Polygon" and part.intersects(shapely.box(0, 0, 1, 1))]
+        polygons = [
+            shapely.set_precision(shapely.set_precision(part, 0.25), 0.0) for part in polygons
+        ]
+    polygons = [
+        part
+        for part in polygons
+        if part.geom_type == "Polygon" and part.intersects(shapely.box(0, 0, 1, 1))
+    ]
     if not polygons:
         return
     workspace = Workspace.from_polygons(polygons, 0.25, (0, 0, 1, 1))
@@ -80,14 +91,17 @@ def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounde
 def test_clip_keeps_balls_that_reach_the_grid():
     grid = cspace.Grid((0.0, 0.0), 0.5, (2, 2))
     balls = RoundedSimplices(
-        np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0])
+        np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]),
+        np.array([0.5, 0.6, 0.0, 1.0]),
     )
     np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
 
 
 def test_part_anchors_returns_one_point_per_part():
     rng = np.random.default_rng(0)
-    spheres = [trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))]
+    spheres = [
+        trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))
+    ]
     points, sizes = part_anchors(to_pieces(rng.permutation(np.concatenate(spheres))))
     assert sorted(np.round(points.mean(axis=1) / 3.0).tolist()) == [0.0, 1.0, 2.0]
     np.testing.assert_allclose(np.sort(sizes), [0.4, 1.0, 1.8], rtol=0.2)

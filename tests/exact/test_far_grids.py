@@ -43,7 +43,11 @@ def test_points_and_edges_agree_with_rational_arithmetic(seed, signs, spacing):
     other = q + rng.uniform(-0.1, 0.1, q.shape)
     blocks = [exact(box) for box in boxes]
     for one, two, point, edge in zip(
-        q, other, space.is_free(q, exact=True), space.motion_is_free(q, other, exact=True), strict=True
+        q,
+        other,
+        space.is_free(q, exact=True),
+        space.motion_is_free(q, other, exact=True),
+        strict=True,
     ):
         for end, answer in ((one, point), (two, edge)):
             gap = min(square_distance_to_box((exact(one), exact(end)), block) for block in blocks)
@@ -57,7 +61,9 @@ def test_rotating_robots_agree_with_shapely(signs):
     lower = find_farthest_lower(signs, spacing)
     boxes = draw_boxes(np.zeros(2), rng)
     workspace = Workspace.from_polygons(
-        [shapely.box(*box) for box in boxes + np.tile(lower, 2)], spacing, [*lower, *(lower + CELLS * spacing)]
+        [shapely.box(*box) for box in boxes + np.tile(lower, 2)],
+        spacing,
+        [*lower, *(lower + CELLS * spacing)],
     )
     length, width = 0.6, 0.3
     space = cspace.build(workspace, Robot.rectangle(length, width), rotations=16, outside="free")
@@ -66,9 +72,16 @@ def test_rotating_robots_agree_with_shapely(signs):
     far = q + offset
     mixed = space.classify(far) == MIXED
     near = far[mixed] - offset
-    body = [shapely.affinity.rotate(shapely.box(-0.3, -0.15, 0.3, 0.15), yaw, (0, 0), True) for yaw in near[:, 2]]
-    placed = [shapely.affinity.translate(part, x, y) for part, (x, y, _) in zip(body, near, strict=True)]
-    gaps = shapely.distance(np.array(placed), shapely.union_all([shapely.box(*box) for box in boxes]))
+    body = [
+        shapely.affinity.rotate(shapely.box(-0.3, -0.15, 0.3, 0.15), yaw, (0, 0), True)
+        for yaw in near[:, 2]
+    ]
+    placed = [
+        shapely.affinity.translate(part, x, y) for part, (x, y, _) in zip(body, near, strict=True)
+    ]
+    gaps = shapely.distance(
+        np.array(placed), shapely.union_all([shapely.box(*box) for box in boxes])
+    )
     answers = space.is_free(far[mixed], exact=True)
     assert answers[gaps > 1e-3].all()
     assert not answers[gaps == 0.0].any()

@@ -55,10 +55,19 @@ def workspaces(draw):
     rng = np.random.default_rng(draw(seeds))
     low = rng.uniform(-3, 3, 2)
     if draw(st.booleans()):
-        return Workspace.from_array(rng.random((24, 20)) < draw(st.sampled_from([0.0, 0.02, 0.1])), 0.2, low)
-    shapes = [shapely.Polygon(draw(stars(0.8)) + low + rng.uniform(0, 4, 2)) for _ in range(draw(st.integers(1, 4)))]
+        return Workspace.from_array(
+            rng.random((24, 20)) < draw(st.sampled_from([0.0, 0.02, 0.1])), 0.2, low
+        )
+    shapes = [
+        shapely.Polygon(draw(stars(0.8)) + low + rng.uniform(0, 4, 2))
+        for _ in range(draw(st.integers(1, 4)))
+    ]
     ring = shapely.Point(low + 2).buffer(1.6).difference(shapely.Point(low + 2).buffer(1.5))
-    walls = [shapely.LineString(low + rng.uniform(-1, 5, (3, 2))), shapely.Point(low + rng.uniform(0, 4, 2)), ring]
+    walls = [
+        shapely.LineString(low + rng.uniform(-1, 5, (3, 2))),
+        shapely.Point(low + rng.uniform(0, 4, 2)),
+        ring,
+    ]
     return Workspace.from_polygons([*shapes, walls[int(rng.integers(3))]], 0.2, (*low, *(low + 4)))
 
 
@@ -75,7 +84,7 @@ def spaces(draw):
     )
 
 
-# ---- against shapely -------------------------------------------------------------------------------------------------
+# ---- against shapely -----------------------------------------------------------------------------
 
 
 @settings(max_examples=40)
@@ -104,7 +113,8 @@ def test_free_edges_never_collide(space, seed):
     shape = obstacles_of(space)
     for first, last, proven in zip(q0, q1, free, strict=True):
         smallest = (
-            measure_distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
+            measure_distances(space, interpolate(first, last, 1000 if proven else 60), shape).min()
+            - space.margin
         )
         if proven:
             assert smallest > 0.0
@@ -112,7 +122,7 @@ def test_free_edges_never_collide(space, seed):
             assert smallest < 0.01 * (np.abs(last - first).sum() + 1.0) + ORACLE_BAND
 
 
-# ---- cases solved by hand --------------------------------------------------------------------------------------------
+# ---- cases solved by hand ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turns", [None, 36, 72])
@@ -123,7 +133,9 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     narrow = cspace.build(make_corridor(0.98), robot, rotations=turns)
     edge = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
     assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
-    assert wide.is_free(np.mean(edge, axis=0), exact=True) and not wide.is_free(np.mean(edge, axis=0))
+    assert wide.is_free(np.mean(edge, axis=0), exact=True) and not wide.is_free(
+        np.mean(edge, axis=0)
+    )
     assert not narrow.motion_is_free(*edge, exact=True)
     assert not narrow.is_free(np.mean(edge, axis=0), exact=True)
 
@@ -147,7 +159,10 @@ def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
     space = cspace.build(make_corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
     assert space.is_free([3.0, 2.0, angle], exact=True) == fits
     assert space.motion_is_free([3.0, 2.0, -0.01], [3.0, 2.0, angle], exact=True) == fits
-    assert space.motion_is_free([3.0, 2.0, math.pi - 0.01], [3.0, 2.0, angle - math.pi], exact=True) == fits
+    assert (
+        space.motion_is_free([3.0, 2.0, math.pi - 0.01], [3.0, 2.0, angle - math.pi], exact=True)
+        == fits
+    )
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
@@ -159,7 +174,10 @@ def test_discs_are_exactly_round(outside, margin, center):
     space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
     for angle in np.linspace(0, 7, 50):
         direction = np.array([math.cos(angle), math.sin(angle)])
-        near, far = (np.array([1.0, 1.0]) - center + direction * (0.25 + margin + gap) for gap in (-1e-6, 1e-6))
+        near, far = (
+            np.array([1.0, 1.0]) - center + direction * (0.25 + margin + gap)
+            for gap in (-1e-6, 1e-6)
+        )
         assert space.is_free(far, exact=True) and not space.is_free(near, exact=True)
         tangent = np.array([-direction[1], direction[0]]) * 0.1
         assert space.motion_is_free(far - tangent, far + tangent, exact=True)
@@ -177,7 +195,9 @@ def test_disc_rotates_about_its_center_next_to_an_obstacle():
 
 
 def test_touching_counts_as_collision():
-    space = cspace.build(Workspace.from_array(fill_boxes((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
+    space = cspace.build(
+        Workspace.from_array(fill_boxes((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0)
+    )
     assert not space.is_free([4.5, 5.5], exact=True)
     assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
     assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)
@@ -189,7 +209,9 @@ def test_touching_counts_as_collision():
 def test_containment_counts_as_collision():
     """Put robots into obstacles, and obstacles into robots and holes."""
     block = cspace.build(
-        Workspace.from_polygons(shapely.box(1, 1, 5, 5), 0.5, (0, 0, 6, 6)), Robot.disc(0.3), inner=False
+        Workspace.from_polygons(shapely.box(1, 1, 5, 5), 0.5, (0, 0, 6, 6)),
+        Robot.disc(0.3),
+        inner=False,
     )
     assert not block.is_free([3.0, 3.0], exact=True)
     assert not block.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
@@ -198,7 +220,9 @@ def test_containment_counts_as_collision():
     solid = cspace.build(pillar, Robot.polygon(frame), inner=False)
     assert not solid.is_free([3.1, 3.0], exact=True)
     assert not solid.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
-    hollow = cspace.build(pillar, Robot.polygon(frame.difference(shapely.box(-1, -1, 1, 1))), rotations=8, inner=False)
+    hollow = cspace.build(
+        pillar, Robot.polygon(frame.difference(shapely.box(-1, -1, 1, 1))), rotations=8, inner=False
+    )
     assert hollow.is_free([3.1, 3.0, 0.3], exact=True)
     assert hollow.motion_is_free([2.9, 3.0, 0.0], [3.1, 3.0, 3.0], exact=True)
     yard = Workspace.from_polygons(shapely.box(0, 0, 6, 6).difference(shapely.box(2, 2, 4, 4)), 0.5)
@@ -210,7 +234,9 @@ def test_bitmap_parts_inside_an_obstacle_collide():
     occupied = np.zeros((40, 3), dtype=bool)
     occupied[[0, 39]] = True
     robot = Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0))
-    space = cspace.build(Workspace.from_polygons(shapely.box(3, 0, 6, 6), 0.5, (0, 0, 6, 6)), robot, inner=False)
+    space = cspace.build(
+        Workspace.from_polygons(shapely.box(3, 0, 6, 6), 0.5, (0, 0, 6, 6)), robot, inner=False
+    )
     assert not space.is_free([2.6, 3.0], exact=True)
 
 
@@ -232,17 +258,30 @@ def test_edges_find_the_end_of_a_long_wall():
     """Test walls whose indexed centers are far from their ends."""
     rng = np.random.default_rng(0)
     tip = rng.uniform(3.0, 5.0, 100)
-    walls = [shapely.LineString([(x, y), (x + 4.0, y)]) for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)]
-    space = cspace.build(Workspace.from_polygons(walls, 0.25, (0, 0, 10, 201)), Robot.rectangle(0.5, 0.5), rotations=8)
-    low = np.column_stack([tip - 0.25 - rng.uniform(0.8, 0.99, 100), 2.0 * np.arange(100) + 1.0, np.zeros(100)])
-    high = np.column_stack([tip - 0.25 + rng.uniform(0.001, 0.05, 100), low[:, 1], np.full(100, 1e-3)])
+    walls = [
+        shapely.LineString([(x, y), (x + 4.0, y)])
+        for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)
+    ]
+    space = cspace.build(
+        Workspace.from_polygons(walls, 0.25, (0, 0, 10, 201)),
+        Robot.rectangle(0.5, 0.5),
+        rotations=8,
+    )
+    low = np.column_stack(
+        [tip - 0.25 - rng.uniform(0.8, 0.99, 100), 2.0 * np.arange(100) + 1.0, np.zeros(100)]
+    )
+    high = np.column_stack(
+        [tip - 0.25 + rng.uniform(0.001, 0.05, 100), low[:, 1], np.full(100, 1e-3)]
+    )
     assert space.is_free(low, exact=True).all()
     assert not space.motion_is_free(low, high, exact=True).any()
 
 
 def test_obstacles_are_clipped_to_the_bounds():
     shape = shapely.Polygon([(2, 1), (9, 1), (9, 3), (2, 3)])
-    space = cspace.build(Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free")
+    space = cspace.build(
+        Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free"
+    )
     assert space.is_free([4.301, 2.0], exact=True) and not space.is_free([4.301, 2.0])
     assert not space.is_free([4.299, 2.0], exact=True)
     assert space.motion_is_free([4.301, 0.0], [4.301, 4.0], exact=True)
@@ -265,7 +304,9 @@ def test_denormal_bounds_clip_like_zero(corners, low):
     space = cspace.build(workspace, Robot.disc(0.004), outside="free", inner=False)
     rng = np.random.default_rng(0)
     q = rng.uniform(0, 3, (4000, 2)) * rng.choice([1.0, 0.03, 1e-9], (4000, 2))
-    gap = shapely.distance(triangle.intersection(shapely.box(0, 0, 3, 3)), shapely.points(q)) - 0.004
+    gap = (
+        shapely.distance(triangle.intersection(shapely.box(0, 0, 3, 3)), shapely.points(q)) - 0.004
+    )
     free = space.is_free(q, exact=True)
     assert not free[gap <= 0.0].any()
     assert free[gap > ORACLE_BAND].all()
@@ -282,7 +323,9 @@ def test_ball_obstacles_are_exactly_round(outside):
     corners = np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)])
     angle = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
     placed = np.stack([angle.real + q[:, :1], angle.imag + q[:, 1:2]], axis=-1)
-    gap = (shapely.distance(shapely.polygons(placed)[:, None], shapely.points(centers)) - radii).min(axis=1)
+    gap = (
+        shapely.distance(shapely.polygons(placed)[:, None], shapely.points(centers)) - radii
+    ).min(axis=1)
     if outside == "blocked":
         gap = np.minimum(gap, np.minimum(placed, 4.0 - placed).min(axis=(1, 2)))
     free, state = space.is_free(q, exact=True), space.classify(q)
@@ -313,14 +356,23 @@ def test_cells_and_geometry_decide_together():
     point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
     q = [[1.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [3.0, 2.0, 0.02]]
     assert space.classify(q).tolist() == [FREE, BLOCKED, MIXED, MIXED]
-    assert space.is_free(q, exact=True).tolist() == [point(*row) for row in q] == [True, False, True, False]
+    assert (
+        space.is_free(q, exact=True).tolist()
+        == [point(*row) for row in q]
+        == [True, False, True, False]
+    )
     assert edge(1.0, 1.8, 0.0, 1.0, 2.2, 0.1) and edge(1.0, 2.0, 0.0, 5.0, 2.0, 1e-4)
     assert not space.motion_is_free([3.0, 1.0, 0.0], [3.1, 1.0, 0.0], exact=True)
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_far_configurations_are_decided(outside):
-    space = cspace.build(make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
+    space = cspace.build(
+        make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside
+    )
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
-        assert not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True) or outside == "free"
+        assert (
+            not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True)
+            or outside == "free"
+        )

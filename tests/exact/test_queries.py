@@ -31,9 +31,13 @@ EXACT_SPACES = {
     "turning": lambda: build_plane(24),
     "box": lambda: build_spatial(Robot.box((0.3, 0.2, 0.3))),
     "box with yaw": lambda: build_spatial(Robot.box((0.3, 0.1, 0.2)), rotations=6),
-    "box any way": lambda: build_spatial(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
+    "box any way": lambda: build_spatial(
+        Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)
+    ),
     "mesh": lambda: build_spatial(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
-    "balls": lambda: build_spatial(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
+    "balls": lambda: build_spatial(
+        Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02
+    ),
 }
 
 
@@ -57,7 +61,10 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
     free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
     assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
     assert free.dtype == edges.dtype == np.bool_
-    assert free[np.asarray(space.is_free(q0))].all() and edges[np.asarray(space.motion_is_free(q0, q1))].all()
+    assert (
+        free[np.asarray(space.is_free(q0))].all()
+        and edges[np.asarray(space.motion_is_free(q0, q1))].all()
+    )
     point, edge = other.point_checker(exact=True), other.edge_checker(exact=True)
     pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))
     with ThreadPoolExecutor(8) as pool:
@@ -88,7 +95,9 @@ def test_decided_cells_need_no_geometry(make, monkeypatch):
     edges = q[:-1], q[1:]
     through = space.motion_is_free(*edges)
     slices = space.rotations.assign_slices(space.robot.shape)
-    states = space.cell_states.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
+    states = space.cell_states.reshape(-1, *space.grid.shape)[
+        np.unique(slices, return_index=True)[1]
+    ]
     of = space.workspace, space.robot, space.rotations, slices, states
     # Proofs are None, so that any query beyond the cells fails.
     monkeypatch.setattr(cspace.exact.proofs, "BoundaryProofs", lambda problem: None)
@@ -139,7 +148,9 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
     space = cspace.build(workspace, robot)
     rng = np.random.default_rng(0)
     cells = np.argwhere(space.cell_states == cspace.MIXED)
-    q = space.grid.lower + 0.1 * (cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3)))
+    q = space.grid.lower + 0.1 * (
+        cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3))
+    )
     low, high = q[:, None] + cube[0], q[:, None] + cube[1]
     meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
     walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)

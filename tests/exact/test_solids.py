@@ -21,12 +21,14 @@ from tests.soak.solids import Blocks, Pair, Walls
 from tests.solids import rotation_of, surface
 from tests.strategies import seeds
 
-# ---- oracles ---------------------------------------------------------------------------------------------------------
+# ---- oracles -------------------------------------------------------------------------------------
 
 
 def join_boxes(boxes):
     """Unite boxes (lower, upper) in one mesh."""
-    return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
+    return trimesh.util.concatenate(
+        [trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))]
+    )
 
 
 def make_gaps(space, robot, obstacles):
@@ -57,7 +59,11 @@ def check_edges(space, q0, q1, gaps):
     for first, last, proven in zip(q0, q1, free, strict=True):
         points = first + np.linspace(0.0, 1.0, 1000 if proven else 100)[:, None] * (last - first)
         smallest = gaps(points).min()
-        assert smallest > 0.0 if proven else smallest < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
+        assert (
+            smallest > 0.0
+            if proven
+            else smallest < 0.02 * np.linalg.norm(last - first) + ORACLE_BAND
+        )
     return free
 
 
@@ -71,12 +77,14 @@ def box_worlds(draw):
     return np.stack([low, high], axis=1), corner, rng
 
 
-# ---- against boxes and balls -----------------------------------------------------------------------------------------
+# ---- against boxes and balls ---------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore:the obstacles reach")
 @settings(max_examples=15)
-@given(box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans())
+@given(
+    box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans()
+)
 def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     boxes, corner, rng = world
     if outside == "free":  # another test clips boxes
@@ -85,8 +93,12 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
         boxes = boxes if len(boxes) else np.array([[corner + 1.0, corner + 1.2]])
     workspace = Workspace.from_mesh(join_boxes(boxes), 0.1, (*corner, *(corner + 2.3)))
     size, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.3, 0.3, 3)
-    space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
-    gaps = make_gaps(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
+    space = cspace.build(
+        workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner
+    )
+    gaps = make_gaps(
+        space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes)
+    )
     q0 = draw_near_mixed(space, rng, 150, share=0.75)
     check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
@@ -95,11 +107,16 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
 
 
 @settings(max_examples=15)
-@given(seeds, st.sampled_from(["box", "ball", "balls"]), st.sampled_from([0.0, 0.05]), st.booleans())
+@given(
+    seeds, st.sampled_from(["box", "ball", "balls"]), st.sampled_from([0.0, 0.05]), st.booleans()
+)
 def test_robots_among_balls_agree_with_arithmetic(seed, kind, margin, points):
     """Move robots of each kind among balls or points."""
     rng = np.random.default_rng(seed)
-    centers, radii = rng.uniform(0.2, 1.8, (9, 3)), np.zeros(9) if points else rng.uniform(0.02, 0.3, 9)
+    centers, radii = (
+        rng.uniform(0.2, 1.8, (9, 3)),
+        np.zeros(9) if points else rng.uniform(0.02, 0.3, 9),
+    )
     workspace = Workspace.from_balls(centers, radii, 0.1, (0, 0, 0, 2, 2, 2))
     size = rng.uniform(0.1, 0.5, 3)
     spots, reach = rng.uniform(-0.2, 0.2, (3, 3)), rng.uniform(0.05, 0.2, 3)
@@ -148,12 +165,14 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     check_edges(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
 
 
-# ---- meshes, against manifold3d --------------------------------------------------------------------------------------
+# ---- meshes, against manifold3d ------------------------------------------------------------------
 
 
 def to_manifold(mesh):
     return manifold3d.Manifold(
-        manifold3d.Mesh(np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
+        manifold3d.Mesh(
+            np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32)
+        )
     )
 
 
@@ -195,7 +214,9 @@ def test_meshes_agree_with_manifold3d(seed, margin):
     free = check_points(space, q0, gaps(q0))
     assert free.any() and not free.all()
     q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
-    for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
+    for first, last, proven in zip(
+        q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False
+    ):
         points = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
         if proven:
             assert gaps(points).min() > -ORACLE_BAND
@@ -221,14 +242,16 @@ def test_box_meshes_agree_with_boxes():
     np.testing.assert_array_equal(space.is_free(q0, exact=True), plain.is_free(q0, exact=True))
 
 
-# ---- cases solved by hand --------------------------------------------------------------------------------------------
+# ---- cases solved by hand ------------------------------------------------------------------------
 
 
 def make_corridor(share, side=0.6):
     """Build a corridor along x, ``share`` robots wide."""
     half = side * share / 2
     blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
-    return Workspace.from_mesh(join_boxes(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
+    return Workspace.from_mesh(
+        join_boxes(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4)
+    )
 
 
 BODIES = {
@@ -245,7 +268,9 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(body):
     edge = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
     assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
     assert wide.is_free([3.0, 2.0, 2.0], exact=True) and not wide.is_free([3.0, 2.0, 2.0])
-    assert not narrow.motion_is_free(*edge, exact=True) and not narrow.is_free([3.0, 2.0, 2.0], exact=True)
+    assert not narrow.motion_is_free(*edge, exact=True) and not narrow.is_free(
+        [3.0, 2.0, 2.0], exact=True
+    )
     assert wide.motion_is_free([1.0, 1.999, 2.0], [5.0, 2.001, 2.1], exact=True)
     assert not wide.motion_is_free([1.0, 1.985, 2.0], [5.0, 2.015, 2.1], exact=True)
 
@@ -258,7 +283,9 @@ def test_corridor_as_wide_as_the_robot_is_blocked(body, share):
     assert not space.is_free([3.0, 2.0, 2.0], exact=True)
 
 
-@pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.from_mesh(trimesh.creation.box((1, 1, 1)))])
+@pytest.mark.parametrize(
+    "robot", [Robot.box((1, 1, 1)), Robot.from_mesh(trimesh.creation.box((1, 1, 1)))]
+)
 def test_touching_counts_as_collision(robot):
     space = cspace.build(Workspace.from_array(fill_boxes((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
     for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
@@ -267,7 +294,9 @@ def test_touching_counts_as_collision(robot):
         assert space.is_free(5.5 + direction * (1.0 + 1e-5), exact=True) or not direction.any()
     assert not space.motion_is_free([4.5, 3.0, 5.5], [4.5, 8.0, 5.5], exact=True)
     assert space.motion_is_free([4.5 - 1e-3, 3.0, 5.5], [4.5 - 1e-3, 8.0, 5.5], exact=True)
-    assert not space.is_free([0.5, 2.5, 2.5], exact=True) and space.is_free([0.5 + 1e-6, 2.5, 2.5], exact=True)
+    assert not space.is_free([0.5, 2.5, 2.5], exact=True) and space.is_free(
+        [0.5 + 1e-6, 2.5, 2.5], exact=True
+    )
 
 
 @pytest.mark.parametrize("mesh", [False, True])
@@ -277,15 +306,21 @@ def test_containment_counts_as_collision(mesh):
     def robot(size):
         return Robot.from_mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
 
-    block = Workspace.from_mesh(trimesh.creation.box(bounds=[[1, 1, 1], [5, 5, 5]]), 0.5, (0, 0, 0, 6, 6, 6))
+    block = Workspace.from_mesh(
+        trimesh.creation.box(bounds=[[1, 1, 1], [5, 5, 5]]), 0.5, (0, 0, 0, 6, 6, 6)
+    )
     within = cspace.build(block, robot((0.5, 0.5, 0.5)), inner=False)
     assert not within.is_free([3.0, 3.1, 3.0], exact=True)
     assert not within.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.0], exact=True)
     cells = Workspace.from_array(np.pad(np.ones((8, 8, 8), dtype=bool), 2), 0.5)
-    assert not cspace.build(cells, robot((0.5, 0.5, 0.5)), inner=False).is_free([3.0, 3.1, 3.0], exact=True)
+    assert not cspace.build(cells, robot((0.5, 0.5, 0.5)), inner=False).is_free(
+        [3.0, 3.1, 3.0], exact=True
+    )
     for pillar in (
         Workspace.from_points([[3.0, 3.0, 3.0]], 0.5, (0, 0, 0, 6, 6, 6)),
-        Workspace.from_mesh(trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6)),
+        Workspace.from_mesh(
+            trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6)
+        ),
         Workspace.from_array(np.pad(np.ones((1, 1, 1), dtype=bool), 6), 6 / 13),
     ):
         around = cspace.build(pillar, robot((4.0, 4.0, 4.0)), inner=False)
@@ -307,16 +342,24 @@ def test_hollows_are_free():
     assert not carrier.is_free([4.5, 3.0, 3.0], exact=True)
     house = Workspace.from_mesh(hollow.copy().apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6))
     guest = cspace.build(house, Robot.box((1.9, 1.9, 1.9)), inner=False)
-    assert guest.is_free([3.0, 3.0, 3.04], exact=True) and not guest.is_free([3.0, 3.0, 3.06], exact=True)
-    assert not cspace.build(house, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
-    skin = Workspace.from_mesh(shell.copy().apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6), solid="surface")
+    assert guest.is_free([3.0, 3.0, 3.04], exact=True) and not guest.is_free(
+        [3.0, 3.0, 3.06], exact=True
+    )
+    assert not cspace.build(house, Robot.ball(0.3), inner=False).is_free(
+        [1.5, 3.0, 3.0], exact=True
+    )
+    skin = Workspace.from_mesh(
+        shell.copy().apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6), solid="surface"
+    )
     assert cspace.build(skin, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
 
 
 def test_robot_parts_inside_an_obstacle_collide():
     occupied = np.zeros((40, 3, 3), dtype=bool)
     occupied[[0, 39]] = True
-    block = Workspace.from_mesh(trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6))
+    block = Workspace.from_mesh(
+        trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6)
+    )
     space = cspace.build(block, Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0, 0.0)), inner=False)
     assert not space.is_free([2.6, 3.0, 3.0], exact=True)
 
@@ -325,7 +368,9 @@ def test_robot_parts_inside_an_obstacle_collide():
 def test_thin_robot_never_jumps_over_a_thin_obstacle(mesh):
     points = Workspace.from_points([[1.0, 1.0, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     plate = trimesh.creation.box((0.4, 0.4, 0.002))
-    space = cspace.build(points, Robot.from_mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False)
+    space = cspace.build(
+        points, Robot.from_mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False
+    )
     rng = np.random.default_rng(0)
     n = 40 if mesh else 400
     low = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(0.7, 0.99, n)])
@@ -344,7 +389,9 @@ def test_obstacles_are_clipped_to_the_bounds(outside):
         assert space.is_free([4.301, 2.0, 2.0], exact=True) == (outside == "free")
         assert not space.is_free([4.29, 2.0, 2.0], exact=True)
         assert not space.is_free([3.6, 2.0, 2.0], exact=True)
-        assert space.motion_is_free([4.301, 0.5, 2.0], [4.301, 3.5, 2.0], exact=True) == (outside == "free")
+        assert space.motion_is_free([4.301, 0.5, 2.0], [4.301, 3.5, 2.0], exact=True) == (
+            outside == "free"
+        )
 
 
 @pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
@@ -367,7 +414,10 @@ def test_far_configurations_are_decided(body, outside):
     space = cspace.build(make_corridor(1.02), BODIES[body], outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
-        assert not space.motion_is_free([1.0, 2.0, 2.0], [far, -far, 1.0], exact=True) or outside == "free"
+        assert (
+            not space.motion_is_free([1.0, 2.0, 2.0], [far, -far, 1.0], exact=True)
+            or outside == "free"
+        )
 
 
 @pytest.mark.parametrize("size", [1e-90, 1e-6, 1e6, 1e90])
@@ -380,11 +430,15 @@ def test_results_do_not_depend_on_the_unit_of_length(size):
     workspace = Workspace.from_mesh(mesh, 0.2 * size, np.array([0, 0, 0, 6, 4, 4]) * size)
     for robot in (Robot.box(np.array([0.9, 0.6, 0.5]) * size), Robot.ball(0.3 * size)):
         space = cspace.build(workspace, robot)
-        assert space.motion_is_free(np.array([1, 2, 2]) * size, np.array([5, 2, 2]) * size, exact=True)
-        assert not space.motion_is_free(np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True)
+        assert space.motion_is_free(
+            np.array([1, 2, 2]) * size, np.array([5, 2, 2]) * size, exact=True
+        )
+        assert not space.motion_is_free(
+            np.array([1, 1.993, 2]) * size, np.array([5, 1.993, 2]) * size, exact=True
+        )
 
 
-# ---- rotating robots -------------------------------------------------------------------------------------------------
+# ---- rotating robots -----------------------------------------------------------------------------
 
 TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 
@@ -409,9 +463,17 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
             moved.setTransform(fcl.Transform(matrix, position))
             apart[k] = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
         at = corners @ matrices.swapaxes(1, 2) + positions[:, None]
-        return apart if outside == "free" else np.minimum(apart, np.minimum(at, 2.0 - at).min(axis=(1, 2)))
+        return (
+            apart
+            if outside == "free"
+            else np.minimum(apart, np.minimum(at, 2.0 - at).min(axis=(1, 2)))
+        )
 
-    rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
+    rotations = (
+        rng.uniform(-9.0, 9.0, (150, 1))
+        if turns == "yaw"
+        else Rotation.random(150, random_state=1).as_quat()
+    )
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
     true = gaps(q0[:, :3], np.array([rotation_of(q).as_matrix() for q in q0]))
@@ -420,14 +482,24 @@ def test_rotating_robots_agree_with_fcl(outside, turns):
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
     for first in q0[free][:16]:
-        rotation = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
+        rotation = (
+            rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
+        )
         step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(rotation) * rotation_of(first)
-        last = [first[3] + rotation[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
+        last = (
+            [first[3] + rotation[2]]
+            if turns == "yaw"
+            else after.as_quat() * rng.choice([-1.0, 1.0])
+        )
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
         turned = Rotation.from_rotvec(shares * rotation) * rotation_of(first)
         smallest = gaps(first[:3] + shares * step, turned.as_matrix()).min()
-        assert smallest > 0.0 if answer else smallest < 0.03 * (np.abs(step).sum() + np.abs(rotation).sum() + 1.0)
+        assert (
+            smallest > 0.0
+            if answer
+            else smallest < 0.03 * (np.abs(step).sum() + np.abs(rotation).sum() + 1.0)
+        )
         proven += answer
     assert proven > 3
 
@@ -441,7 +513,11 @@ def test_half_turns_are_proven_along_both_arcs(turns):
 
     def edge(end):
         yaws = np.radians([0.0, end])
-        rotation = yaws[:, None] if turns == "yaw" else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
+        rotation = (
+            yaws[:, None]
+            if turns == "yaw"
+            else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
+        )
         q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), rotation])
         return space.motion_is_free(q0, q1, exact=True)
 
@@ -456,7 +532,8 @@ def test_rotation_jumps_of_ompl_count_as_whole_arcs():
     """
     angles = math.pi / 4 + np.array([-1e-5, 1e-5])
     q0, q1 = (
-        np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)
+        np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)])
+        for x, a in zip((1.0, 8.0), angles, strict=True)
     )
     tip, rotations = np.array([0.0, -1000.0, 0.0]), cspace.Rotations.quaternions(1)
     ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)

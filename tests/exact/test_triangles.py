@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace.compiling import kernel
-from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, build_boxes, build_trees, crosses, free_fraction
+from cspace.exact.triangles import (
+    MAX_PENDING_PAIRS,
+    Motion,
+    build_boxes,
+    build_trees,
+    crosses,
+    free_fraction,
+)
 from cspace.shapes import RoundedSimplices
 from tests import solids
 from tests.oracles import cross, dot, minus
@@ -23,7 +30,7 @@ ERROR = 2.0**-48
 """Largest excess of a distance, relative to the diameter of both triangles together."""
 
 
-# ---- exact arithmetic ------------------------------------------------------------------------------------------------
+# ---- exact arithmetic ----------------------------------------------------------------------------
 
 
 def clamp(above, below):
@@ -54,7 +61,10 @@ def squared_triangle_distance(first, second):
     """Return the squared distance of two triangles, exactly."""
     # Scale to integers, because Python computes faster with them than with fractions.
     unit = max(float(x).as_integer_ratio()[1] for x in np.ravel([first, second]))
-    one, two = ([[int(Fraction(float(x)) * unit) for x in point] for point in part] for part in (first, second))
+    one, two = (
+        [[int(Fraction(float(x)) * unit) for x in point] for point in part]
+        for part in (first, second)
+    )
     best = min(
         squared_segment_distance(one[i], one[(i + 1) % 3], two[j], two[(j + 1) % 3])
         for i, j in product(range(3), repeat=2)
@@ -77,19 +87,25 @@ def squared_triangle_distance(first, second):
 def triangle_pairs(draw):
     """Draw pairs of triangles of any kind.
 
-    They may cross, touch, share a plane, be slivers, have nearly parallel edges, differ in size, lie far from the
-    origin, or degenerate to segments and points.
+    They may cross, touch, share a plane, be slivers, have nearly parallel edges, differ in size,
+    lie far from the origin, or degenerate to segments and points.
     """
     rng = np.random.default_rng(draw(seeds))
     first, second = rng.uniform(-1, 1, (2, 3, 3))
-    kind = draw(st.sampled_from(["any", "grid", "plane", "sliver", "parallel", "small", "over", "bare", "through"]))
+    kind = draw(
+        st.sampled_from(
+            ["any", "grid", "plane", "sliver", "parallel", "small", "over", "bare", "through"]
+        )
+    )
     if kind == "grid":
         first, second = rng.integers(-2, 3, (2, 3, 3)).astype(float)
     elif kind == "plane":
         first[:, 2] = second[:, 2] = rng.uniform(-1, 1)
     elif kind == "sliver":
         first[2] = (
-            first[0] + rng.uniform(0, 1) * (first[1] - first[0]) + rng.normal(0, 10.0 ** rng.integers(-17, -5), 3)
+            first[0]
+            + rng.uniform(0, 1) * (first[1] - first[0])
+            + rng.normal(0, 10.0 ** rng.integers(-17, -5), 3)
         )
     elif kind == "parallel":
         turn = 10.0 ** rng.uniform(-10, -3)
@@ -97,17 +113,28 @@ def triangle_pairs(draw):
         lift = np.cross(direction, side) * rng.choice([0.0, 1e-9, 1e-3])
         first[:2] = np.outer([-1, 1], direction)
         second[:2] = np.outer(rng.uniform(-1, 1, 2), direction + turn * side) + lift
-        first[2], second[2] = first[0] - np.cross(direction, side), second[0] + np.cross(direction, side) + side
+        first[2], second[2] = (
+            first[0] - np.cross(direction, side),
+            second[0] + np.cross(direction, side) + side,
+        )
     elif kind == "small":
         second = first.mean(axis=0) + 1e-5 * second
     elif kind == "over":
-        second[0] = first.T @ rng.dirichlet(np.ones(3)) + 1e-4 * np.cross(first[1] - first[0], first[2] - first[0])
+        second[0] = first.T @ rng.dirichlet(np.ones(3)) + 1e-4 * np.cross(
+            first[1] - first[0], first[2] - first[0]
+        )
     elif kind == "bare":  # segments and points, some touching
         first[rng.integers(1, 3)] = first[0]
         second[1:] = second[rng.integers(0, 2)]
-        second += first.T @ rng.dirichlet(np.ones(3)) - second[0] + rng.choice([0.0, 1e-15, 1e-6]) * rng.normal(size=3)
+        second += (
+            first.T @ rng.dirichlet(np.ones(3))
+            - second[0]
+            + rng.choice([0.0, 1e-15, 1e-6]) * rng.normal(size=3)
+        )
     elif kind == "through":  # with a common point, or nearly
-        second += first.T @ rng.dirichlet(np.full(3, 0.3)) - second.T @ rng.dirichlet(np.full(3, 0.3))
+        second += first.T @ rng.dirichlet(np.full(3, 0.3)) - second.T @ rng.dirichlet(
+            np.full(3, 0.3)
+        )
         second += rng.choice([0.0, 1e-16, 1e-12]) * rng.normal(size=3)
     shift = rng.uniform(-1, 1, 3) * draw(st.sampled_from([0.0, 1.0, 1e3]))
     return first + shift, second + shift
@@ -143,7 +170,7 @@ class Pair:
         return self.share(place, turn, angle=1.0, enough=enough)
 
 
-# ---- triangles -------------------------------------------------------------------------------------------------------
+# ---- triangles -----------------------------------------------------------------------------------
 
 
 @settings(max_examples=200)
@@ -154,7 +181,9 @@ def test_distances_are_never_too_large_and_at_most_slightly_too_small(pair):
     distance = Pair(*(to_pieces(part[None]) for part in pair)).distance()
     proven = Fraction(max(distance, 0.0)) - Fraction(ERROR * size)
     assert proven <= 0 or proven**2 <= square
-    assert distance > float(square) ** 0.5 - 1e-7 * size or (distance < 0.0 and float(square) ** 0.5 < 1e-7 * size)
+    assert distance > float(square) ** 0.5 - 1e-7 * size or (
+        distance < 0.0 and float(square) ** 0.5 < 1e-7 * size
+    )
     assert square > 0 or distance <= ERROR * size
 
 
@@ -187,9 +216,9 @@ def test_distances_include_pose_and_radius(pair, seed, radius):
     rng = np.random.default_rng(seed)
     turn, position = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
     true = float(squared_triangle_distance(first @ turn.T + position, second)) ** 0.5 - radius
-    distance = Pair(to_pieces(first[None], 0.75 * radius), to_pieces(second[None], 0.25 * radius)).distance(
-        position, turn
-    )
+    distance = Pair(
+        to_pieces(first[None], 0.75 * radius), to_pieces(second[None], 0.25 * radius)
+    ).distance(position, turn)
     allowed = 1e-11 * np.abs(pair).sum()
     assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
 
@@ -218,7 +247,7 @@ def test_motion_along_a_face_is_proven_in_one_step():
     assert Pair(to_pieces(body), to_pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
 
 
-# ---- trees -----------------------------------------------------------------------------------------------------------
+# ---- trees ---------------------------------------------------------------------------------------
 
 
 def test_trees_find_the_smallest_distance():
@@ -227,7 +256,10 @@ def test_trees_find_the_smallest_distance():
     triangles = rng.uniform(-2, 2, (100, 1, 3)) + rng.normal(0, 0.3, (100, 3, 3))
     radii = rng.choice(np.linspace(0.0, 0.1, 40), 100)
     every = Pair(to_pieces(body), RoundedSimplices(triangles, radii))
-    singly = [Pair(to_pieces(body), to_pieces(part[None], r)) for part, r in zip(triangles, radii, strict=True)]
+    singly = [
+        Pair(to_pieces(body), to_pieces(part[None], r))
+        for part, r in zip(triangles, radii, strict=True)
+    ]
     for seed, q in enumerate(rng.uniform(-2, 2, (20, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
         true = min(part.distance(q, turn) for part in singly)
@@ -239,11 +271,17 @@ def test_distances_agree_with_fcl():
     """Compare two meshes of some thousand triangles at random poses."""
 
     def model(triangles):
-        return solids.surface(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+        return solids.surface(
+            triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+        )
 
     rng = np.random.default_rng(2)
-    body = np.array(trimesh.creation.torus(0.4, 0.1, major_sections=24, minor_sections=12).triangles)
-    still = np.concatenate([trimesh.creation.icosphere(3, 0.3).triangles + rng.uniform(-2, 2, 3) for _ in range(9)])
+    body = np.array(
+        trimesh.creation.torus(0.4, 0.1, major_sections=24, minor_sections=12).triangles
+    )
+    still = np.concatenate(
+        [trimesh.creation.icosphere(3, 0.3).triangles + rng.uniform(-2, 2, 3) for _ in range(9)]
+    )
     pair, robot, obstacles = Pair(to_pieces(body), to_pieces(still)), model(body), model(still)
     for seed, q in enumerate(rng.uniform(-2, 2, (60, 3)).tolist()):
         turn = Rotation.random(random_state=seed).as_matrix()
@@ -269,8 +307,14 @@ def test_distance_is_right_beside_nearly_parallel_edges() -> None:
         ]
     )
     normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
-    true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # an upper bound: the corner is over the face
-    assert 0.0 < Pair(to_pieces(moved[None]), to_pieces(still[None])).distance() <= true * (1.0 + 1e-12)
+    true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(
+        normal
+    )  # an upper bound: the corner is over the face
+    assert (
+        0.0
+        < Pair(to_pieces(moved[None]), to_pieces(still[None])).distance()
+        <= true * (1.0 + 1e-12)
+    )
 
 
 @kernel
@@ -293,8 +337,14 @@ def test_crosses_is_right_for_any_rounding(case, required):
     near = required * 10.0 ** rng.uniform(-1.0, 3.0, (number, 1))
     within = rng.dirichlet((1.0, 1.0, 1.0), number)
     if case == "slivers":
-        pairs[:, 0, 2] = pairs[:, 0, 0] + 0.4 * (pairs[:, 0, 1] - pairs[:, 0, 0]) + near * rng.normal(size=(number, 3))
-        pairs[:, 1] += (np.einsum("nk,nkj->nj", within, pairs[:, 0]) - pairs[:, 1].mean(axis=1))[:, None]
+        pairs[:, 0, 2] = (
+            pairs[:, 0, 0]
+            + 0.4 * (pairs[:, 0, 1] - pairs[:, 0, 0])
+            + near * rng.normal(size=(number, 3))
+        )
+        pairs[:, 1] += (np.einsum("nk,nkj->nj", within, pairs[:, 0]) - pairs[:, 1].mean(axis=1))[
+            :, None
+        ]
     elif case == "touching":
         at = np.einsum("nk,nkj->nj", within, pairs[:, 1])
         pairs[:, 0] += (at - pairs[:, 0, 0] + near * rng.normal(size=(number, 3)))[:, None]
@@ -317,7 +367,8 @@ def test_crosses_is_right_for_any_rounding(case, required):
 @given(seed=seeds, displacement=st.floats(1e-3, 0.5), flat=st.booleans())
 @settings(max_examples=40)
 def test_displaced_triangles_still_cross(seed, displacement, flat):
-    """Move one of two triangles, also flat ones, by the largest displacements, in directions that separate them."""
+    """Move one of two triangles, also flat ones, by the largest displacements, in directions that
+    separate them."""
     rng = np.random.default_rng(seed)
     pairs = rng.normal(size=(400, 2, 3, 3)) * 10.0 ** rng.uniform(-0.5, 0.5, (400, 2, 1, 1))
     if flat:
@@ -342,17 +393,25 @@ def test_displaced_triangles_still_cross(seed, displacement, flat):
 def test_trees_halve_their_items_along_the_longest_side(seed, count, ties):
     """Check each node's box, its items, and the order of both halves."""
     rng = np.random.default_rng(seed)
-    low = rng.integers(-2, 3, (count, 3)).astype(float) if ties else rng.uniform(-1.0, 1.0, (count, 3))
+    low = (
+        rng.integers(-2, 3, (count, 3)).astype(float)
+        if ties
+        else rng.uniform(-1.0, 1.0, (count, 3))
+    )
     high = low + rng.integers(0, 3, (count, 3))
     boxes, order, spans = build_boxes(low, high)
-    assert sorted(order.tolist()) == list(range(count)) and len(boxes) == len(spans) == max(2 * count - 1, 0)
+    assert sorted(order.tolist()) == list(range(count)) and len(boxes) == len(spans) == max(
+        2 * count - 1, 0
+    )
     pending = [(0, 0, count)] if count else []
     while pending:
         node, start, number = pending.pop()
         assert spans[node].tolist() == [start, number]
         items = order[start : start + number]
         lower, upper = low[items].min(axis=0), high[items].max(axis=0)
-        np.testing.assert_array_equal(boxes[node], [*(0.5 * (lower + upper)), *(0.5 * (upper - lower))])
+        np.testing.assert_array_equal(
+            boxes[node], [*(0.5 * (lower + upper)), *(0.5 * (upper - lower))]
+        )
         if number > 1:
             half, axis = number // 2, (upper - lower).argmax()
             centers = (low + high)[items, axis]

@@ -28,9 +28,9 @@ from cspace.export.vti import write_vti
 from tests.maps import MAP_BUILDERS
 from tests.refusals import refusals
 
-states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
-    lambda state: bool((state == cspace.FREE).any())
-)
+states = hnp.arrays(
+    np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)
+).filter(lambda state: bool((state == cspace.FREE).any()))
 
 Surface = tuple[np.ndarray, np.ndarray]
 
@@ -41,7 +41,7 @@ def find_border(
     return free_boundary(state, cspace.Grid(lower, spacing, state.shape))
 
 
-# ---- the border of the free space --------------------------------------------------------------------------------
+# ---- the border of the free space ----------------------------------------------------------------
 
 
 def list_squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -66,10 +66,14 @@ def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
     np.testing.assert_array_equal(np.abs(normals).sum(axis=1), 1.0)
     low, high = corners.min(axis=1), corners.max(axis=1)
-    np.testing.assert_array_equal(np.sort(high - low, axis=1), np.tile([0.0, 1.0, 1.0], (len(faces), 1)))
+    np.testing.assert_array_equal(
+        np.sort(high - low, axis=1), np.tile([0.0, 1.0, 1.0], (len(faces), 1))
+    )
     sides = Counter(
         (tuple(center), tuple(normal))
-        for center, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
+        for center, normal in zip(
+            (low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True
+        )
     )
     assert sides == Counter({square: 2 * count for square, count in list_squares(state).items()})
     # Two triangles of half a square each fill it only if they differ.
@@ -83,14 +87,20 @@ def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
 
 @given(state=states, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
 @settings(max_examples=30)
-def test_the_boundary_encloses_the_volume_of_the_free_cells(state: np.ndarray, spacing: float, shift: float) -> None:
+def test_the_boundary_encloses_the_volume_of_the_free_cells(
+    state: np.ndarray, spacing: float, shift: float
+) -> None:
     vertices, faces = find_border(state, (shift, -shift, 0.5), spacing)
     volume = Fraction(0)
     for a, b, c in np.vectorize(Fraction, otypes=[object])(vertices - vertices[0])[faces]:
         volume += sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
-    assert float(volume / 6) == pytest.approx(np.count_nonzero(state == cspace.FREE) * spacing**3, rel=1e-9)
+    assert float(volume / 6) == pytest.approx(
+        np.count_nonzero(state == cspace.FREE) * spacing**3, rel=1e-9
+    )
     for axis, n in enumerate(state.shape):
-        assert np.isin(vertices[:, axis], (shift, -shift, 0.5)[axis] + spacing * np.arange(n + 1)).all()
+        assert np.isin(
+            vertices[:, axis], (shift, -shift, 0.5)[axis] + spacing * np.arange(n + 1)
+        ).all()
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +124,13 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
     vertices, faces = free_boundary(ball.cell_states, ball.grid)
     exact = vertices if suffix != ".stl" else vertices.astype(np.float32).astype(np.float64)
-    np.testing.assert_array_equal(np.sort(mesh.triangles, axis=None), np.sort(exact[faces], axis=None))
+    np.testing.assert_array_equal(
+        np.sort(mesh.triangles, axis=None), np.sort(exact[faces], axis=None)
+    )
     if suffix == ".stl":
-        assert not path.read_bytes().startswith(b"solid")  # which readers would take for an STL file in text
+        assert not path.read_bytes().startswith(
+            b"solid"
+        )  # which readers would take for an STL file in text
         return
     # The others keep every bit, and share vertices; our own reader says so too.
     own = cspace.shapes.Mesh.of(path, "surface")
@@ -129,7 +143,13 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
     with (tmp_path / "free.stl").open("wb") as file:
         WRITERS[".stl"](file, vertices, faces)
     content = (tmp_path / "free.stl").read_bytes()
-    rows = np.frombuffer(content[84:], np.uint8).reshape(-1, 50)[:, :48].copy().view("<f4").reshape(-1, 4, 3)
+    rows = (
+        np.frombuffer(content[84:], np.uint8)
+        .reshape(-1, 50)[:, :48]
+        .copy()
+        .view("<f4")
+        .reshape(-1, 4, 3)
+    )
     edges = np.diff(vertices[faces] / 1e-30, axis=1)
     np.testing.assert_allclose(rows[:, 0], np.cross(edges[:, 0], edges[:, 1]), atol=1e-6)
     np.testing.assert_array_equal(rows[:, 1:], vertices[faces].astype(np.float32))
@@ -137,7 +157,9 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
         mesh = find_border(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
         with (
             (tmp_path / "free").open("wb") as file,
-            pytest.raises(InputError, match=r"in which some coordinates coincide.*write .ply or .obj"),
+            pytest.raises(
+                InputError, match=r"in which some coordinates coincide.*write .ply or .obj"
+            ),
         ):
             WRITERS[".stl"](file, *mesh)
 
@@ -151,7 +173,9 @@ def test_an_stl_far_from_the_origin_is_closed(far: float) -> None:
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_too_many_triangles_are_refused(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_triangles_are_refused(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
     writing.write_boundary(state, grid, tmp_path / f"free{suffix}")
     written = (tmp_path / f"free{suffix}").read_bytes()
@@ -163,12 +187,19 @@ def test_too_many_triangles_are_refused(suffix: str, tmp_path: Path, monkeypatch
 
 def build_full_map() -> cspace.CSpace:
     """Build a map without FREE cells."""
-    return cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
+    return cspace.build(
+        cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1)
+    )
 
 
 @refusals(
     "make, suffix, rotation, message",
-    (build_full_map, ".stl", None, "the map has no FREE cell; a boundary needs at least one; build it with"),
+    (
+        build_full_map,
+        ".stl",
+        None,
+        "the map has no FREE cell; a boundary needs at least one; build it with",
+    ),
     (MAP_BUILDERS["plane"], ".ply", None, "a boundary is a mesh in space"),
     (MAP_BUILDERS["solid"], ".stl", 0.5, "rotation has shape .*the robot does not turn"),
     (MAP_BUILDERS["solid"], ".yaml", None, "a ROS map is plane"),
@@ -179,14 +210,18 @@ def build_full_map() -> cspace.CSpace:
     (MAP_BUILDERS["turning"], ".zarr", 1.0, "holds every slice"),
 )
 def test_export_refuses_unsuitable_maps(
-    tmp_path: Path, make: Callable[[], cspace.CSpace], suffix: str, rotation: float | None, message: str
+    tmp_path: Path,
+    make: Callable[[], cspace.CSpace],
+    suffix: str,
+    rotation: float | None,
+    message: str,
 ) -> None:
     with pytest.raises(InputError, match=message):
         make().export(tmp_path / f"map{suffix}", rotation=rotation)
     assert not list(tmp_path.iterdir())
 
 
-# ---- VTK images --------------------------------------------------------------------------------------------------
+# ---- VTK images ----------------------------------------------------------------------------------
 
 
 def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
@@ -232,7 +267,9 @@ def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("make", MAP_BUILDERS.values(), ids=MAP_BUILDERS)
-def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cspace.CSpace]) -> None:
+def test_vtk_reads_the_slice_at_a_rotation(
+    tmp_path: Path, make: Callable[[], cspace.CSpace]
+) -> None:
     space = make()
     turn = space.rotations.centers[-1]
     space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
@@ -246,9 +283,13 @@ def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cs
     for name in names:
         np.testing.assert_array_equal(arrays[name].reshape(space.grid.shape), expected[name])
     origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
-    points = np.random.default_rng(3).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
+    points = np.random.default_rng(3).uniform(
+        space.grid.lower, space.grid.upper, (50, space.grid.dim)
+    )
     flat = np.pad(points, ((0, 0), (0, 3 - space.grid.dim)))
-    cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
+    cells = [
+        image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat
+    ]
     q = np.hstack([points, np.tile(turn, (50, 1))])
     np.testing.assert_array_equal(arrays["cell_states"].ravel(order="F")[cells], space.classify(q))
 
@@ -262,21 +303,36 @@ def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> Non
     count = len(space.rotations)
     for number in range(count):
         key = f"cell_states_{number:0{len(str(count - 1))}d}"
-        np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.cell_states.isel(rotation=number))
-    turns = np.array([[rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
+        np.testing.assert_array_equal(
+            arrays[key].reshape(space.grid.shape), cells.cell_states.isel(rotation=number)
+        )
+    turns = np.array(
+        [
+            [rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names]
+            for k in range(count)
+        ]
+    )
     np.testing.assert_array_equal(turns, space.rotations.centers)
     assert len([key for key in arrays if key.startswith("cell_states")]) == count
-    assert image.GetCellData().GetScalars().GetName() == min(key for key in arrays if key.startswith("cell_states"))
+    assert image.GetCellData().GetScalars().GetName() == min(
+        key for key in arrays if key.startswith("cell_states")
+    )
 
 
-@pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
+@pytest.mark.parametrize(
+    "array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)]
+)
 def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\)"):
-        write_vti({"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
+    with pytest.raises(
+        InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\)"
+    ):
+        write_vti(
+            {"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti"
+        )
     assert not list(tmp_path.iterdir())
 
 
-# ---- ROS maps, and what holds for all ----------------------------------------------------------------------------
+# ---- ROS maps, and what holds for all ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["grid", "turning"])
@@ -290,7 +346,7 @@ def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str)
         np.testing.assert_array_equal(workspace.outer, space.states_at(yaw or ()) > expected)
 
 
-# ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------
+# ---- GeoTIFF and netCDF, as GDAL reads them ------------------------------------------------------
 
 
 def list_centers(space: cspace.CSpace) -> Any:
@@ -306,37 +362,55 @@ def test_a_geotiff_places_every_cell(tmp_path: Path, name: str, rotation: float 
     image = rioxarray.open_rasterio(tmp_path / "map.tif")
     centers = list_centers(space)
     np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), centers, atol=1e-9)
-    np.testing.assert_allclose(image.rio.bounds(), (*space.grid.lower, *space.grid.upper), atol=1e-9)
-    q = centers if rotation is None else np.concatenate([centers, np.full((*centers.shape[:2], 1), rotation)], axis=-1)
+    np.testing.assert_allclose(
+        image.rio.bounds(), (*space.grid.lower, *space.grid.upper), atol=1e-9
+    )
+    q = (
+        centers
+        if rotation is None
+        else np.concatenate([centers, np.full((*centers.shape[:2], 1), rotation)], axis=-1)
+    )
     assert (image.values[0] == space.classify(q)).all()
     assert 'UNIT["metre",1' in image.rio.crs.to_wkt()
-    shades = np.asarray(Image.open(tmp_path / "map.tif").convert("L"))  # as a viewer of images shows it
+    shades = np.asarray(
+        Image.open(tmp_path / "map.tif").convert("L")
+    )  # as a viewer of images shows it
     brightness = [shades[image.values[0] == state].min() for state in np.unique(image.values)]
     assert len(brightness) > 1 and (np.diff(np.array(brightness, dtype=int)) < 0).all()
 
 
 @pytest.mark.parametrize("name", ["plane", "turning"])
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the table of bounds
+@pytest.mark.filterwarnings(
+    "ignore::rasterio.errors.NotGeoreferencedWarning"
+)  # of the table of bounds
 def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
     space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.nc")
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
     image = opened[0] if isinstance(opened, list) else opened
-    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), list_centers(space), atol=1e-9)
+    np.testing.assert_allclose(
+        np.stack(np.meshgrid(image.x, image.y), axis=-1), list_centers(space), atol=1e-9
+    )
     expected = (
-        [space.cell_states] if name == "plane" else [space.states_at(yaw) for yaw in space.rotations.centers[:, 0]]
+        [space.cell_states]
+        if name == "plane"
+        else [space.states_at(yaw) for yaw in space.rotations.centers[:, 0]]
     )
     assert (image["cell_states"].values == np.stack([state.T[::-1] for state in expected])).all()
 
 
-def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path: Path, ball: cspace.CSpace) -> None:
+def test_netcdf_holds_maps_in_space_and_single_rotations(
+    tmp_path: Path, ball: cspace.CSpace
+) -> None:
     ball.export(tmp_path / "ball.nc")
     with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
         assert dataset["cell_states"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
         assert (dataset["cell_states"].transpose("x", "y", "z") == ball.cell_states).all()
         assert (dataset["outer"].transpose("x", "y", "z") == ball.workspace.outer).all()
         flags = dataset["cell_states"].attrs
-        assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"].tolist(), strict=True)) == {
+        assert dict(
+            zip(flags["flag_meanings"].split(), flags["flag_values"].tolist(), strict=True)
+        ) == {
             "free": cspace.FREE,
             "mixed": cspace.MIXED,
             "blocked": cspace.BLOCKED,
@@ -350,7 +424,9 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path: Path, ball: c
 
 
 @pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
-def test_an_existing_export_is_kept_without_overwrite(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
+def test_an_existing_export_is_kept_without_overwrite(
+    tmp_path: Path, ball: cspace.CSpace, suffix: str
+) -> None:
     space = MAP_BUILDERS["grid"]() if suffix in (".yaml", ".tif") else ball
     path = tmp_path / f"map{suffix}"
     path.write_text("years of work")

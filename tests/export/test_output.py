@@ -65,7 +65,9 @@ def test_an_interruption_leaves_the_old_output(
 
 
 @pytest.mark.parametrize("writer", [write, write_folder])
-def test_an_existing_output_is_kept_without_overwrite(tmp_path: Path, writer: Callable[..., None]) -> None:
+def test_an_existing_output_is_kept_without_overwrite(
+    tmp_path: Path, writer: Callable[..., None]
+) -> None:
     path = tmp_path / "out"
     writer(path, "old")
     with pytest.raises(FileError, match=r"out: exists; existing outputs are kept .*overwrite=True"):
@@ -96,7 +98,11 @@ def test_an_output_of_another_process_is_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
 def test_a_failed_rename_leaves_the_old_or_the_new_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, remaining: str, stop: BaseException
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failing: int,
+    remaining: str,
+    stop: BaseException,
 ) -> None:
     """Interrupt both renames, and the moment after."""
     path = tmp_path / "map"
@@ -113,7 +119,9 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "rename", stub)
-    with pytest.raises(FileError if isinstance(stop, OSError) and failing < 3 else KeyboardInterrupt):
+    with pytest.raises(
+        FileError if isinstance(stop, OSError) and failing < 3 else KeyboardInterrupt
+    ):
         write_folder(path, "new", overwrite=True)
     assert calls >= min(failing, 2)
     assert names(tmp_path) == ["map"]
@@ -140,7 +148,9 @@ def test_only_an_earlier_output_is_replaced(
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(FileError, match=message):
         writer(tmp_path / name, "new", overwrite=True)
-    assert names(tmp_path) == ["file", "home", "pipe"] and names(tmp_path / "home") == ["thesis.tex"]
+    assert names(tmp_path) == ["file", "home", "pipe"] and names(tmp_path / "home") == [
+        "thesis.tex"
+    ]
     assert (tmp_path / "file").read_text() == "old" and (tmp_path / "pipe").is_fifo()
 
 
@@ -161,7 +171,9 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 
 def test_an_unwritable_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(FileError, match=r"no permission to write in .*; outputs need a writable folder"):
+    with pytest.raises(
+        FileError, match=r"no permission to write in .*; outputs need a writable folder"
+    ):
         write(tmp_path / "out", "new")
     assert names(tmp_path) == []
 
@@ -189,9 +201,13 @@ def test_an_error_in_the_block_keeps_its_message(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", ["x" * 400, "nul\0byte", "", None, 3])
-def test_impossible_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: object) -> None:
+def test_impossible_names_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: object
+) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises((FileError, InputError), match=None if isinstance(path, str) else "it must be a file name"):
+    with pytest.raises(
+        (FileError, InputError), match=None if isinstance(path, str) else "it must be a file name"
+    ):
         write(path, "new")  # type: ignore[arg-type]
     assert names(tmp_path) == []
 
@@ -217,6 +233,9 @@ def test_the_usual_permissions_apply(tmp_path: Path) -> None:
 def test_a_writer_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"), replacing(tmp_path / "out"):
         pass
-    with pytest.raises(FileError, match="cannot be written"), replacing(tmp_path / "out") as temporary:
+    with (
+        pytest.raises(FileError, match="cannot be written"),
+        replacing(tmp_path / "out") as temporary,
+    ):
         temporary.mkdir()
         shutil.rmtree(temporary)

@@ -47,13 +47,16 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
 
 
 WITHOUT_END = {"box.obj", "points.csv", "points.xyz", "voxels.3dmap", "robot.yaml", "map.yaml"}
-"""Families whose format does not mark the end of a file, so that truncation between lines is undetectable."""
+"""Families whose format does not mark the end of a file, so that truncation between lines is
+undetectable."""
 
 TRAILERS = {"image.png": 30, "image.bmp": 6}
 """Number of trailing bytes without values, such as checksums; at most two in other files."""
 
 
-def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dict[str, Path]) -> None:
+def test_cut_files_are_refused_if_their_format_says_where_they_end(
+    families: dict[str, Path],
+) -> None:
     for name, path in families.items():
         if path.is_dir() or name in WITHOUT_END:
             continue
@@ -79,12 +82,15 @@ def write_ros_map(tmp_path: Path, **changes: str) -> Path:
     return tmp_path / "map.yaml"
 
 
-# ---- YAML and nesting --------------------------------------------------------------------------------------------
+# ---- YAML and nesting ----------------------------------------------------------------------------
 
 
 @refusals(
     "changes, message",
-    *[({"negate": f"!!{tag} foo"}, "tag in line 4") for tag in ("bool", "int", "float", "timestamp", "python/name:os")],
+    *[
+        ({"negate": f"!!{tag} foo"}, "tag in line 4")
+        for tag in ("bool", "int", "float", "timestamp", "python/name:os")
+    ],
     ({"negate": "! 0"}, "tag in line 4"),
     ({"resolution": "9" * 400}, "resolution is inf"),
     ({"resolution": "[" * 65}, "more than 64 levels"),
@@ -104,7 +110,8 @@ def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], messag
     check_refused(write_ros_map(tmp_path, **changes), message)
 
 
-# YAML escapes characters beyond these otherwise, and a key of it has at most 1,024 characters, escapes included.
+# YAML escapes characters beyond these otherwise, and a key of it has at most 1,024 characters,
+# escapes included.
 YAML_TEXT = st.text(st.characters(max_codepoint=0xD7FF), max_size=100)
 SCALARS = (
     st.none()
@@ -113,7 +120,9 @@ SCALARS = (
     | st.floats(allow_nan=False, allow_infinity=False)
     | YAML_TEXT
 )
-DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(YAML_TEXT, item), max_leaves=9)
+DOCUMENTS = st.recursive(
+    SCALARS, lambda item: st.lists(item) | st.dictionaries(YAML_TEXT, item), max_leaves=9
+)
 
 
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -178,7 +187,10 @@ def test_yaml_has_one_document_or_none(tmp_path: Path) -> None:
 def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
     for text, message in (
         ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an XML entity"),
-        ('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>', "declares an XML entity"),
+        (
+            '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>',
+            "declares an XML entity",
+        ),
         ("<a>" * 257 + "</a>" * 257, "more than 256 nested elements"),
         ("<a>", "is not XML"),
     ):
@@ -188,7 +200,9 @@ def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
 
 
 def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
-    path = write_ros_map(tmp_path, resolution="5e-2", origin='[1, -2., "0"]', negate="no", mode="'trinary'  # quoted")
+    path = write_ros_map(
+        tmp_path, resolution="5e-2", origin='[1, -2., "0"]', negate="no", mode="'trinary'  # quoted"
+    )
     assert Workspace.open(path).grid == cspace.Grid((1.0, -2.0), 0.05, (3, 2))
 
 
@@ -215,7 +229,7 @@ def test_deep_nesting_is_refused_before_recursion(
     check_refused(tmp_path / name, "nested brackets", spacing=0.1)
 
 
-# ---- sizes -------------------------------------------------------------------------------------------------------
+# ---- sizes ---------------------------------------------------------------------------------------
 
 
 def make_chain(depths: int) -> bytes:
@@ -229,8 +243,16 @@ def make_chain(depths: int) -> bytes:
     ("a.xyz", lambda path: os.truncate(path, 2**36), "at most"),
     ("a.bt", lambda path: os.truncate(path, 2**36), "at most"),
     ("a.png", lambda path: os.truncate(path, 2**36), "at most"),
-    ("a.3dmap", lambda path: path.write_text("voxel 9999 9999 9999\n"), "9.997e.11 in all; at most 5.369e.08"),
-    ("a.map", lambda path: path.write_text("type octile\nheight 99999\nwidth 99999\nmap\n.\n"), "99999"),
+    (
+        "a.3dmap",
+        lambda path: path.write_text("voxel 9999 9999 9999\n"),
+        "9.997e.11 in all; at most 5.369e.08",
+    ),
+    (
+        "a.map",
+        lambda path: path.write_text("type octile\nheight 99999\nwidth 99999\nmap\n.\n"),
+        "99999",
+    ),
     (
         "a.bt",  # two leaves at opposite corners
         lambda path: path.write_bytes(
@@ -259,7 +281,8 @@ def make_chain(depths: int) -> bytes:
     (
         "a.pcd",
         lambda path: path.write_text(
-            "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary\n" + "a" * 64
+            "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary\n"
+            + "a" * 64
         ),
         "malformed or truncated",
     ),
@@ -357,13 +380,19 @@ def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 500)
     (tmp_path / "a.3dmap").write_text("voxel 99 99 99\n")
-    check_refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be used")
+    check_refused(
+        tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be used"
+    )
 
 
 @refusals(
     "name, content, message",
     ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
-    ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
+    (
+        "a.geojson",
+        json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}),
+        "holds 1,001 lists",
+    ),
 )
 def test_points_are_limited_by_their_memory_as_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, message: str
@@ -400,10 +429,13 @@ def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path])
 
     def nodes(depth: int, each: int) -> str:
         inner = "".join(
-            f"<node id='n{i}'>" + each * f"<instance_node url='#n{i + 1}'/>" + "</node>" for i in range(depth)
+            f"<node id='n{i}'>" + each * f"<instance_node url='#n{i + 1}'/>" + "</node>"
+            for i in range(depth)
         )
         library = f"<library_nodes>{inner}<node id='n{depth}'>{shown}</node></library_nodes>"
-        head, tail = text.replace(shown, '<instance_node url="#n0"/>').split("<library_visual_scenes>")
+        head, tail = text.replace(shown, '<instance_node url="#n0"/>').split(
+            "<library_visual_scenes>"
+        )
         return f"{head}{library}<library_visual_scenes>{tail}"
 
     for name, content, message in (
@@ -424,7 +456,10 @@ def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path])
 
 def write_glb(number: int, children: bool) -> bytes:
     """Place one triangle many times."""
-    nodes = [{"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})} for i in range(number)]
+    nodes = [
+        {"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})}
+        for i in range(number)
+    ]
     view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
     header = {
         "asset": {"version": "2.0"},
@@ -437,15 +472,25 @@ def write_glb(number: int, children: bool) -> bytes:
     }
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
-    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 36, b"BIN\0") + bytes(36)
+    body = (
+        struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", 36, b"BIN\0")
+        + bytes(36)
+    )
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
 def test_a_face_of_many_corners_takes_linear_time(tmp_path: Path) -> None:
     turn = np.linspace(0.0, 60.0, 8_000)
-    rings = [np.stack([(turn + wide) * np.cos(turn), (turn + wide) * np.sin(turn)], axis=1) for wide in (1.0, 2.0)]
+    rings = [
+        np.stack([(turn + wide) * np.cos(turn), (turn + wide) * np.sin(turn)], axis=1)
+        for wide in (1.0, 2.0)
+    ]
     lines = [f"v {x} {y} 0" for x, y in [*rings[0].tolist(), *rings[1][::-1].tolist()]]
-    (tmp_path / "a.obj").write_text("\n".join([*lines, "f " + " ".join(map(str, range(1, len(lines) + 1)))]))
+    (tmp_path / "a.obj").write_text(
+        "\n".join([*lines, "f " + " ".join(map(str, range(1, len(lines) + 1)))])
+    )
     check_refused(tmp_path / "a.obj", "bends or crosses itself", spacing=0.1)
 
 
@@ -458,8 +503,15 @@ def write_polygon(path: Path, vertices: list[str], corners: list[int]) -> Path:
     head = "".join(f"property float {axis}\n" for axis in "xyz")
     ply = f"ply\nformat ascii 1.0\nelement vertex {count}\n{head}element face 1\n"
     texts = {
-        ".obj": [*(f"v {vertex}" for vertex in vertices), "f " + " ".join(str(corner + 1) for corner in corners)],
-        ".ply": [f"{ply}property list int int vertex_indices\nend_header", *vertices, f"{len(corners)} {face}"],
+        ".obj": [
+            *(f"v {vertex}" for vertex in vertices),
+            "f " + " ".join(str(corner + 1) for corner in corners),
+        ],
+        ".ply": [
+            f"{ply}property list int int vertex_indices\nend_header",
+            *vertices,
+            f"{len(corners)} {face}",
+        ],
     }
     path.write_text("\n".join(texts[path.suffix]) + "\n")
     return path
@@ -479,8 +531,12 @@ def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: 
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply"])
-@pytest.mark.parametrize("corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"])
-def test_a_face_that_repeats_few_vertices_is_refused(tmp_path: Path, name: str, corners: list[int]) -> None:
+@pytest.mark.parametrize(
+    "corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"]
+)
+def test_a_face_that_repeats_few_vertices_is_refused(
+    tmp_path: Path, name: str, corners: list[int]
+) -> None:
     check_refused(write_polygon(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)
 
 
@@ -507,19 +563,23 @@ def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_octomap_without_its_data_line_is_refused_quickly(tmp_path: Path) -> None:
-    (tmp_path / "a.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000)
+    (tmp_path / "a.ot").write_bytes(
+        b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000
+    )
     check_refused(tmp_path / "a.ot", "no line 'data'")
     (tmp_path / "a.pcd").write_bytes(b"VERSION .7\n" + b"\n" * 5_000_000)
     check_refused(tmp_path / "a.pcd", "header", spacing=0.1)
 
 
-# ---- what starts, follows or loads something ---------------------------------------------------------------------
+# ---- what starts, follows or loads something -----------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "content", [b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", b"GIF89a", b"\0\0\0\x0cjP  "]
 )
-def test_images_are_recognised_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
+def test_images_are_recognised_by_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
+) -> None:
     monkeypatch.setattr("subprocess.Popen", None)
     (tmp_path / "a.png").write_bytes(content + bytes(99))
     check_refused(tmp_path / "a.png", "cannot be read as an image", spacing=0.1)
@@ -557,7 +617,9 @@ def test_codecs_are_never_imported_by_name(tmp_path: Path, families: dict[str, P
     shutil.copytree(families["forged.zarr"], path)
     described = json.loads((path / "cell_states" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
-    soak.forge_store(path, soak.read_parts(path), "cell_states/zarr.json", json.dumps(described).encode())
+    soak.forge_store(
+        path, soak.read_parts(path), "cell_states/zarr.json", json.dumps(described).encode()
+    )
     with pytest.raises(FileError, match=r"of_a_plug_in"):
         cspace.open(path)
 
@@ -593,7 +655,9 @@ print(sorted(set(seen)))
 """
 
 
-def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families: dict[str, Path]) -> None:
+def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(
+    families: dict[str, Path],
+) -> None:
     folder = next(iter(families.values())).parent
     code = [sys.executable, "-c", AUDITED, str(folder)]
     done = subprocess.run(code, capture_output=True, text=True, check=True, timeout=300)
@@ -602,7 +666,9 @@ def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families
 
 @pytest.mark.parametrize("name", ["box.dae", "robot.urdf"])
 @pytest.mark.parametrize("levels", [300, 100_000])
-def test_deeply_nested_elements_are_refused(families: dict[str, Path], tmp_path: Path, name: str, levels: int) -> None:
+def test_deeply_nested_elements_are_refused(
+    families: dict[str, Path], tmp_path: Path, name: str, levels: int
+) -> None:
     head, end = re.match(r"(<\w+[^>]*>)(.*)", families[name].read_text(), re.DOTALL).groups()  # type: ignore[union-attr]
     (tmp_path / name).write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
     with pytest.raises(FileError, match="more than 256 nested elements"):

@@ -46,9 +46,12 @@ def test_dark_free_is_the_complement(image: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("threshold", "count"), [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)]
+    ("threshold", "count"),
+    [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)],
 )
-def test_cells_darker_than_the_threshold_are_occupied(image: Path, threshold: float, count: int) -> None:
+def test_cells_darker_than_the_threshold_are_occupied(
+    image: Path, threshold: float, count: int
+) -> None:
     assert Workspace.from_image(image, 0.1, threshold=threshold).outer.sum() == count
 
 
@@ -67,12 +70,22 @@ LEVELS = np.array([[0, 1, 300], [65535, 65534, 40000]], dtype=np.uint16)
         ("bits.png", Image.fromarray(PIXELS > 128), PIXELS > 128),
         ("deep.pgm", Image.fromarray(LEVELS), LEVELS / 65535),
         ("deep.png", Image.fromarray(LEVELS), LEVELS / 65535),
-        ("text.pgm", "P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n", [[0.0, 0.2, 1.0], [1.0, 0.4, 0.0]]),
+        (
+            "text.pgm",
+            "P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n",
+            [[0.0, 0.2, 1.0], [1.0, 0.4, 0.0]],
+        ),
         ("text.pgm", "P2\n3 1\n65535\n0 65535 13107\n", [[0.0, 1.0, 0.2]]),
-        ("mean.png", Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)), [[1 / 3, 2 / 3]]),
+        (
+            "mean.png",
+            Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)),
+            [[1 / 3, 2 / 3]],
+        ),
     ],
 )
-def test_shades_are_read_from_every_format(tmp_path: Path, name: str, content: Any, rows: Any) -> None:
+def test_shades_are_read_from_every_format(
+    tmp_path: Path, name: str, content: Any, rows: Any
+) -> None:
     path = tmp_path / name
     path.write_text(content) if isinstance(content, str) else content.save(path)
     shade, opaque = read_shades(path, "image")
@@ -81,7 +94,9 @@ def test_shades_are_read_from_every_format(tmp_path: Path, name: str, content: A
 
 
 def test_jpeg_is_read(tmp_path: Path) -> None:
-    Image.fromarray(PIXELS.repeat(16, axis=0).repeat(16, axis=1)).save(tmp_path / "map.jpg", quality=95)
+    Image.fromarray(PIXELS.repeat(16, axis=0).repeat(16, axis=1)).save(
+        tmp_path / "map.jpg", quality=95
+    )
     occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
     assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
 
@@ -104,12 +119,15 @@ def test_shades_agree_with_pillow(tmp_path: Path, mode: str, size: tuple[int, in
     grey = rng.integers(0, 256, (height, width), dtype=np.uint8)
     if mode == "I;16":
         Image.fromarray(
-            grey.astype(np.uint16) * 257 - (grey > 0) * rng.integers(0, 256, grey.shape).astype(np.uint16)
+            grey.astype(np.uint16) * 257
+            - (grey > 0) * rng.integers(0, 256, grey.shape).astype(np.uint16)
         ).save(tmp_path / "map.png")
     else:
         colours = rng.integers(0, 256, (height, width, 4), dtype=np.uint8)
         colours[..., 3] = rng.choice([0, 254, 255], (height, width), p=[0.1, 0.1, 0.8])
-        Image.fromarray(colours, "RGBA").convert(mode.replace("P", "RGB")).convert(mode).save(tmp_path / "map.png")
+        Image.fromarray(colours, "RGBA").convert(mode.replace("P", "RGB")).convert(mode).save(
+            tmp_path / "map.png"
+        )
     with Image.open(tmp_path / "map.png") as image:
         assert image.mode == mode
         rgba = np.array(image if mode == "I;16" else image.convert("RGBA"), dtype=np.float64)
@@ -118,7 +136,8 @@ def test_shades_agree_with_pillow(tmp_path: Path, mode: str, size: tuple[int, in
     for dark in ("occupied", "free"):
         expected = ((shade < 0.4) == (dark == "occupied")) | clear
         np.testing.assert_array_equal(
-            Workspace.from_image(tmp_path / "map.png", 1.0, threshold=0.4, dark=dark).outer, expected[::-1].T
+            Workspace.from_image(tmp_path / "map.png", 1.0, threshold=0.4, dark=dark).outer,
+            expected[::-1].T,
         )
 
 
@@ -145,7 +164,15 @@ def test_unusable_options_are_refused(image: Path, options: dict[str, Any], mess
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"not an image", b"P5\n3 2\n255\n\x00", b"P5\n3 x\n", b"P2\n3 2\n255\n0 1 a", b"P2\n3 2\n255\n0 1"]
+    "content",
+    [
+        b"",
+        b"not an image",
+        b"P5\n3 2\n255\n\x00",
+        b"P5\n3 x\n",
+        b"P2\n3 2\n255\n0 1 a",
+        b"P2\n3 2\n255\n0 1",
+    ],
 )
 def test_damaged_images_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.pgm").write_bytes(content)

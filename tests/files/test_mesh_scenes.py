@@ -9,7 +9,15 @@ import pytest
 import trimesh
 
 from cspace.files.meshes import read_mesh
-from tests.mesh_files import BOX_CORNERS, BOX_MESH, BOX_QUADS, BOX_SHIFT, check_boxes, check_refused, read
+from tests.mesh_files import (
+    BOX_CORNERS,
+    BOX_MESH,
+    BOX_QUADS,
+    BOX_SHIFT,
+    check_boxes,
+    check_refused,
+    read,
+)
 from tests.refusals import refusals
 
 # glTF
@@ -47,23 +55,34 @@ def write_gltf(edit=lambda header, add: None, glb=True):
     edit(header, add)
     header["buffers"] = [{"byteLength": len(blob)}]
     if not glb:
-        header["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        header["buffers"][0]["uri"] = (
+            "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        )
         return json.dumps(header).encode()
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     blob.extend(bytes(-len(blob) % 4))
-    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    body = (
+        struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(blob), b"BIN\0")
+        + blob
+    )
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
 def add_part(header, add, mode, corners, points=None):
     """Add a second primitive."""
     view = add(np.array(corners, "<u2"))
-    header["accessors"].append({"bufferView": view, "componentType": 5123, "count": len(corners), "type": "SCALAR"})
+    header["accessors"].append(
+        {"bufferView": view, "componentType": 5123, "count": len(corners), "type": "SCALAR"}
+    )
     part = {"attributes": {"POSITION": 0}, "indices": len(header["accessors"]) - 1, "mode": mode}
     if points is not None:
         view = add(points.astype("<f4"))
-        header["accessors"].append({"bufferView": view, "componentType": 5126, "count": len(points), "type": "VEC3"})
+        header["accessors"].append(
+            {"bufferView": view, "componentType": 5126, "count": len(points), "type": "VEC3"}
+        )
         part["attributes"] = {"POSITION": len(header["accessors"]) - 1}
     header["meshes"][0]["primitives"].append(part)
 
@@ -99,7 +118,12 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
             {"mesh": 0},
             {"translation": [0, 5, 0], "children": [3]},
             {"mesh": 0, "matrix": matrix.T.reshape(-1).tolist()},
-            {"mesh": 0, "translation": [0, 0, 50], "rotation": [0, 0, half, half], "scale": [-1, 1, 3]},
+            {
+                "mesh": 0,
+                "translation": [0, 0, 50],
+                "rotation": [0, 0, half, half],
+                "scale": [-1, 1, 3],
+            },
             {"camera": 0, "translation": [1, 1, 1]},
         ]
         header["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
@@ -109,7 +133,9 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     turned = (BOX_CORNERS * [-1, 1, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 0, 50]
     positions = [BOX_CORNERS, BOX_CORNERS + BOX_SHIFT + [0, 5, 0], turned]
     expected = np.concatenate(positions) * [2, 1, 1]
-    assert np.allclose(np.unique(mesh.vertices.round(4), axis=0), np.unique(expected.round(4), axis=0))
+    assert np.allclose(
+        np.unique(mesh.vertices.round(4), axis=0), np.unique(expected.round(4), axis=0)
+    )
     assert mesh.volume == pytest.approx(2 * 64 * (1 + 1 + 3))
 
 
@@ -128,7 +154,12 @@ def grow(header, **changes):
     (quantise, "quantised"),
     (lambda h, add: h["accessors"][0].update(min=[0, 0, 0], max=[4, 4, 5]), "bounds"),
     (lambda h, add: h["nodes"][0].update(camera=0), "camera"),
-    (lambda h, add: h["nodes"].append({"mesh": 0}) or h["nodes"][0].update(camera=0, children=[1]), "camera"),
+    (
+        lambda h, add: (
+            h["nodes"].append({"mesh": 0}) or h["nodes"][0].update(camera=0, children=[1])
+        ),
+        "camera",
+    ),
     (lambda h, add: h["nodes"][0].update(children=[7]), "is missing"),
     (lambda h, add: h["bufferViews"][0].update(byteOffset=-4), "exceeds"),
     (lambda h, add: add_part(h, add, 4, [0, 1, 8]), "vertex [0-9]+|out of bounds|index"),
@@ -136,9 +167,15 @@ def grow(header, **changes):
     (lambda h, add: h["meshes"][0]["primitives"][0]["attributes"].pop("POSITION"), "positions"),
     (lambda h, add: grow(h, extensionsRequired=["KHR_draco_mesh_compression"]), "KHR_draco"),
     (lambda h, add: grow(h, extensionsRequired=["EXT_meshopt_compression"]), "EXT_meshopt"),
-    (lambda h, add: h["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}}), "EXT_meshopt"),
+    (
+        lambda h, add: h["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}}),
+        "EXT_meshopt",
+    ),
     (lambda h, add: h["accessors"][0].pop("bufferView"), "without data"),
-    (lambda h, add: h["nodes"][0].update(extensions={"EXT_mesh_gpu_instancing": {}}), "gpu_instancing"),
+    (
+        lambda h, add: h["nodes"][0].update(extensions={"EXT_mesh_gpu_instancing": {}}),
+        "gpu_instancing",
+    ),
     (lambda h, add: h["nodes"][0].update(skin=0), "skin"),
     (lambda h, add: h["nodes"][0].update(weights=[0.5]), "morph"),
     (lambda h, add: h["meshes"][0].update(weights=[0.0, 1.0]), "morph"),
@@ -197,7 +234,8 @@ def runs(kind, count, lists):
         None,
         runs("triangles", 12, [BOX_MESH.faces.reshape(-1)]),
         runs("polygons", 6, BOX_QUADS),
-        runs("triangles", 6, [BOX_MESH.faces[:6].reshape(-1)]) + runs("polygons", 6, BOX_MESH.faces[6:]),
+        runs("triangles", 6, [BOX_MESH.faces[:6].reshape(-1)])
+        + runs("polygons", 6, BOX_MESH.faces[6:]),
         runs("lines", 1, [[0, 1]]) + runs("polygons", 6, BOX_QUADS),
     ],
 )
@@ -212,7 +250,9 @@ def test_collada_indices_may_alternate_with_others(tmp_path):
         .replace('count="24"', 'count="42"')
         .replace('stride="3"', 'offset="2" stride="5"')
     )
-    text = text.replace(" ".join(map(str, BOX_CORNERS.reshape(-1))), " ".join(map(str, [97, 97, *table])))
+    text = text.replace(
+        " ".join(map(str, BOX_CORNERS.reshape(-1))), " ".join(map(str, [97, 97, *table]))
+    )
     text = text.replace('<param name="Y"', '<param type="float"/><param name="Y"')
     check_boxes(read(tmp_path, "box.dae", text))
     swapped = INPUTS.replace('offset="0"', 'offset="2"').replace('offset="1"', 'offset="0"')
@@ -235,7 +275,9 @@ def test_nodes_of_collada_place_meshes(tmp_path):
     mesh = read(tmp_path, "nodes.dae", make_collada(nodes=NODES, unit='<unit meter="0.5"/>'))
 
     def moved(points):
-        return 0.5 * ((points * [-1, 2, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0])
+        return 0.5 * (
+            (points * [-1, 2, 3]) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0]
+        )
 
     expected = [moved(BOX_CORNERS + np.array([0, 0, up])) for up in (0, 1, 10)]
     assert np.allclose(mesh.vertices, np.concatenate(expected))
@@ -273,10 +315,18 @@ def test_collada_agrees_with_another_reader(tmp_path):
     (make_collada(make_polylist(6, "4 " * 5, "0 0 " * 24)), "declares 6"),
     (make_collada(make_polylist(6, "4 " * 6, "0 0 " * 23)), "24 corners"),
     (make_collada(runs("triangles", 1, [[0, 1, 8]])), "vertex 8"),
-    (make_collada(f'<polygons count="1">{INPUTS}<ph><p>0 0 1 0 2 0</p><h>0 0 1 0 2 0</h></ph></polygons>'), "holes"),
+    (
+        make_collada(
+            f'<polygons count="1">{INPUTS}<ph><p>0 0 1 0 2 0</p><h>0 0 1 0 2 0</h></ph></polygons>'
+        ),
+        "holes",
+    ),
     (make_collada(runs("surface", 6, BOX_QUADS)), "surface"),
     (
-        make_collada(nodes='<instance_geometry url="#curved"/>', body='<geometry id="curved"><spline/></geometry>'),
+        make_collada(
+            nodes='<instance_geometry url="#curved"/>',
+            body='<geometry id="curved"><spline/></geometry>',
+        ),
         "spline",
     ),
     (make_collada().replace('url="#scene"', 'url="#box"'), "as its scene"),

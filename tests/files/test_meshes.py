@@ -135,11 +135,16 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
     ([(0, 0, 0), (1, 0, 0.01), (1, 1, 0), (0, 1, 0.01)], "one plane"),
     ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], "no area"),
     ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 2, 0)], "crosses itself"),
-    ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
+    (
+        [(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)],
+        "bends",
+    ),
 )
 def test_ambiguous_polygons_are_refused(tmp_path, points, message):
     face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
-    check_refused(tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError)
+    check_refused(
+        tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError
+    )
 
 
 def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
@@ -157,13 +162,17 @@ def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
 
 
 def make_binary_stl(count=12, shift=0.0):
-    raw = bytearray(trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl"))
+    raw = bytearray(
+        trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl")
+    )
     raw[80:84] = struct.pack("<I", count)
     return bytes(raw)
 
 
 def make_text_stl(shift=0.0, name=""):
-    text = trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl_ascii")
+    text = trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(
+        file_type="stl_ascii"
+    )
     return text.replace("solid ", f"solid {name}", 1)
 
 
@@ -180,7 +189,10 @@ def make_text_stl(shift=0.0, name=""):
     ],
 )
 def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
-    check_boxes(read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(BOX_SHIFT))), 2)
+    check_boxes(
+        read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(BOX_SHIFT))),
+        2,
+    )
 
 
 @refusals(
@@ -196,16 +208,24 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     (
         make_text_stl()
         + make_text_stl(BOX_SHIFT).replace(
-            "solid", "solid " + make_text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
+            "solid",
+            "solid "
+            + make_text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " "),
         ),
         "own",
     ),
     (make_text_stl() + make_text_stl(BOX_SHIFT).replace("vertex", "vertix", 1), "whole ones"),
     (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endfacet\n", "", 1), "words"),
     (make_text_stl().replace(".0 ", ".0, "), "malformed"),
-    (b" 4\xff0".join(make_text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
+    (
+        b" 4\xff0".join(make_text_stl().encode().rsplit(b" 4.0", 1)),
+        "malformed",
+    ),  # which is neither 4.0 nor 40
     (make_text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2].partition("endsolid")[0], "endsolid"),
+    (
+        make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2].partition("endsolid")[0],
+        "endsolid",
+    ),
 )
 def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
@@ -220,5 +240,7 @@ def test_one_long_number_takes_little_memory(tmp_path):
     vertices, triangles = read_mesh(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert (vertices[:2] == [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]).all() and triangles.tolist() == [[0, 1, 2]]
+    assert (vertices[:2] == [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]).all() and triangles.tolist() == [
+        [0, 1, 2]
+    ]
     assert peak < 2**24

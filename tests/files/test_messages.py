@@ -25,10 +25,14 @@ def make_message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None)
     """Make a ROS message; values start at the lowest y."""
     height, width = np.shape(values)
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
-    place = SimpleNamespace(position=SimpleNamespace(x=origin[0], y=origin[1], z=0.0), orientation=turn)
+    place = SimpleNamespace(
+        position=SimpleNamespace(x=origin[0], y=origin[1], z=0.0), orientation=turn
+    )
     info = SimpleNamespace(resolution=resolution, width=width, height=height, origin=place)
     flat = np.ravel(values).astype(np.int8)
-    return SimpleNamespace(header=SimpleNamespace(frame_id="odom"), info=info, data=(data or (lambda x: x))(flat))
+    return SimpleNamespace(
+        header=SimpleNamespace(frame_id="odom"), info=info, data=(data or (lambda x: x))(flat)
+    )
 
 
 class Strict:
@@ -51,14 +55,18 @@ class Strict:
 
 
 def make_strict(about, sizes, typecode):
-    place = Strict(position=Strict(x=0.0, y=0.0, z=0.0), orientation=Strict(x=0.0, y=0.0, z=0.0, w=1.0))
+    place = Strict(
+        position=Strict(x=0.0, y=0.0, z=0.0), orientation=Strict(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
     info = Strict(resolution=0.0, origin=place, **dict.fromkeys(sizes, 0))
     return Strict(header=Strict(stamp=None, frame_id=""), data=array(typecode), **{about: info})
 
 
 @pytest.fixture(scope="module")
 def spaces():
-    workspace = Workspace.from_array(fill_boxes((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
+    workspace = Workspace.from_array(
+        fill_boxes((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0)
+    )
     disc, car = Robot.disc(0.23), Robot.rectangle(0.5, 0.3)
     return {"disc": cspace.build(workspace, disc), "car": cspace.build(workspace, car, rotations=6)}
 
@@ -67,7 +75,11 @@ def spaces():
 def test_values_become_cells(data):
     values = np.array([[0, 24, 25, 64], [65, 100, -1, 10], [0, 0, 0, 99]])
     workspace = Workspace.from_occupancy_grid(make_message(values, 0.25, (1.0, -2.0), data=data))
-    assert (workspace.grid.lower, workspace.grid.spacing, workspace.grid.shape) == ((1.0, -2.0), 0.25, (4, 3))
+    assert (workspace.grid.lower, workspace.grid.spacing, workspace.grid.shape) == (
+        (1.0, -2.0),
+        0.25,
+        (4, 3),
+    )
     assert (workspace.outer == ((values >= 25) | (values < 0)).T).all()
     assert (workspace.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
     free = Workspace.from_occupancy_grid(make_message(values, data=data), "free")
@@ -90,7 +102,9 @@ def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
     )
     saved = Workspace.from_ros_map(tmp_path / "map.yaml", unknown)
     single = float(np.float32(0.05))  # the type on the wire
-    workspace = Workspace.from_occupancy_grid(make_message(values, single, (-1.5, 2.5), yaw), unknown)
+    workspace = Workspace.from_occupancy_grid(
+        make_message(values, single, (-1.5, 2.5), yaw), unknown
+    )
     assert np.allclose(workspace.grid.lower, saved.grid.lower, atol=1e-12)
     assert (workspace.grid.spacing, workspace.grid.shape) == (0.05, saved.grid.shape)
     assert (workspace.outer == saved.outer).all()
@@ -108,7 +122,8 @@ def test_a_map_survives_its_message(spaces, unknown, fill):
     workspace = Workspace.from_occupancy_grid(msg, unknown)
     assert workspace.grid == space.grid
     assert (
-        workspace.outer == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)
+        workspace.outer
+        == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)
     ).all()
 
 
@@ -137,8 +152,15 @@ def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
     space = spaces["disc"]
     msg = space.to_costmap(fill, inflation_radius=radius, cost_scaling_factor=scaling)
     assert isinstance(msg, Costmap) if fill is None else msg is fill
-    assert (msg.metadata.size_x, msg.metadata.size_y, msg.metadata.origin.position.x) == (40, 30, -1.0)
-    costs, apart = np.array(msg.data).reshape(30, 40).T, measure_distances(space, space.cell_states == FREE)
+    assert (msg.metadata.size_x, msg.metadata.size_y, msg.metadata.origin.position.x) == (
+        40,
+        30,
+        -1.0,
+    )
+    costs, apart = (
+        np.array(msg.data).reshape(30, 40).T,
+        measure_distances(space, space.cell_states == FREE),
+    )
     for cell in np.ndindex(40, 30):
         expected = {math.floor(252 * math.exp(-scaling * (apart[cell] + e))) for e in (-1e-9, 1e-9)}
         if space.workspace.outer[cell]:
@@ -155,9 +177,15 @@ def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
 def test_no_cell_is_cheaper_than_in_nav2(spaces):
     """Compare with Nav2, which uses cell centers and circles."""
     space, radius, scaling = spaces["disc"], 0.7, 4.0
-    costs = np.array(space.to_costmap(inflation_radius=radius, cost_scaling_factor=scaling).data).reshape(30, 40).T
+    costs = (
+        np.array(space.to_costmap(inflation_radius=radius, cost_scaling_factor=scaling).data)
+        .reshape(30, 40)
+        .T
+    )
     obstacles = cKDTree(space.grid.center_of(np.argwhere(space.workspace.outer)))
-    apart = obstacles.query(space.grid.center_of(np.indices((40, 30)).reshape(2, -1).T))[0].reshape(40, 30)
+    apart = obstacles.query(space.grid.center_of(np.indices((40, 30)).reshape(2, -1).T))[0].reshape(
+        40, 30
+    )
     theirs = np.floor(252 * np.exp(-scaling * (apart - 0.23)))
     theirs[apart > radius], theirs[apart <= 0.23], theirs[apart == 0] = 0, 253, 254
     assert (costs >= theirs).all()
@@ -176,8 +204,13 @@ def compute_costs(space, radius, scaling, rotation=None):
     """Compute costs from clearances at cell centers."""
     turns = space.rotations.centers if rotation is None else np.array([[rotation]])
     middles = space.grid.center_of(np.indices(space.grid.shape).reshape(2, -1).T)
-    each = [space.clearance(np.hstack([middles, np.tile(turn, (len(middles), 1))])) for turn in turns]
-    clearance, inscribed = np.max(each, axis=0).reshape(space.grid.shape), space.robot.inscribed_radius + space.margin
+    each = [
+        space.clearance(np.hstack([middles, np.tile(turn, (len(middles), 1))])) for turn in turns
+    ]
+    clearance, inscribed = (
+        np.max(each, axis=0).reshape(space.grid.shape),
+        space.robot.inscribed_radius + space.margin,
+    )
     costs = np.floor(252 * np.exp(-scaling * clearance))
     costs[clearance + inscribed > radius] = 0
     costs[clearance == 0] = 253
@@ -190,12 +223,17 @@ def compute_costs(space, radius, scaling, rotation=None):
     seed=st.integers(0, 2**32 - 1),
     rotations=st.sampled_from([None, 5, 8]),
     outside=st.sampled_from(["blocked", "free"]),
-    changes=st.lists(st.tuples(st.booleans(), st.sampled_from([0.2, 0.55, 1.0, 30.0])), min_size=1, max_size=4),
+    changes=st.lists(
+        st.tuples(st.booleans(), st.sampled_from([0.2, 0.55, 1.0, 30.0])), min_size=1, max_size=4
+    ),
 )
 def test_costs_follow_updates(seed, rotations, outside, changes):
     rng = np.random.default_rng(seed)
     occupied = rng.random((24, 30)) < rng.choice([0.0, 0.005, 0.05])
-    workspace, robot = Workspace.from_array(occupied, 0.1, (3.0, -2.0)), Robot.rectangle(0.5, 0.2, (0.1, 0.0))
+    workspace, robot = (
+        Workspace.from_array(occupied, 0.1, (3.0, -2.0)),
+        Robot.rectangle(0.5, 0.2, (0.1, 0.0)),
+    )
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     for comes, radius in changes:
         options = {"inflation_radius": radius, "cost_scaling_factor": 2.0}
@@ -216,7 +254,9 @@ def test_unknown_cells_stay_unknown_in_a_costmap():
     values[:5], values[10, 10] = -1, 100
     for unknown, seen in (("occupied", 255), ("free", 0)):
         workspace = Workspace.from_occupancy_grid(make_message(values), unknown)
-        costs = np.array(cspace.build(workspace, Robot.disc(0.06), outside="free").to_costmap().data).reshape(20, 20)
+        costs = np.array(
+            cspace.build(workspace, Robot.disc(0.06), outside="free").to_costmap().data
+        ).reshape(20, 20)
         assert costs[10, 10] == 254
         assert set(costs[:4].ravel().tolist()) <= ({255} if seen == 255 else set(range(253)))
 
@@ -251,7 +291,11 @@ def test_an_unset_quaternion_is_no_rotation():
     (changed(info__resolution=0.0), {}, r"msg\.info\.resolution is 0\.0"),
     (changed(info__resolution=math.nan), {}, r"msg\.info\.resolution is nan"),
     (changed(info__origin__position__x=math.inf), {}, r"msg\.info\.origin\.position\.x is inf"),
-    (changed(info__origin__orientation__x=1.0), {}, r"orientation is \(1, 0, 0, 1\), which is tilted"),
+    (
+        changed(info__origin__orientation__x=1.0),
+        {},
+        r"orientation is \(1, 0, 0, 1\), which is tilted",
+    ),
     (changed(), {"unknown": "maybe"}, "unknown is 'maybe'"),
     (changed(), {"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
     (changed(), {"occupied_thresh": -1}, "occupied_thresh is -1"),
@@ -275,7 +319,10 @@ SOLID = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
         "msg has no metadata.resolution; .*nav2_msgs",
     ),
     (lambda car: car.to_occupancy_grid(object()), r"msg has no header\.frame_id"),
-    (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_occupancy_grid(), "the map is one in space"),
+    (
+        lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_occupancy_grid(),
+        "the map is one in space",
+    ),
     (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_costmap(), "the map is one in space"),
 )
 def test_messages_refuse_unsuitable_maps_and_arguments(spaces, call, message):

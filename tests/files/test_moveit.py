@@ -24,15 +24,22 @@ BOUNDS = (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0)
 
 def write_scene(folder: Path, *objects: dict[str, Any], **more: Any) -> Path:
     path = folder / "scene.yaml"
-    path.write_text(json.dumps({"name": "test", "world": {"collision_objects": list(objects)}, **more}))
+    path.write_text(
+        json.dumps({"name": "test", "world": {"collision_objects": list(objects)}, **more})
+    )
     return path
 
 
 def make_pose(position: Any = (0, 0, 0), orientation: Any = (0, 0, 0, 1)) -> dict[str, list[float]]:
-    return {"position": [float(x) for x in position], "orientation": [float(x) for x in orientation]}
+    return {
+        "position": [float(x) for x in position],
+        "orientation": [float(x) for x in orientation],
+    }
 
 
-def make_primitive(kind: Any, dimensions: Any, at: Any = None, name: str = "thing", **more: Any) -> dict[str, Any]:
+def make_primitive(
+    kind: Any, dimensions: Any, at: Any = None, name: str = "thing", **more: Any
+) -> dict[str, Any]:
     one = {"type": kind, "dimensions": list(dimensions)}
     return {"id": name, "primitives": [one], "primitive_poses": [at or make_pose()], **more}
 
@@ -69,20 +76,33 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
     """Pose both the primitive and its object anywhere."""
     count = {"box": 3, "sphere": 1}.get(kind, 2)
     turns = Rotation.from_euler("xyz", angles), Rotation.from_euler("z", angles[0])
-    poses = [make_pose(position, turn.as_quat()) for position, turn in zip(places, turns, strict=True)]
+    poses = [
+        make_pose(position, turn.as_quat()) for position, turn in zip(places, turns, strict=True)
+    ]
     dimensions, kind_written = list(sizes[:count]), kind
     if layout == 1:  # the text that ROS prints
         kind_written, dimensions = 1 + NAMES.index(kind), dimensions + [0.0] * (3 - count)
-        poses = [{name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in each.items()} for each in poses]
+        poses = [
+            {name: dict(zip("xyzw", numbers, strict=False)) for name, numbers in each.items()}
+            for each in poses
+        ]
     elif layout == 2:
         kind_written = kind.upper()
     path = write_scene(
-        tmp_path, make_primitive(kind_written, dimensions, poses[1], pose=poses[0], operation="\0" * (layout == 1))
+        tmp_path,
+        make_primitive(
+            kind_written, dimensions, poses[1], pose=poses[0], operation="\0" * (layout == 1)
+        ),
     )
     workspace = Workspace.from_moveit_scene(path, 0.11, (-3, -3, -3, 3, 3, 3))
     rng = np.random.default_rng(seed)
     local = rng.uniform(-0.7, 0.7, (4000, 3))
-    points = turns[0].apply(turns[1].apply(local[contains(kind, sizes[:count], local, -1e-9)]) + places[1]) + places[0]
+    points = (
+        turns[0].apply(
+            turns[1].apply(local[contains(kind, sizes[:count], local, -1e-9)]) + places[1]
+        )
+        + places[0]
+    )
     cells = np.floor((points - np.array(workspace.grid.lower)) / 0.11).astype(int)
     assert len(points) > 0 and workspace.outer[tuple(cells.T)].all()
     inner = np.argwhere(workspace.inner)
@@ -98,25 +118,41 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
 def panda(data: Path) -> Arm:
     pytest.importorskip("yourdfpy")
     with warnings.catch_warnings(action="ignore"):  # a link's mesh is open
-        return Arm.from_urdf(data / "arms" / "panda" / "panda.urdf", data / "arms" / "panda" / "panda.srdf")
+        return Arm.from_urdf(
+            data / "arms" / "panda" / "panda.urdf", data / "arms" / "panda" / "panda.srdf"
+        )
 
 
 @pytest.mark.filterwarnings("ignore:.*without collision geometry")
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, data, panda):
-    """Compare scenes of a benchmark with shapes made directly. One arm is enough; the bodies of a ur5 take long."""
+    """Compare scenes of a benchmark with shapes made directly. One arm is enough; the bodies of a
+    ur5 take long."""
     arm, rng = panda, np.random.default_rng(0)
     problems = json.loads((data / "arms" / robot / "problems.json").read_text())["problems"]
     for each in [problem for of_kind in problems.values() for problem in of_kind[:1]]:
         objects, expected = [], {}
-        for kind, sizes in (("box", None), ("cylinder", ("length", "radius")), ("sphere", ("radius",))):
+        for kind, sizes in (
+            ("box", None),
+            ("cylinder", ("length", "radius")),
+            ("sphere", ("radius",)),
+        ):
             for number, item in enumerate(each[kind]):
                 name, turn = f"{kind}{number}", item.get("orientation_quat_xyzw", [0, 0, 0, 1])
-                numbers = [2 * x for x in item["half_extents"]] if sizes is None else [item[key] for key in sizes]
+                numbers = (
+                    [2 * x for x in item["half_extents"]]
+                    if sizes is None
+                    else [item[key] for key in sizes]
+                )
                 header = {"header": {"frame_id": arm.frames[0]}}
-                objects.append(make_primitive(kind, numbers, make_pose(item["position"], turn), name, **header))
+                objects.append(
+                    make_primitive(kind, numbers, make_pose(item["position"], turn), name, **header)
+                )
                 matrix = np.eye(4)
-                matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(turn).as_matrix(), item["position"]
+                matrix[:3, :3], matrix[:3, 3] = (
+                    Rotation.from_quat(turn).as_matrix(),
+                    item["position"],
+                )
                 make = {
                     "box": lambda *n: Robot.box(n),
                     "sphere": Robot.ball,
@@ -140,10 +176,14 @@ def test_scenes_become_maps_and_arms(tmp_path):
         make_primitive("sphere", (0.3,), make_pose((1.2, 0, 0)), "b"),
     )
     workspace = Workspace.from_moveit_scene(path, 0.05, BOUNDS)
-    assert len(workspace.shapes) == 2 and repr(workspace).startswith(f"Workspace({path}: 80 x 80 x 80 cells")
+    assert len(workspace.shapes) == 2 and repr(workspace).startswith(
+        f"Workspace({path}: 80 x 80 x 80 cells"
+    )
     space = build(workspace, Robot.ball(0.1))
     assert space.is_free((0.0, 1.0, 0.0)) and not space.is_free((0.55, 0, 0))
-    assert not space.is_free((0.85, 0.0, 0.0), exact=True) and space.is_free((0.75, 0.0, 0.0), exact=True)
+    assert not space.is_free((0.85, 0.0, 0.0), exact=True) and space.is_free(
+        (0.75, 0.0, 0.0), exact=True
+    )
     plain = Workspace.from_moveit_scene(path, 0.05)
     assert plain.grid.lower == (-0.5, -0.5, -0.5) and plain.grid.upper[0] == pytest.approx(1.5)
 
@@ -153,7 +193,10 @@ def test_scenes_become_maps_and_arms(tmp_path):
     (["a", "a/0"], "has 'a/0' twice in the names of shapes; names must differ; remove one"),
     (["a/1", "a"], "has 'a/1' twice in the names of shapes"),
     (["a", "a/0", "a/0/1"], "has 'a/0' twice in the names of shapes"),
-    (["a", "b", "a"], "has the object 'a' again at collision_objects.2.; ids must differ; rename or remove one"),
+    (
+        ["a", "b", "a"],
+        "has the object 'a' again at collision_objects.2.; ids must differ; rename or remove one",
+    ),
     ([5, "5"], "has the object '5' again at collision_objects.1."),
     ([True, "a"], r"has 'True' as id of collision_objects\[0\]; it must be a name"),
     ([1.5, "a"], r"has '1.5' as id of collision_objects\[0\]"),
@@ -162,10 +205,16 @@ def test_scenes_become_maps_and_arms(tmp_path):
 )
 def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
     """Give the objects without a slash two shapes."""
-    objects = [make_primitive("box", (1, 1, 1), make_pose((3 * n, 0, 0)), name) for n, name in enumerate(ids)]
+    objects = [
+        make_primitive("box", (1, 1, 1), make_pose((3 * n, 0, 0)), name)
+        for n, name in enumerate(ids)
+    ]
     for each in objects:
         if "/" not in str(each["id"]):
-            each["primitives"], each["primitive_poses"] = each["primitives"] * 2, each["primitive_poses"] * 2
+            each["primitives"], each["primitive_poses"] = (
+                each["primitives"] * 2,
+                each["primitive_poses"] * 2,
+            )
     path = write_scene(tmp_path, *objects)
     for read in (read_moveit_scene, lambda path: Workspace.from_moveit_scene(path, 0.1, BOUNDS)):
         with pytest.raises(FileError, match=expected) as caught:
@@ -175,7 +224,9 @@ def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
 
 def test_numbers_without_quotes_are_ids(tmp_path):
     """robowflex writes the id "7" without quotes."""
-    assert list(read_moveit_scene(write_scene(tmp_path, make_primitive("box", (1, 1, 1), name=7))).obstacles) == ["7"]
+    assert list(
+        read_moveit_scene(write_scene(tmp_path, make_primitive("box", (1, 1, 1), name=7))).obstacles
+    ) == ["7"]
 
 
 def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
@@ -183,12 +234,17 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
     (tmp_path / "cubes" / "meshes").mkdir(parents=True)
     cube.export(tmp_path / "cubes" / "meshes" / "cube.stl")
     corners = [dict(zip("xyz", row, strict=True)) for row in cube.vertices.tolist()]
-    inline = {"vertices": corners, "triangles": [{"vertex_indices": row} for row in cube.faces.tolist()]}
+    inline = {
+        "vertices": corners,
+        "triangles": [{"vertex_indices": row} for row in cube.faces.tolist()],
+    }
     plain = {"vertices": cube.vertices.tolist(), "triangles": cube.faces.tolist()}
     scaled = {"resource": "package://cubes/meshes/cube.stl", "dimensions": [0.5, 0.5, 0.5]}
     near = {"resource": "cubes/meshes/cube.stl"}
     turn = make_pose((5, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_quat())
-    for number, (mesh, factor) in enumerate(((inline, 1.0), (plain, 1.0), (scaled, 0.5), (near, 1.0))):
+    for number, (mesh, factor) in enumerate(
+        ((inline, 1.0), (plain, 1.0), (scaled, 0.5), (near, 1.0))
+    ):
         path = write_scene(tmp_path, {"id": f"m{number}", "meshes": [mesh], "mesh_poses": [turn]})
         workspace = Workspace.from_moveit_scene(path, 0.1)
         expected = np.array([[-1, -0.5, -1.5], [1, 0.5, 1.5]]) * factor + [5, 0, 0]
@@ -202,10 +258,16 @@ def test_objects_are_read_in_one_frame(tmp_path):
         make_primitive("sphere", (0.1,), name="a", **one),
         make_primitive("sphere", (0.1,), make_pose((1, 0, 0)), "b", **other),
     )
-    identity = {"header": {"frame_id": "world"}, "child_frame_id": "table", "transform": {"rotation": [0, 0, 0, 1]}}
+    identity = {
+        "header": {"frame_id": "world"},
+        "child_frame_id": "table",
+        "transform": {"rotation": [0, 0, 0, 1]},
+    }
     scene = read_moveit_scene(write_scene(tmp_path, objects[0], fixed_frame_transforms=[identity]))
     assert scene.frame == "table" and list(scene.obstacles) == ["a"]
-    with pytest.raises(FileError, match=r"has objects in the frames 'table', 'world'; they must be in one frame"):
+    with pytest.raises(
+        FileError, match=r"has objects in the frames 'table', 'world'; they must be in one frame"
+    ):
         read_moveit_scene(write_scene(tmp_path, *objects))
 
 
@@ -213,7 +275,9 @@ def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
     mug = make_primitive("sphere", (0.1,), name="mug", header={"frame_id": "hand"})
     attached = {"attached_collision_objects": [{"link_name": "hand", "object": mug}]}
     path = write_scene(tmp_path, make_primitive("sphere", (1,)), robot_state=attached)
-    with pytest.warns(UserWarning, match=r"attached objects \(mug\) enlarge the robot and are not read"):
+    with pytest.warns(
+        UserWarning, match=r"attached objects \(mug\) enlarge the robot and are not read"
+    ):
         Workspace.from_moveit_scene(path, 0.1)
 
 
@@ -228,23 +292,38 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     ),
     ([make_primitive(5, [1, 1])], r"has the type 5 at"),
     ([make_primitive(None, [1, 1])], r"has the type None at"),
-    ([make_primitive("cylinder", [1])], r"has the dimensions \[1.0\] at .*; a cylinder has height, radius"),
+    (
+        [make_primitive("cylinder", [1])],
+        r"has the dimensions \[1.0\] at .*; a cylinder has height, radius",
+    ),
     ([make_primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
-    ([make_primitive("sphere", [1, 2])], r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius"),
-    ([make_primitive("box", ["a", 1, 1])], r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers"),
+    (
+        [make_primitive("sphere", [1, 2])],
+        r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius",
+    ),
+    (
+        [make_primitive("box", ["a", 1, 1])],
+        r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers",
+    ),
     ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
     (
         [make_primitive("box", [1, 1, 1], {"position": [0, 0]})],
         r"as position of primitive_poses\[0\] of object 'thing'",
     ),
-    ([make_primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
+    (
+        [make_primitive("box", [1, 1, 1], {"orientation": {"x": 1}})],
+        r"as orientation of .* 4 finite numbers",
+    ),
     (
         [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [make_pose()]}],
         "has 2 primitives but 1 primitive_poses",
     ),
     ([{"id": "a"}], "has no shape at object 'a'"),
     ([], "holds no shape"),
-    ([make_primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
+    (
+        [make_primitive("box", [1, 1, 1], operation="move")],
+        "has the operation 'move' at object 'thing'",
+    ),
     *(
         (
             [make_primitive("box", [1, 1, 1], operation=value)],
@@ -252,34 +331,64 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
         )
         for value in (True, False, 1.0, "?", 9, [0], 1, "remove", "append")
     ),
-    ([make_primitive("box", [1, 1, 1], header={"frame_id": 5})], "has '5' as frame_id of object 'thing'; it must be a"),
+    (
+        [make_primitive("box", [1, 1, 1], header={"frame_id": 5})],
+        "has '5' as frame_id of object 'thing'; it must be a",
+    ),
     (
         [make_primitive("box", [1, 1, 1], subframe_names=["a"], subframe_poses=[make_pose()])],
         "has subframe_names at object 'thing'; frames of objects are not read; remove them, and write poses in the",
     ),
     (
-        [make_primitive("box", [1, 1, 1]), make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "thing"})],
+        [
+            make_primitive("box", [1, 1, 1]),
+            make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "thing"}),
+        ],
         "has objects in the frames 'thing', 'world'",
     ),
     (
         [make_primitive("box", [1, 1, 1], header={"frame_id": "/thing"})],
         "has poses in the frame 'thing' of an object; it is not the planning frame",
     ),
-    ([{"id": "a", "primitives": [BOX | {"polygon": {"points": [[0, 0]]}}]}], "has a polygon at primitives"),
-    ([{"id": "a", "planes": [{"coef": [0, 0, 1, 0]}]}], "has planes at object 'a'; a plane has no end; write a box"),
+    (
+        [{"id": "a", "primitives": [BOX | {"polygon": {"points": [[0, 0]]}}]}],
+        "has a polygon at primitives",
+    ),
+    (
+        [{"id": "a", "planes": [{"coef": [0, 0, 1, 0]}]}],
+        "has planes at object 'a'; a plane has no end; write a box",
+    ),
     (
         [{"id": "a", "meshes": [{"resource": "x.stl", "vertices": [[0, 0, 0]]}]}],
         "has a resource and vertices at meshes",
     ),
-    ([{"id": "a", "meshes": [{"vertices": [], "dimensions": [1, 1, 1]}]}], "has dimensions without resource at meshes"),
-    ([make_primitive("box", [1, 1, 1], make_pose((1500, 0, 0)))], "has a position beyond 1000 m at primitive_poses"),
-    ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
+    (
+        [{"id": "a", "meshes": [{"vertices": [], "dimensions": [1, 1, 1]}]}],
+        "has dimensions without resource at meshes",
+    ),
+    (
+        [make_primitive("box", [1, 1, 1], make_pose((1500, 0, 0)))],
+        "has a position beyond 1000 m at primitive_poses",
+    ),
+    (
+        [{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}],
+        "of its 1 vertices at meshes",
+    ),
     ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
     ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
     (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
-    ([{"id": "a", "primitive": [BOX]}], r"has the unknown field 'primitive' at collision_objects\[0\]"),
-    ([make_primitive("box", [1, 1, 1], pose={"xyz": [0, 0, 0]})], "unknown field 'xyz' at the pose of object 'thing'"),
-    ([{"id": "a", "meshes": [{"faces": []}]}], r"unknown field 'faces' at meshes\[0\] of object 'a'"),
+    (
+        [{"id": "a", "primitive": [BOX]}],
+        r"has the unknown field 'primitive' at collision_objects\[0\]",
+    ),
+    (
+        [make_primitive("box", [1, 1, 1], pose={"xyz": [0, 0, 0]})],
+        "unknown field 'xyz' at the pose of object 'thing'",
+    ),
+    (
+        [{"id": "a", "meshes": [{"faces": []}]}],
+        r"unknown field 'faces' at meshes\[0\] of object 'a'",
+    ),
 )
 def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
     path = write_scene(tmp_path, *objects)
@@ -301,12 +410,27 @@ def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatc
     ("world: {}", "has no world.collision_objects"),
     ("[1, 2]", "it must be a table"),
     ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
-    ("world: {collision_objects: [], octomap: {octomap: {data: [1]}}}", r"holds an OctoMap; .* Workspace.from_octomap"),
-    ("world: {collision_objects: [], octomap: {data: [1]}}", "has the unknown field 'data' at octomap"),
-    ("world: {collision_objects: [], octomap: {octomap: {cells: [1]}}}", "has the unknown field 'cells' at octomap"),
-    ("{world: {collision_objects: []}, is_diff: true}", "has is_diff: true; it only changes another scene; write the"),
+    (
+        "world: {collision_objects: [], octomap: {octomap: {data: [1]}}}",
+        r"holds an OctoMap; .* Workspace.from_octomap",
+    ),
+    (
+        "world: {collision_objects: [], octomap: {data: [1]}}",
+        "has the unknown field 'data' at octomap",
+    ),
+    (
+        "world: {collision_objects: [], octomap: {octomap: {cells: [1]}}}",
+        "has the unknown field 'cells' at octomap",
+    ),
+    (
+        "{world: {collision_objects: []}, is_diff: true}",
+        "has is_diff: true; it only changes another scene; write the",
+    ),
     ("{world: {collision_objects: []}, is_diff: 1}", "has 1 as is_diff; it must be true or false"),
-    ("world: {objects: []}", "has the unknown field 'objects' at world; the fields are collision_objects, octomap"),
+    (
+        "world: {objects: []}",
+        "has the unknown field 'objects' at world; the fields are collision_objects, octomap",
+    ),
     ("{world: {collision_objects: []}, worlds: []}", "has the unknown field 'worlds' at the scene"),
     ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
 )

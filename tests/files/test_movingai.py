@@ -47,9 +47,15 @@ def test_windows_line_ends_are_read(tmp_path: Path) -> None:
     ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
     ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),
     ("type octile\nheight 1\nwidth 1", "line 4 is missing"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters but the header says width 3"),
+    (
+        "type octile\nheight 2\nwidth 3\nmap\n...\n..",
+        "line 6 has 2 characters but the header says width 3",
+    ),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n....", "line 6 has 4 characters"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows but the header says height 2"),
+    (
+        "type octile\nheight 2\nwidth 3\nmap\n...",
+        "ends at line 5 with 1 rows but the header says height 2",
+    ),
     ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "ends at line 6 with 2 rows"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),

@@ -36,7 +36,9 @@ def test_a_footprint_is_its_polygon():
 
 def test_padding_moves_each_coordinate_away_from_zero():
     """Keep zeros; move other corners along both axes."""
-    padded = Robot.from_footprint([(0.5, 0), (0, 0.25), (-0.5, 0), (0, -0.5)], padding=0.25).geometry
+    padded = Robot.from_footprint(
+        [(0.5, 0), (0, 0.25), (-0.5, 0), (0, -0.5)], padding=0.25
+    ).geometry
     assert padded.equals(shapely.Polygon([(0.75, 0), (0, 0.5), (-0.75, 0), (0, -0.75)]))
 
 
@@ -58,11 +60,18 @@ def test_read_nav2_reads_both_costmaps(tmp_path, table, bounds):
 
 
 def test_read_nav2_reads_ros_1_files_and_several_robots(tmp_path):
-    (tmp_path / "costmap_common_params.yaml").write_text("robot_radius: 0.4\nfootprint_padding: 0.1\n")
-    assert Robot.open(tmp_path / "costmap_common_params.yaml").geometry.bounds[2] == pytest.approx(0.5)
+    (tmp_path / "costmap_common_params.yaml").write_text(
+        "robot_radius: 0.4\nfootprint_padding: 0.1\n"
+    )
+    assert Robot.open(tmp_path / "costmap_common_params.yaml").geometry.bounds[2] == pytest.approx(
+        0.5
+    )
     path = tmp_path / "two.yaml"
     path.write_text(
-        "".join(f"r{n}:\n  local_costmap:\n    ros__parameters:\n      robot_radius: {n}\n" for n in (1, 2))
+        "".join(
+            f"r{n}:\n  local_costmap:\n    ros__parameters:\n      robot_radius: {n}\n"
+            for n in (1, 2)
+        )
     )
     assert Robot.from_nav2(path, "r2/local_costmap").geometry.bounds[2] == pytest.approx(2.01)
 
@@ -90,7 +99,11 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     ("{robot_radius: wide}", InputError, "robot_radius is 'wide'"),
     ("{robot_radius: 0.2, footprint_padding: -0.1}", InputError, "footprint_padding is -0.1"),
     ("{robot_radius: 0.2, footprint_padding: [1]}", InputError, "footprint_padding is"),
-    ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three points"),
+    (
+        '{footprint: "[[1, 1], [2, 2]]"}',
+        GeometryError,
+        "local_costmap: footprint is .* three points",
+    ),
     ('{footprint: "[[1, 1], [2"}', GeometryError, "three points"),
     ('{footprint: "[[0, 0], [1, 1], [1, 0], [0, 1]]"}', GeometryError, "is not valid"),
     ("{footprint: {x: 1}}", GeometryError, "three points"),
@@ -102,7 +115,17 @@ def test_bad_parameters_are_named(tmp_path, table, error, message):
 
 @pytest.mark.parametrize(
     "footprint",
-    ["", "[]", "0.3", "[[" * 200, "__import__('os')", "[[1, 2, 3]] * 3", None, [[1, 2], [3]], [[np.nan] * 2] * 3],
+    [
+        "",
+        "[]",
+        "0.3",
+        "[[" * 200,
+        "__import__('os')",
+        "[[1, 2, 3]] * 3",
+        None,
+        [[1, 2], [3]],
+        [[np.nan] * 2] * 3,
+    ],
 )
 def test_invalid_footprints_are_refused(footprint):
     with pytest.raises(GeometryError, match="at least three points"):

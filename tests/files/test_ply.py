@@ -11,13 +11,27 @@ from tests.refusals import refusals
 
 
 def make_ply(
-    order, faces=BOX_QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""
+    order,
+    faces=BOX_QUADS,
+    types=("float", "uchar", "int"),
+    before="",
+    after="",
+    name="vertex_indices",
+    tail=b"",
 ):
     """Return a PLY file of a box.
 
     `before` and `after` are one-byte properties around the lists of corners.
     """
-    codes = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4", "ushort": "u2", "uint8": "u1", "uint32": "u4"}
+    codes = {
+        "float": "f4",
+        "double": "f8",
+        "uchar": "u1",
+        "int": "i4",
+        "ushort": "u2",
+        "uint8": "u1",
+        "uint32": "u4",
+    }
     head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(BOX_CORNERS)}\n"
     head += "".join(f"property {types[0]} {axis}\n" for axis in "xyz")
     head += f"element face {len(faces)}\n"
@@ -30,7 +44,10 @@ def make_ply(
     if order == "ascii":
         tokens = [str(value) for _, row in rows for value in row]
         lines, each = [" ".join(tokens[3 * i : 3 * i + 3]) for i in range(8)], iter(tokens[24:])
-        lines += [" ".join(next(each) for _ in range(1 + len(f) + bool(before) + bool(after))) for f in faces]
+        lines += [
+            " ".join(next(each) for _ in range(1 + len(f) + bool(before) + bool(after)))
+            for f in faces
+        ]
         body = "\n".join(lines).encode()
     else:
         mark = "<" if "little" in order else ">"
@@ -45,13 +62,23 @@ RED = "property uchar red\n"
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(
-    "faces", [BOX_QUADS, MIXED, MIXED[::-1], BOX_MESH.faces], ids=["quads", "mixed", "turned", "triangles"]
+    "faces",
+    [BOX_QUADS, MIXED, MIXED[::-1], BOX_MESH.faces],
+    ids=["quads", "mixed", "turned", "triangles"],
 )
-@pytest.mark.parametrize("types", [("float", "uchar", "int"), ("double", "ushort", "uint32")], ids=str)
-@pytest.mark.parametrize(("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"])
-def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, types, before, after):
+@pytest.mark.parametrize(
+    "types", [("float", "uchar", "int"), ("double", "ushort", "uint32")], ids=str
+)
+@pytest.mark.parametrize(
+    ("before", "after"), [("", ""), (RED, ""), ("", RED)], ids=["plain", "before", "after"]
+)
+def test_faces_of_ply_are_read_in_every_order_of_bytes(
+    tmp_path, order, faces, types, before, after
+):
     content = make_ply(order, faces, types, before, after)
-    if order != "ascii" and len(set(map(len, faces))) > 1:  # trimesh gives all lists the length of the first
+    if (
+        order != "ascii" and len(set(map(len, faces))) > 1
+    ):  # trimesh gives all lists the length of the first
         check_refused(tmp_path, "box.ply", content, "equally many corners|different numbers")
     else:
         check_boxes(read(tmp_path, "box.ply", content))
@@ -60,7 +87,13 @@ def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, faces, t
 @pytest.mark.parametrize("order", ORDERS)
 def test_faces_of_ply_may_have_other_properties_besides(tmp_path, order):
     texture = b"property list uchar uchar texcoord\n"
-    data = make_ply(order, BOX_QUADS, before="property uchar red\n", after="property uchar blue\n", name="vertex_index")
+    data = make_ply(
+        order,
+        BOX_QUADS,
+        before="property uchar red\n",
+        after="property uchar blue\n",
+        name="vertex_index",
+    )
     check_boxes(read(tmp_path, "box.ply", data))
     check_refused(tmp_path, "box.ply", data.replace(b"property uchar blue\n", texture), "truncated")
 
@@ -101,7 +134,11 @@ def test_truncated_ply_files_are_refused(tmp_path, order, part, faces):
 
 def test_strips_of_ply_are_refused_and_edges_skipped(tmp_path):
     data = make_ply("ascii").decode()
-    strips = data.replace("end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header")
+    strips = data.replace(
+        "end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header"
+    )
     check_refused(tmp_path, "strips.ply", strips + "\n4 0 1 2 3", "tristrips", GeometryError)
-    edges = data.replace("end_header", "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header")
+    edges = data.replace(
+        "end_header", "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header"
+    )
     check_boxes(read(tmp_path, "edges.ply", edges + "\n0 1\n"))

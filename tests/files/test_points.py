@@ -15,7 +15,9 @@ from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.points import read_points
 from tests.refusals import refusals
 
-CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
+CLOUD = np.array(
+    [[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]]
+)
 """A cloud that single precision holds exactly."""
 
 
@@ -195,7 +197,9 @@ def test_text_is_read_with_any_separator(tmp_path, name, text):
     (STRIPS.replace("vertex 4", "vertex " + "9" * 5000), "no whole PLY header"),
 )
 def test_malformed_text_is_refused(tmp_path, text, message):
-    assert message in check_refused(write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text))
+    assert message in check_refused(
+        write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text)
+    )
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
@@ -206,7 +210,14 @@ def test_npy_is_read_in_any_type_and_order(tmp_path, dtype):
 
 
 @pytest.mark.parametrize(
-    "array", [np.zeros(3), np.zeros((4, 2)), np.zeros((4, 4)), np.zeros((4, 3), bool), np.zeros((4, 3), complex)]
+    "array",
+    [
+        np.zeros(3),
+        np.zeros((4, 2)),
+        np.zeros((4, 4)),
+        np.zeros((4, 3), bool),
+        np.zeros((4, 3), complex),
+    ],
 )
 def test_npy_of_another_shape_or_type_is_refused(tmp_path, array):
     np.save(tmp_path / "cloud.npy", array)
@@ -230,7 +241,8 @@ def test_empty_clouds_are_refused(tmp_path, name, content):
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), list(empty_and_broken(np.array([[1, 2, 3], [np.nan] * 3, [1, np.inf, 2], [4, 5, 6]])))
+    ("name", "content"),
+    list(empty_and_broken(np.array([[1, 2, 3], [np.nan] * 3, [1, np.inf, 2], [4, 5, 6]]))),
 )
 def test_points_that_are_not_finite_are_counted_and_refused(tmp_path, name, content):
     message = check_refused(write(tmp_path, name, content), GeometryError)
@@ -251,13 +263,19 @@ def test_other_names_are_refused(tmp_path):
 @pytest.mark.parametrize("count", ["999999999999", "600000000", "1" + "0" * 30])
 @pytest.mark.parametrize("number", [5, 0])
 def test_pcd_with_absurd_counts_is_refused(tmp_path, encoding, count, number):
-    content = make_pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
-    assert "bytes per point, by SIZE and COUNT" in check_refused(write(tmp_path, "cloud.pcd", content))
+    content = make_pcd(CLOUD[:number], encoding).replace(
+        b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode()
+    )
+    assert "bytes per point, by SIZE and COUNT" in check_refused(
+        write(tmp_path, "cloud.pcd", content)
+    )
 
 
 def make_npy_header(shape, kind="<f8", version=1):
     stream = io.BytesIO()
-    writer = {1: np.lib.format.write_array_header_1_0, 2: np.lib.format.write_array_header_2_0}[version]
+    writer = {1: np.lib.format.write_array_header_1_0, 2: np.lib.format.write_array_header_2_0}[
+        version
+    ]
     writer(stream, {"shape": shape, "fortran_order": False, "descr": kind})
     return stream.getvalue()
 
@@ -312,7 +330,9 @@ def test_ply_surfaces_other_than_faces_are_refused(tmp_path):
     [
         STRIPS.replace("tristrips 1", "tristrips 0").replace("4 0 1 2 3\n", ""),
         STRIPS.replace("tristrips", "range_grid"),
-        STRIPS.replace("tristrips 1\nproperty list int int", "camera 1\nproperty float").replace("4 0 1 2 3", "7"),
+        STRIPS.replace("tristrips 1\nproperty list int int", "camera 1\nproperty float").replace(
+            "4 0 1 2 3", "7"
+        ),
     ],
 )
 def test_other_elements_of_a_ply_are_skipped(tmp_path, text):

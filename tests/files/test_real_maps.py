@@ -33,4 +33,6 @@ def test_movingai_problems_are_connected(data, name):
     assert space.is_free(starts).all() and space.is_free(goals).all()
     assert all(answer is True for answer in proven_paths(space, starts, goals))
     undecided = proven_paths(cspace.build(workspace, Robot.disc(0.01)), starts, goals)
-    assert all(answer is not False for answer in undecided)  # in a corridor one cell wide the grid cannot decide
+    assert all(
+        answer is not False for answer in undecided
+    )  # in a corridor one cell wide the grid cannot decide

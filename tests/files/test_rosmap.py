@@ -32,7 +32,11 @@ HEADER: dict[str, Any] = {
 def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
     """Write a ROS map; a change to None removes a key."""
     header = {key: value for key, value in (HEADER | changes).items() if value is not None}
-    picture = pixels if isinstance(pixels, Image.Image) else Image.fromarray(np.asarray(pixels, dtype=np.uint8))
+    picture = (
+        pixels
+        if isinstance(pixels, Image.Image)
+        else Image.fromarray(np.asarray(pixels, dtype=np.uint8))
+    )
     picture.save(folder / "map.png")
     (folder / "map.yaml").write_text(yaml.safe_dump(header))
     return folder / "map.yaml"
@@ -56,7 +60,8 @@ def test_a_tiny_map_is_read(tmp_path: Path, unknown: str, count: int) -> None:
 
 
 SIX = [0, 89, 90, 205, 206, 255]
-"""Thresholds: occupied if (255 - pixel) / 255 >= 0.65, or pixel <= 89; free if < 0.196, or pixel >= 206."""
+"""Thresholds: occupied if (255 - pixel) / 255 >= 0.65, or pixel <= 89; free if < 0.196, or pixel >=
+206."""
 
 OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 0]]
 
@@ -70,19 +75,35 @@ OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 
         ([0, 255], {"negate": True}, ".#"),
         (SIX, {"mode": "scale"}, "####.."),
         ([0, 19, 20, 65, 100, 101, 255], {"mode": "raw"}, "..###??"),  # occupancy in per cent
-        ([0, 255], {"occupied_thresh": 1.0, "free_thresh": 0.0}, "#?"),  # a shade at a threshold is not free
-        (np.array([0, 65535 - 12845, 65535 - 12844, 65535], np.uint16), {}, "#?.."),  # 0.196 * 65535 = 12844.86
-        ([[255, 255, 108], [255, 255, 105], [0, 0, 255], [0, 255, 20]], {}, ".?#?"),  # means 206, 205, 85, 91.7
+        (
+            [0, 255],
+            {"occupied_thresh": 1.0, "free_thresh": 0.0},
+            "#?",
+        ),  # a shade at a threshold is not free
+        (
+            np.array([0, 65535 - 12845, 65535 - 12844, 65535], np.uint16),
+            {},
+            "#?..",
+        ),  # 0.196 * 65535 = 12844.86
+        (
+            [[255, 255, 108], [255, 255, 105], [0, 0, 255], [0, 255, 20]],
+            {},
+            ".?#?",
+        ),  # means 206, 205, 85, 91.7
         (OPAQUE, {"mode": "trinary"}, "#.??"),
         (OPAQUE, {"mode": "scale"}, "#.??"),
     ],
 )
-def test_pixels_become_cells(tmp_path: Path, pixels: Any, changes: dict[str, Any], cells: str) -> None:
+def test_pixels_become_cells(
+    tmp_path: Path, pixels: Any, changes: dict[str, Any], cells: str
+) -> None:
     """Test occupied, unknown and free pixels."""
     row = np.asarray(pixels, dtype=getattr(pixels, "dtype", np.uint8))[np.newaxis]
     path = _write(tmp_path, Image.fromarray(row), **changes)
     assert Workspace.from_ros_map(path).outer[:, 0].tolist() == [cell != "." for cell in cells]
-    assert Workspace.from_ros_map(path, "free").outer[:, 0].tolist() == [cell == "#" for cell in cells]
+    assert Workspace.from_ros_map(path, "free").outer[:, 0].tolist() == [
+        cell == "#" for cell in cells
+    ]
 
 
 @pytest.mark.parametrize("magic", ["P2", "P5"])
@@ -92,14 +113,18 @@ def test_the_image_is_found_from_any_working_folder(
     (tmp_path / "maps" / "images").mkdir(parents=True)
     path = _write(tmp_path / "maps", [[0]], image="images/m.pgm", mode=None)
     body = b"0 255\n" if magic == "P2" else bytes([0, 255])
-    (tmp_path / "maps" / "images" / "m.pgm").write_bytes(f"{magic}\n# made by hand\n2 1\n255\n".encode() + body)
+    (tmp_path / "maps" / "images" / "m.pgm").write_bytes(
+        f"{magic}\n# made by hand\n2 1\n255\n".encode() + body
+    )
     monkeypatch.chdir(tmp_path)
     assert _read_column(path.relative_to(tmp_path)) == [True, False]
 
 
 def test_an_absolute_image_name_is_followed_with_a_warning(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
-    path = _write(tmp_path, [[0, 255]], image=str(tmp_path / "map.png")).rename(tmp_path / "elsewhere" / "map.yaml")
+    path = _write(tmp_path, [[0, 255]], image=str(tmp_path / "map.png")).rename(
+        tmp_path / "elsewhere" / "map.yaml"
+    )
     with pytest.warns(UserWarning, match="lies outside the folder"):
         assert _read_column(path) == [True, False]
 
@@ -121,7 +146,9 @@ def test_numbers_may_lack_a_dot(tmp_path: Path) -> None:
         (4, (-1.0, 2.0), [[1, 1], [1, 0], [0, 0]]),
     ],
 )
-def test_quarter_turns_are_exact(tmp_path: Path, turns: int, lower: tuple[float, float], cells: list[Any]) -> None:
+def test_quarter_turns_are_exact(
+    tmp_path: Path, turns: int, lower: tuple[float, float], cells: list[Any]
+) -> None:
     path = _write(tmp_path, [[0, 254, 254], [0, 205, 254]], origin=[-1.0, 2.0, turns * math.pi / 2])
     workspace = Workspace.from_ros_map(path)
     assert workspace.grid == Grid(lower, 0.5, np.shape(cells))
@@ -131,14 +158,20 @@ def test_quarter_turns_are_exact(tmp_path: Path, turns: int, lower: tuple[float,
 
 @given(
     pixels=hnp.arrays(
-        np.uint8, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.sampled_from([0, 205, 254])
+        np.uint8,
+        st.tuples(st.integers(1, 6), st.integers(1, 6)),
+        elements=st.sampled_from([0, 205, 254]),
     ),
     yaw=st.sampled_from([1.5708, 0.3, -2.0, math.pi / 4, 1e-3]) | st.floats(-4.0, 4.0),
     unknown=st.sampled_from(["occupied", "free"]),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_rotated_maps_agree_with_shapely(
-    tmp_path_factory: pytest.TempPathFactory, pixels: np.ndarray, yaw: float, unknown: str, seed: int
+    tmp_path_factory: pytest.TempPathFactory,
+    pixels: np.ndarray,
+    yaw: float,
+    unknown: str,
+    seed: int,
 ) -> None:
     path = _write(tmp_path_factory.mktemp("turned"), pixels, origin=[-1.0, 2.0, yaw])
     workspace = Workspace.from_ros_map(path, unknown)
@@ -149,13 +182,19 @@ def test_rotated_maps_agree_with_shapely(
     squares: dict[bool, list[Any]] = {True: [], False: []}
     for row in range(height):
         for column in range(width):
-            square = shapely.box(0.5 * column, 0.5 * (height - 1 - row), 0.5 * (column + 1), 0.5 * (height - row))
-            solid = pixels[row, column] == 0 or (unknown == "occupied" and pixels[row, column] == 205)
+            square = shapely.box(
+                0.5 * column, 0.5 * (height - 1 - row), 0.5 * (column + 1), 0.5 * (height - row)
+            )
+            solid = pixels[row, column] == 0 or (
+                unknown == "occupied" and pixels[row, column] == 205
+            )
             squares[bool(solid)].append(square)
     turned = {
         key: shapely.transform(
             shapely.union_all(group),
-            lambda xy: xy @ [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]] + [-1.0, 2.0],
+            lambda xy: (
+                xy @ [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]] + [-1.0, 2.0]
+            ),
         )
         for key, group in squares.items()
     }
@@ -170,11 +209,17 @@ def test_rotated_maps_agree_with_shapely(
     assert not (workspace.inner[i, j] & ~solid_at).any()
     seen = np.zeros(grid.shape, dtype=bool) if workspace.unknown is None else workspace.unknown
     for cell in np.ndindex(grid.shape):
-        back = (complex(*grid.center_of(cell)) - (-1 + 2j)) * complex(math.cos(yaw), -math.sin(yaw)) / 0.5
+        back = (
+            (complex(*grid.center_of(cell)) - (-1 + 2j))
+            * complex(math.cos(yaw), -math.sin(yaw))
+            / 0.5
+        )
         across, up = back.real, back.imag
         if min(abs(across - round(across)), abs(up - round(up))) > 1e-9:
             within = 0.0 <= across < width and 0.0 <= up < height
-            assert seen[cell] == (not within or pixels[height - 1 - math.floor(up), math.floor(across)] == 205)
+            assert seen[cell] == (
+                not within or pixels[height - 1 - math.floor(up), math.floor(across)] == 205
+            )
     everything = shapely.union_all(list(turned.values()))
     assert shapely.box(*grid.lower, *grid.upper).buffer(1e-9).covers(everything)
 
@@ -236,7 +281,9 @@ def test_a_rotated_map_may_have_no_free_cells(tmp_path: Path) -> None:
     ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
     ({"free_thresh": 0.65}, "free_thresh is 0.65 and occupied_thresh is 0.65"),
 )
-def test_unusable_headers_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_unusable_headers_are_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
     with pytest.raises(FileError, match=message):
         Workspace.from_ros_map(_write(tmp_path, [[0, 255]], **changes))
 
@@ -268,7 +315,9 @@ def test_unknown_is_one_of_two_words(tmp_path: Path) -> None:
 
 
 STATES = hnp.arrays(
-    np.uint8, st.tuples(st.integers(1, 7), st.integers(1, 7)), elements=st.sampled_from([FREE, MIXED, BLOCKED])
+    np.uint8,
+    st.tuples(st.integers(1, 7), st.integers(1, 7)),
+    elements=st.sampled_from([FREE, MIXED, BLOCKED]),
 )
 
 
@@ -278,7 +327,10 @@ STATES = hnp.arrays(
     spacing=st.floats(1e-3, 1e3) | st.just(1e-3 / 3.0) | st.just(1.0),
 )
 def test_written_maps_read_back_identically(
-    tmp_path_factory: pytest.TempPathFactory, state: np.ndarray, lower: tuple[float, float], spacing: float
+    tmp_path_factory: pytest.TempPathFactory,
+    state: np.ndarray,
+    lower: tuple[float, float],
+    spacing: float,
 ) -> None:
     path = tmp_path_factory.mktemp("written") / "a map.yaml"
     grid = Grid(lower, spacing, state.shape)
@@ -291,8 +343,12 @@ def test_written_maps_read_back_identically(
 
 
 def test_a_written_map_has_the_expected_bytes(tmp_path: Path) -> None:
-    write_ros_map(np.array([[0, 1], [2, 0], [0, 0]]), Grid((-1.5, 1e-5), 1e-5, (3, 2)), tmp_path / "map.yaml")
-    assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 254, 254, 254, 0, 254])
+    write_ros_map(
+        np.array([[0, 1], [2, 0], [0, 0]]), Grid((-1.5, 1e-5), 1e-5, (3, 2)), tmp_path / "map.yaml"
+    )
+    assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes(
+        [205, 254, 254, 254, 0, 254]
+    )
     header = yaml.safe_load((tmp_path / "map.yaml").read_text())
     assert header["origin"] == [-1.5, 1e-5, 0.0]
     assert header["resolution"] == 1e-5
@@ -305,29 +361,42 @@ def test_existing_outputs_are_kept(tmp_path: Path, existing: str) -> None:
     (tmp_path / existing).write_text("precious")
     with pytest.raises(FileError, match=f"{existing}: exists"):
         write_ros_map(state, grid, tmp_path / "map.yaml")
-    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [(existing, "precious")]
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [
+        (existing, "precious")
+    ]
     write_ros_map(state, grid, tmp_path / "map.yaml", overwrite=True)
     assert not Workspace.from_ros_map(tmp_path / "map.yaml").outer.any()
 
 
-def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_write_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Path, "write_text", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        write_ros_map(np.zeros((2, 2), dtype=np.uint8), Grid((0.0, 0.0), 1.0, (2, 2)), tmp_path / "map.yaml")
+        write_ros_map(
+            np.zeros((2, 2), dtype=np.uint8), Grid((0.0, 0.0), 1.0, (2, 2)), tmp_path / "map.yaml"
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 @refusals(
     "state, grid, name, message",
     (np.zeros((2, 3)), Grid((0, 0), 1.0, (3, 2)), "map.yaml", r"cell_states has shape \(2, 3\)"),
-    (np.zeros((1, 1, 1), np.uint8), Grid((0, 0, 0), 1.0, (1, 1, 1)), "map.yaml", r"cell_states has shape \(1, 1, 1\)"),
+    (
+        np.zeros((1, 1, 1), np.uint8),
+        Grid((0, 0, 0), 1.0, (1, 1, 1)),
+        "map.yaml",
+        r"cell_states has shape \(1, 1, 1\)",
+    ),
     (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "cell_states holds"),
     (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
 )
-def test_unsuitable_states_are_refused(tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str) -> None:
+def test_unsuitable_states_are_refused(
+    tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         write_ros_map(state, grid, tmp_path / name)
 
@@ -344,14 +413,18 @@ def test_unsuitable_states_are_refused(tmp_path: Path, state: np.ndarray, grid: 
         ("skirk", (431, 602)),
     ],
 )
-def test_real_maps_agree_with_a_plain_reading(data: Path, name: str, shape: tuple[int, int]) -> None:
+def test_real_maps_agree_with_a_plain_reading(
+    data: Path, name: str, shape: tuple[int, int]
+) -> None:
     path = data / "maps" / f"{name}.yaml"
     entries = dict(line.split(":", 1) for line in path.read_text().splitlines() if line.strip())
     with Image.open(path.parent / entries["image"].strip()) as image:
         (width, height), levels = image.size, image.convert("L").tobytes()
     assert (width, height) == shape
     assert len(levels) == width * height
-    negate, low, high = (float(entries[key]) for key in ("negate", "free_thresh", "occupied_thresh"))
+    negate, low, high = (
+        float(entries[key]) for key in ("negate", "free_thresh", "occupied_thresh")
+    )
     kinds = {}
     for level in range(256):
         p = level / 255 if negate else (255 - level) / 255

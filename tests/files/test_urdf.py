@@ -68,7 +68,10 @@ def in_parts(points, parts):
 
 
 def test_the_fixed_base_agrees_with_its_primitives(tmp_path):
-    with pytest.warns(UserWarning, match="wheel move against base and are omitted; to include them, name all links"):
+    with pytest.warns(
+        UserWarning,
+        match="wheel move against base and are omitted; to include them, name all links",
+    ):
         robot = Robot.from_urdf(write_urdf(tmp_path))
     points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
     truth, (outer, inner) = in_parts(points, PARTS), (robot.shape.outer, robot.shape.inner)
@@ -105,11 +108,17 @@ def test_mesh_files_are_found_by_every_kind_of_name(tmp_path):
         "../meshes/part.stl",
         f"file://{tmp_path}/my_robot/meshes/part.stl",
     ):
-        robot = Robot.from_urdf(write_urdf(tmp_path / "my_robot" / "urdf", body.replace("NAME", name)))
-        assert np.allclose(robot.shape.outer.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6)
+        robot = Robot.from_urdf(
+            write_urdf(tmp_path / "my_robot" / "urdf", body.replace("NAME", name))
+        )
+        assert np.allclose(
+            robot.shape.outer.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6
+        )
         assert robot.shape.outer is robot.shape.inner is robot.shape
         assert robot.shape.volume == pytest.approx(torus.volume, rel=1e-5)
-    with pytest.raises(FileError, match=r"link 'l', collision 0: mesh package://no/part.stl: does not exist"):
+    with pytest.raises(
+        FileError, match=r"link 'l', collision 0: mesh package://no/part.stl: does not exist"
+    ):
         Robot.from_urdf(write_urdf(tmp_path, body.replace("NAME", "package://no/part.stl")))
 
 
@@ -135,10 +144,14 @@ def cell(tmp_path, monkeypatch):
     folder = tmp_path / "ws" / "src" / "cell_description"
     write_box(folder / "meshes" / "link.stl", 9)
     (folder / "urdf").mkdir()
-    return write_urdf(folder / "urdf", MESH.replace("NAME", "package://arm_description/meshes/link.stl"))
+    return write_urdf(
+        folder / "urdf", MESH.replace("NAME", "package://arm_description/meshes/link.stl")
+    )
 
 
-def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_taken(tmp_path, monkeypatch, cell):
+def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_taken(
+    tmp_path, monkeypatch, cell
+):
     mesh, given = Path("arm_description", "meshes", "link.stl"), tmp_path / "given"
     write_box(tmp_path / "ament" / "share" / mesh, 1)
     write_box(tmp_path / "ros" / mesh, 2)
@@ -151,20 +164,29 @@ def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_t
     write_box(tmp_path / "ws" / "src" / mesh, 4)
     assert measure_side(cell) == 4
     write_box(given / mesh, 5)
-    assert measure_side(cell, package_dirs=given) == measure_side(cell, package_dirs=[str(given)]) == 5
+    assert (
+        measure_side(cell, package_dirs=given) == measure_side(cell, package_dirs=[str(given)]) == 5
+    )
     assert measure_side(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
     assert Robot.open(cell, package_dirs=given).shape.outer.bounds[1][0] == 2.5
-    assert Robot.open(cell, package_dirs=given).footprint().shape.outer.bounds[1][0] == pytest.approx(2.5)
+    assert Robot.open(cell, package_dirs=given).footprint().shape.outer.bounds[1][
+        0
+    ] == pytest.approx(2.5)
 
 
-def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_could_be_meant(tmp_path, cell):
+def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_could_be_meant(
+    tmp_path, cell
+):
     with pytest.warns(
-        UserWarning, match=r"arm_description/meshes/link.stl from .*cell_description/meshes/link.stl"
+        UserWarning,
+        match=r"arm_description/meshes/link.stl from .*cell_description/meshes/link.stl",
     ) as heard:
         assert measure_side(cell) == 9
     assert [each.filename for each in heard] == [__file__]
     write_box(tmp_path / "ws" / "meshes" / "link.stl", 4)
-    with pytest.raises(FileError, match=r"several files match .*: .*cell_desc.*/link.stl, .*/ws/meshes/link.stl"):
+    with pytest.raises(
+        FileError, match=r"several files match .*: .*cell_desc.*/link.stl, .*/ws/meshes/link.stl"
+    ):
         measure_side(cell)
     relative = write_urdf(cell.parent, MESH.replace("NAME", "meshes/link.stl"), "relative.urdf")
     with pytest.raises(FileError, match="several files match"):
@@ -190,8 +212,11 @@ def test_bad_package_dirs_are_refused(cell, value, message):
 def test_urdf_files_of_other_projects_are_read(data):
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
-    # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes of the folder).
-    assert np.ptp(gripper.shape.outer.bounds, axis=0).tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
+    # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes
+    # of the folder).
+    assert np.ptp(gripper.shape.outer.bounds, axis=0).tolist() == pytest.approx(
+        [0.0632, 0.2045, 0.1381], abs=2e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -243,20 +268,30 @@ def test_long_chains_are_placed(tmp_path):
     shape = Robot.from_urdf(write_urdf(tmp_path, make_chain(count))).shape
     centers = shape.vertices.reshape(count, -1, 3).mean(axis=1)
     positions = np.cumsum(np.exp(0.01j * np.arange(count))) - np.exp(0.01j * np.arange(count))
-    assert np.allclose(centers, np.stack([positions.real, positions.imag, np.zeros(count)], axis=1), atol=1e-9)
+    assert np.allclose(
+        centers, np.stack([positions.real, positions.imag, np.zeros(count)], axis=1), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     ("kind", "end"),
-    [("continuous", (1.0, 0.0)), ("prismatic", (1 - 0.5 * np.sin(0.01), 0.5 * np.cos(0.01))), ("fixed", (1.0, 0.0))],
+    [
+        ("continuous", (1.0, 0.0)),
+        ("prismatic", (1 - 0.5 * np.sin(0.01), 0.5 * np.cos(0.01))),
+        ("fixed", (1.0, 0.0)),
+    ],
 )
 def test_mimic_joints_are_at_their_offset(tmp_path, kind, end):
     mimic = '<mimic joint="j0" offset="0.5"/>'
-    path = write_urdf(tmp_path, make_chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0"))
+    path = write_urdf(
+        tmp_path, make_chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0")
+    )
     shape = Robot.from_urdf(path, ["l1", "l2"]).shape
     center = shape.vertices[-8:].mean(axis=0)
     assert np.allclose(center[:2], end, atol=1e-12)
-    matrix = Rotation.from_euler("z", 0.01) * Rotation.from_rotvec((0.0, 0.5 * (kind == "continuous"), 0.0))
+    matrix = Rotation.from_euler("z", 0.01) * Rotation.from_rotvec(
+        (0.0, 0.5 * (kind == "continuous"), 0.0)
+    )
     sides = np.abs(matrix.as_matrix() @ np.diag((0.5, 0.4, 0.3))).sum(axis=1)
     assert np.allclose(np.ptp(shape.vertices[-8:], axis=0), sides)
     assert isinstance(shape, Mesh)  # boxes need no second surface
@@ -267,7 +302,9 @@ def test_boxes_and_cylinders_of_links_cannot_be_surfaces(tmp_path):
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.stl")
     mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
     path = write_urdf(tmp_path, make_chain(2).replace("</link>", mesh + "</link>", 1))
-    with pytest.raises(InputError, match=r"solid is 'surface', and .* link 'l0', collision 0 is a box"):
+    with pytest.raises(
+        InputError, match=r"solid is 'surface', and .* link 'l0', collision 0 is a box"
+    ):
         Robot.from_urdf(path, solid="surface")
     alone = write_urdf(tmp_path, f'<link name="l">{mesh}</link>')
     assert not Robot.from_urdf(alone, solid="surface").shape.contains([[0.0, 0.0, 0.0]]).any()
@@ -297,25 +334,57 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
         "joins 'l' in a loop of joints",
     ),
     (
-        '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
+        '<link name="l"/><link name="m"/><link name="n"/>'
+        + JOINT.format("m", "l")
+        + OTHER.format("l", "m"),
         FileError,
         "joins 'l' in a loop of joints",
     ),
     (
-        '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + JOINT.format("l", "n"),
+        '<link name="l"/><link name="m"/><link name="n"/>'
+        + JOINT.format("m", "l")
+        + JOINT.format("l", "n"),
         FileError,
         "more than one joint 'j'",
     ),
-    ('<link name="l"><collision/></link>', FileError, "nothing as the geometry of link 'l', collision 0"),
-    (GEOMETRY.format("<cone/>"), FileError, "<cone> as the geometry of link 'l', collision 0; it must be one of box"),
-    (GEOMETRY.format('<cylinder radius="1"/>'), FileError, "lacks the length of the cylinder of link 'l'"),
-    (GEOMETRY.format('<cylinder radius="1" length="0"/>'), InputError, "link 'l', collision 0: cylinder: length is 0"),
+    (
+        '<link name="l"><collision/></link>',
+        FileError,
+        "nothing as the geometry of link 'l', collision 0",
+    ),
+    (
+        GEOMETRY.format("<cone/>"),
+        FileError,
+        "<cone> as the geometry of link 'l', collision 0; it must be one of box",
+    ),
+    (
+        GEOMETRY.format('<cylinder radius="1"/>'),
+        FileError,
+        "lacks the length of the cylinder of link 'l'",
+    ),
+    (
+        GEOMETRY.format('<cylinder radius="1" length="0"/>'),
+        InputError,
+        "link 'l', collision 0: cylinder: length is 0",
+    ),
     (GEOMETRY.format('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
-    (GEOMETRY.format('<box size="1 2"/>'), FileError, r"has size='1 2' at the box of link 'l'; it must be 3"),
+    (
+        GEOMETRY.format('<box size="1 2"/>'),
+        FileError,
+        r"has size='1 2' at the box of link 'l'; it must be 3",
+    ),
     (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
     (GEOMETRY.format('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
-    (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
-    (GEOMETRY.format('<mesh filename="no_such_mesh.stl"/>'), FileError, "mesh no_such_mesh.stl: does not exist"),
+    (
+        GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'),
+        InputError,
+        "scale is .* no factor may be zero",
+    ),
+    (
+        GEOMETRY.format('<mesh filename="no_such_mesh.stl"/>'),
+        FileError,
+        "mesh no_such_mesh.stl: does not exist",
+    ),
     (GEOMETRY.format(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
     ('<link name="l"', FileError, "is not XML"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "xacro macros"),
@@ -330,9 +399,19 @@ def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
 @refusals(
     "text, links, error, message",
     (None, "arm", InputError, r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"),
-    (None, "plate", InputError, "link is plate; no such link has collision geometry; name links that have: base"),
+    (
+        None,
+        "plate",
+        InputError,
+        "link is plate; no such link has collision geometry; name links that have: base",
+    ),
     ("<html/>", None, FileError, "holds <html>, not <robot>"),
-    ('<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>', None, FileError, "declares an XML entity"),
+    (
+        '<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>',
+        None,
+        FileError,
+        "declares an XML entity",
+    ),
 )
 def test_from_urdf_refuses_unknown_links_and_other_files(tmp_path, text, links, error, message):
     path = write_urdf(tmp_path)

@@ -40,7 +40,13 @@ RING = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
     [
         (L_SHAPE, (3, 2), ["##", "#.", "#."], ["..", "..", ".."], "1 polygon"),
         (box(0.5, 0.5, 3.5, 2.5), (4, 3), ["###"] * 4, ["...", ".#.", ".#.", "..."], "1 polygon"),
-        ([RING, shapely.Point(4.5, 0.5)], (5, 3), ["###", "#.#", "###", "...", "#.."], ["..."] * 5, "2 polygons"),
+        (
+            [RING, shapely.Point(4.5, 0.5)],
+            (5, 3),
+            ["###", "#.#", "###", "...", "#.."],
+            ["..."] * 5,
+            "2 polygons",
+        ),
     ],
 )
 def test_cells_meet_or_lie_in_polygons(
@@ -70,7 +76,10 @@ def test_cells_meet_or_lie_in_polygons(
         {"type": "GeometryCollection", "geometries": [mapping(L_SHAPE), mapping(FAR)]},
         {
             "type": "FeatureCollection",
-            "features": [{"type": "Feature", "properties": None, "geometry": mapping(s)} for s in (L_SHAPE, FAR)],
+            "features": [
+                {"type": "Feature", "properties": None, "geometry": mapping(s)}
+                for s in (L_SHAPE, FAR)
+            ],
         },
     ],
     ids=str,
@@ -88,7 +97,10 @@ def test_polygons_are_read_from_every_source(source: Any) -> None:
         ("a.geojson", json.dumps(mapping(shapely.MultiPolygon([L_SHAPE, FAR])))),
         (
             "a.json",
-            "\ufeff" + json.dumps({"type": "Feature", "geometry": mapping(shapely.MultiPolygon([L_SHAPE, FAR]))}),
+            "\ufeff"
+            + json.dumps(
+                {"type": "Feature", "geometry": mapping(shapely.MultiPolygon([L_SHAPE, FAR]))}
+            ),
         ),
         ("a.wkt", f"{L_SHAPE.wkt}\n\n{FAR.wkt}\n"),
         ("a.WKT", shapely.MultiPolygon([L_SHAPE, FAR]).wkt.replace(",", ",\n")),
@@ -112,7 +124,10 @@ def test_polygon_files_are_read(tmp_path: Path, name: str, text: str, kind: type
         ("LINESTRING (0 0, 1 1, 0 1, 1 0)", ["LineString"]),
         ("MULTILINESTRING ((0 0, 1 1), (2 2, 3 3))", ["LineString", "LineString"]),
         ("LINEARRING (0 0, 1 0, 1 1, 0 0)", ["LinearRing"]),
-        ("GEOMETRYCOLLECTION (POINT (1 2), GEOMETRYCOLLECTION (POLYGON ((0 0, 1 0, 1 1, 0 0))))", ["Point", "Polygon"]),
+        (
+            "GEOMETRYCOLLECTION (POINT (1 2), GEOMETRYCOLLECTION (POLYGON ((0 0, 1 0, 1 1, 0 0))))",
+            ["Point", "Polygon"],
+        ),
     ],
 )
 def test_every_kind_of_geometry_is_read(wkt: str, kinds: list[str]) -> None:
@@ -137,14 +152,22 @@ def test_polygons_that_overlap_are_one_obstacle() -> None:
         ((0, 0, 0.01, 0.01), 1.0, (1, 1)),
     ],
 )
-def test_bounds_decide_the_number_of_cells(bounds: tuple[float, ...], spacing: float, shape: tuple[int, int]) -> None:
+def test_bounds_decide_the_number_of_cells(
+    bounds: tuple[float, ...], spacing: float, shape: tuple[int, int]
+) -> None:
     workspace = Workspace.from_polygons(shapely.Point(bounds[:2]), spacing, bounds)
     assert workspace.grid == Grid(bounds[:2], spacing, shape)
     assert workspace.outer[0, 0]
 
 
-@given(lower=st.floats(-1e3, 1e3), extent=st.integers(1, 40), spacing=st.sampled_from([0.05, 0.1, 0.3, 1.0 / 3.0, 7.0]))
-def test_an_obstacle_on_the_upper_border_marks_the_last_cell(lower: float, extent: int, spacing: float) -> None:
+@given(
+    lower=st.floats(-1e3, 1e3),
+    extent=st.integers(1, 40),
+    spacing=st.sampled_from([0.05, 0.1, 0.3, 1.0 / 3.0, 7.0]),
+)
+def test_an_obstacle_on_the_upper_border_marks_the_last_cell(
+    lower: float, extent: int, spacing: float
+) -> None:
     points = shapely.MultiPoint([(lower, -lower), (lower + extent * spacing, spacing - lower)])
     workspace = Workspace.from_polygons(points, spacing)
     assert workspace.outer[0, 0]
@@ -185,7 +208,10 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
     (BOW_TIE, "polygons is not valid: .*; a boundary may not cross itself"),
     ([L_SHAPE, BOW_TIE], r"polygons\[1\] is not valid"),
     (shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)]), "polygons, part 1 is not valid"),
-    ([FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])], r"polygons\[1\], part 1 is not valid"),
+    (
+        [FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])],
+        r"polygons\[1\], part 1 is not valid",
+    ),
     ("POLYGON ((0 0, 1 0, 2 0, 0 0))", "polygons is not valid"),
     ("LINESTRING (0 0, 0 0)", "polygons is not valid: "),
     (shapely.Point(float("nan"), 0.0), r"vertex at \(nan, "),
@@ -194,12 +220,18 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
     (shapely.Point(1, 2, 3), "polygons has z coordinates"),
     ({"type": "Point", "coordinates": [1, 2, 0]}, "polygons has z coordinates"),
     ({"type": "Feature", "geometry": None}, "polygons has geometry None"),
-    ({"type": "FeatureCollection", "features": [{"type": "Feature"}]}, "feature 0 has geometry None"),
+    (
+        {"type": "FeatureCollection", "features": [{"type": "Feature"}]},
+        "feature 0 has geometry None",
+    ),
     ({"type": "FeatureCollection"}, "has features None"),
     ({"type": "Blob", "coordinates": []}, "type 'Blob' is not GeoJSON"),
     ({"coordinates": []}, "type None is not GeoJSON"),
     ({"type": "Polygon"}, "type 'Polygon' is not GeoJSON"),
-    ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not GeoJSON"),
+    (
+        {"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]},
+        "type 'Polygon' is not GeoJSON",
+    ),
     ({"type": "Point", "coordinates": [1]}, "type 'Point' is not GeoJSON"),
     ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
     ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
@@ -210,7 +242,8 @@ def test_unusable_geometries_are_refused(source: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "source", [7, [1.0], "a string", "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", None, Path("a.stl")]
+    "source",
+    [7, [1.0], "a string", "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", None, Path("a.stl")],
 )
 def test_sources_of_another_kind_are_refused(source: Any) -> None:
     with pytest.raises(InputError, match="polygons"):
@@ -222,12 +255,19 @@ def test_sources_of_another_kind_are_refused(source: Any) -> None:
     ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),
     ("a.json", "[1, 2]", FileError, "holds a JSON list"),
     ("a.json", "", FileError, "as a JSON file"),
-    ("a.json", '{"type": "Point", "coordinates": [NaN, 1]}', GeometryError, r"a\.json has a vertex at \(nan"),
+    (
+        "a.json",
+        '{"type": "Point", "coordinates": [NaN, 1]}',
+        GeometryError,
+        r"a\.json has a vertex at \(nan",
+    ),
     ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
     ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
     ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
 )
-def test_unusable_files_are_refused(tmp_path: Path, name: str, text: str, error: type[Exception], message: str) -> None:
+def test_unusable_files_are_refused(
+    tmp_path: Path, name: str, text: str, error: type[Exception], message: str
+) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(error, match=message):
         read_shapes(tmp_path / name)
@@ -252,7 +292,9 @@ def test_unusable_options_are_refused(options: dict[str, Any], message: str) -> 
 
 
 @pytest.mark.parametrize(("name", "parts", "spacing"), [("parking1", 13, 0.5), ("car", 1, 0.2)])
-def test_real_polygons_agree_with_shapely(data: Path, name: str, parts: int, spacing: float) -> None:
+def test_real_polygons_agree_with_shapely(
+    data: Path, name: str, parts: int, spacing: float
+) -> None:
     path = data / "polygons" / f"{name}.geojson"
     shapes = read_shapes(path)
     workspace = Workspace.open(path, spacing=spacing)

@@ -24,7 +24,11 @@ TINY_3DMAP = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
     """Return grid, occupied cells and unknown cells."""
     result = Workspace.from_octomap(path, unknown)
-    return result.grid, result.outer, np.zeros_like(result.outer) if result.unknown is None else result.unknown
+    return (
+        result.grid,
+        result.outer,
+        np.zeros_like(result.outer) if result.unknown is None else result.unknown,
+    )
 
 
 def test_a_tiny_voxel_map_has_the_expected_cells(tmp_path: Path) -> None:
@@ -35,7 +39,13 @@ def test_a_tiny_voxel_map_has_the_expected_cells(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", [TINY_3DMAP.replace("\n", "\r\n"), TINY_3DMAP + "\n\n", TINY_3DMAP + "1 0 2", TINY_3DMAP.replace(" ", "  ")]
+    "text",
+    [
+        TINY_3DMAP.replace("\n", "\r\n"),
+        TINY_3DMAP + "\n\n",
+        TINY_3DMAP + "1 0 2",
+        TINY_3DMAP.replace(" ", "  "),
+    ],
 )
 def test_a_tiny_voxel_map_is_read_in_every_layout(tmp_path: Path, text: str) -> None:
     (tmp_path / "tiny.3dmap").write_bytes(text.encode())
@@ -99,8 +109,12 @@ def test_maps_larger_than_memory_or_missing_are_refused(tmp_path, read, content,
     assert not any(word in str(caught.value) for word in ("spacing", "bounds"))
 
 
-@pytest.mark.parametrize(("name", "shape"), [("Simple", (105, 132, 105)), ("Complex", (246, 154, 205))])
-def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str, shape: tuple[int, int, int]) -> None:
+@pytest.mark.parametrize(
+    ("name", "shape"), [("Simple", (105, 132, 105)), ("Complex", (246, 154, 205))]
+)
+def test_real_voxel_maps_agree_with_a_plain_reading(
+    data: Path, name: str, shape: tuple[int, int, int]
+) -> None:
     path = data / "voxels" / f"{name}.3dmap"
     expected = np.zeros(shape, dtype=bool)
     for line in path.read_text().splitlines()[1:]:
@@ -149,7 +163,9 @@ def draw_tree(octomap, seed, kind="OcTree"):
     for value in (True, False):
         for _ in range(int(rng.integers(0, 3))):
             corner = rng.integers(-2, 2, 3) * 8
-            block = np.stack(np.meshgrid(*(corner[a] + np.arange(8) for a in range(3))), axis=-1).reshape(-1, 3)
+            block = np.stack(
+                np.meshgrid(*(corner[a] + np.arange(8) for a in range(3))), axis=-1
+            ).reshape(-1, 3)
             for point in (block + 0.5) * side:
                 tree.updateNode(point, 10.0 if value else -10.0)
         for point in (rng.integers(-15, 15, (int(rng.integers(1, 40)), 3)) + shift + 0.5) * side:
@@ -232,7 +248,10 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     (b"", "is empty"),
     (b"hello\n", "begins with 'hello'"),
     (BINARY.format(17).encode()[:60], "no line 'data'"),
-    (BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + make_chain(), "'CountingTree'"),
+    (
+        BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + make_chain(),
+        "'CountingTree'",
+    ),
     (BINARY.replace("id OcTree\n", "").format(17).encode() + make_chain(), "type ''"),
     (BINARY.format("many").encode() + make_chain(), "size 'many'"),
     (BINARY.format(-1).encode() + make_chain(), "size '-1'"),
@@ -246,10 +265,16 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
     (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
     (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),
-    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255), "ends after 1 nodes but its header says 3"),
+    (
+        FULL.format(3).encode() + struct.pack("<fB", 1.0, 255),
+        "ends after 1 nodes but its header says 3",
+    ),
     (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123", "ends after 2 nodes but"),
     (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
-    (FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0), "1 nodes without a value (NaN)"),
+    (
+        FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0),
+        "1 nodes without a value (NaN)",
+    ),
 )
 def test_malformed_octomaps_are_refused(tmp_path, content, message):
     path = tmp_path / "bad.bt"

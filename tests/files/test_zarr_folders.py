@@ -66,7 +66,13 @@ def make_cells(path: Path) -> Any:
 def array(tmp_path: Path) -> Path:
     """Write an array of four chunks, all occupied."""
     path = tmp_path / "cells.zarr"
-    zarr.create_array(str(path), data=np.ones((20, 20), bool), chunks=(10, 10), compressors=ZstdCodec(), config=FILLED)
+    zarr.create_array(
+        str(path),
+        data=np.ones((20, 20), bool),
+        chunks=(10, 10),
+        compressors=ZstdCodec(),
+        config=FILLED,
+    )
     return path
 
 
@@ -80,13 +86,17 @@ def change_json(file: Path, **values: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | values))
 
 
-# ---- reading -----------------------------------------------------------------------------------------------------
+# ---- reading -------------------------------------------------------------------------------------
 
 
 @given(data=st.data(), dim=st.integers(1, 3), compressed=st.booleans())
 @settings(max_examples=60)
-def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, compressed: bool, tmp_path_factory: Any) -> None:
-    shape, chunks = (tuple(data.draw(st.lists(st.integers(1, 9), min_size=dim, max_size=dim))) for _ in range(2))
+def test_boxes_agree_with_zarr(
+    data: st.DataObject, dim: int, compressed: bool, tmp_path_factory: Any
+) -> None:
+    shape, chunks = (
+        tuple(data.draw(st.lists(st.integers(1, 9), min_size=dim, max_size=dim))) for _ in range(2)
+    )
     dtype = data.draw(st.sampled_from(["?", "i1", "u1", "<i4", "<u2", "f4", "f8", "i8"]))
     values = np.random.default_rng(0).integers(0, 2, shape).astype(dtype)
     path = tmp_path_factory.mktemp("array") / "a.zarr"
@@ -94,7 +104,9 @@ def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, compressed: bool, 
     zarr.create_array(str(path), data=values, chunks=chunks, config=FILLED, **options)
     array = ZarrArray(path)
     box = tuple(
-        slice(low, data.draw(st.integers(low + 1, n))) for n in shape for low in [data.draw(st.integers(0, n - 1))]
+        slice(low, data.draw(st.integers(low + 1, n)))
+        for n in shape
+        for low in [data.draw(st.integers(0, n - 1))]
     )
     assert (array.shape, array.ndim) == (shape, dim)
     np.testing.assert_array_equal(array[box], zarr.open_array(str(path), mode="r")[box])
@@ -107,7 +119,9 @@ def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, compressed: bool, 
     ids=["version 2", "blosc", "shards", "big-endian"],
 )
 def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any]) -> None:
-    made = zarr.create_array(tmp_path / "a.zarr", shape=(20, 20), chunks=(10, 10), **{"dtype": "bool", **options})
+    made = zarr.create_array(
+        tmp_path / "a.zarr", shape=(20, 20), chunks=(10, 10), **{"dtype": "bool", **options}
+    )
     made[...] = np.ones((20, 20), dtype=made.dtype)
     if "dtype" not in options:
         with pytest.raises(FileError, match="open it with zarr and pass the array"):
@@ -118,12 +132,16 @@ def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any
 def test_zstd_frames_without_a_size_are_read(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frame = bytearray(Zstd().encode(bytes(100)))
     # 100 zeros as one block of repeated bytes, in a frame that declares a window and no size.
-    (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x00" + struct.pack("<I", 1 | 1 << 1 | 100 << 3)[:3] + b"\1")
+    (array / "c/0/0").write_bytes(
+        b"\x28\xb5\x2f\xfd\x00\x00" + struct.pack("<I", 1 | 1 << 1 | 100 << 3)[:3] + b"\1"
+    )
     assert bytes(frame[:4]) == b"\x28\xb5\x2f\xfd"
     assert make_cells(array).all()
 
 
-def test_a_pickled_array_is_found_from_another_folder(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pickled_array_is_found_from_another_folder(
+    array: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(array.parent)
     content = pickle.dumps(ZarrArray(array.name))
     monkeypatch.chdir("/")
@@ -133,24 +151,35 @@ def test_a_pickled_array_is_found_from_another_folder(array: Path, monkeypatch: 
         pickle.loads(content)
 
 
-# ---- what is refused ---------------------------------------------------------------------------------------------
+# ---- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("size", [99, 101, HUGE])
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(tmp_path: Path, compressed: bool, size: int) -> None:
+def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(
+    tmp_path: Path, compressed: bool, size: int
+) -> None:
     path = tmp_path / "cells.zarr"
     compressors = ZstdCodec() if compressed else None
-    zarr.create_array(str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressors)
-    (path / "c/0/0").write_bytes(Zstd(1).encode(bytes(size)) if compressed else bytes(min(size, 2**20)))
+    zarr.create_array(
+        str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressors
+    )
+    (path / "c/0/0").write_bytes(
+        Zstd(1).encode(bytes(size)) if compressed else bytes(min(size, 2**20))
+    )
     check_refused(lambda: make_cells(path), "unpacks to")
 
 
 @pytest.mark.parametrize("size", [99, 101, HUGE])
 def test_zstd_frames_without_a_size_unpack_to_the_size_of_the_array(array: Path, size: int) -> None:
     blocks = [min(2**17, size - start) for start in range(0, size, 2**17)]
-    headers = [struct.pack("<I", (start == len(blocks) - 1) | 1 << 1 | n << 3)[:3] for start, n in enumerate(blocks)]
-    (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(header + b"\1" for header in headers))
+    headers = [
+        struct.pack("<I", (start == len(blocks) - 1) | 1 << 1 | n << 3)[:3]
+        for start, n in enumerate(blocks)
+    ]
+    (array / "c/0/0").write_bytes(
+        b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(header + b"\1" for header in headers)
+    )
     check_refused(lambda: make_cells(array), "cannot be read as a Zarr array")
 
 
@@ -178,9 +207,15 @@ def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
 @refusals(
     "values, message",
     ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
-    ({"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "gzip"}]}, "encoded with bytes, zstd, gzip"),
+    (
+        {"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "gzip"}]},
+        "encoded with bytes, zstd, gzip",
+    ),
     ({"codecs": [{"name": "of_a_plug_in"}]}, "encoded with of_a_plug_in"),
-    ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2**14, 2**14 + 1]}}}, "at most"),
+    (
+        {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2**14, 2**14 + 1]}}},
+        "at most",
+    ),
     ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [0, 1]}}}, "above zero"),
     ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1]}}}, "chunks of"),
     ({"shape": [20, -1]}, "above zero"),
@@ -191,19 +226,26 @@ def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
     ({"zarr_format": 4}, "holds no array"),
     ({"codecs": []}, "cannot be read"),
 )
-def test_metadata_of_other_arrays_are_refused(array: Path, values: dict[str, Any], message: str) -> None:
+def test_metadata_of_other_arrays_are_refused(
+    array: Path, values: dict[str, Any], message: str
+) -> None:
     change_json(array / "zarr.json", **values)
     check_refused(lambda: make_cells(array), message)
 
 
 def test_chunks_of_the_maximum_size_are_accepted(array: Path) -> None:
     side = int(MAX_CHUNK_BYTES**0.5)
-    change_json(array / "zarr.json", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}})
+    change_json(
+        array / "zarr.json",
+        chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}},
+    )
     check_refused(lambda: make_cells(array), "unpacks to 100 bytes but 268435456 are needed")
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
-@pytest.mark.parametrize("name", ["cells/zarr.json", "cells/c/0/0", "saved/zarr.json", "saved/cell_states/c/0/0/0"])
+@pytest.mark.parametrize(
+    "name", ["cells/zarr.json", "cells/c/0/0", "saved/zarr.json", "saved/cell_states/c/0/0/0"]
+)
 def test_pipes_and_devices_in_a_folder_are_refused(
     tmp_path: Path, array: Path, space: cspace.CSpace, name: str, link: bool
 ) -> None:
@@ -212,10 +254,15 @@ def test_pipes_and_devices_in_a_folder_are_refused(
     file = path / name.partition("/")[2]
     file.unlink()
     file.symlink_to("/dev/zero") if link else os.mkfifo(file)
-    check_refused(lambda: make_cells(path) if path == array else cspace.open(path), "a device, a pipe or a socket")
+    check_refused(
+        lambda: make_cells(path) if path == array else cspace.open(path),
+        "a device, a pipe or a socket",
+    )
 
 
-def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path: Path, space: cspace.CSpace) -> None:
+def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(
+    tmp_path: Path, space: cspace.CSpace
+) -> None:
     path = tmp_path / "map"
     space.save(path)
     soak.forge_store(path, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
@@ -223,7 +270,9 @@ def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b"[]", b"[" * 10**5, b"\xff"])
-def test_a_folder_with_damaged_metadata_is_refused(tmp_path: Path, space: cspace.CSpace, content: bytes) -> None:
+def test_a_folder_with_damaged_metadata_is_refused(
+    tmp_path: Path, space: cspace.CSpace, content: bytes
+) -> None:
     space.save(tmp_path / "m")
     (tmp_path / "m/zarr.json").write_bytes(content)
     check_refused(lambda: cspace.open(tmp_path / "m"), "usable map")

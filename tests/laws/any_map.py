@@ -47,7 +47,9 @@ class AnyMap(NamedTuple):
     occupied: NDArray[np.bool_]
     rebuild: Callable[[NDArray[np.bool_]], cspace.CSpace]
 
-    def draw(self, rng: np.random.Generator, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def draw(
+        self, rng: np.random.Generator, n: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Draw configurations inside cells, with their cells ``(rotation, x, y(, z))``."""
         grid, centers = self.space.grid, self.space.rotations.centers
         cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
@@ -66,7 +68,9 @@ def reopen(space: Any, path: Path) -> Any:
     return cspace.open(path)
 
 
-def build_map(space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False) -> AnyMap:
+def build_map(
+    space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False
+) -> AnyMap:
     """Build a map of a space in memory, tiled, or saved and opened.
 
     If ``thin``, the obstacles fill only half of the cells that they touch.

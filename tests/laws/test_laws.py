@@ -133,7 +133,9 @@ def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Pa
     for _ in range(2):
         size = rng.integers(1, 6, len(shape))
         lower = rng.integers(0, np.array(shape) - size + 1)
-        cells = random_obstacles(tuple(size), rng) if rng.random() < 0.5 else np.ones(size, dtype=bool)
+        cells = (
+            random_obstacles(tuple(size), rng) if rng.random() < 0.5 else np.ones(size, dtype=bool)
+        )
         occupied[tuple(slice(low, low + n) for low, n in zip(lower, size, strict=True))] = cells
         space.update(cells, lower)
     fresh = obstacle_map.rebuild(occupied)
@@ -142,7 +144,9 @@ def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Pa
     assert space.count() == fresh.count()
     np.testing.assert_array_equal(space.classify(q), fresh.classify(q))
     np.testing.assert_array_equal(space.motion_is_free(q, near), fresh.motion_is_free(q, near))
-    np.testing.assert_array_equal(proven_paths(space, q[:40], near[:40]), proven_paths(fresh, q[:40], near[:40]))
+    np.testing.assert_array_equal(
+        proven_paths(space, q[:40], near[:40]), proven_paths(fresh, q[:40], near[:40])
+    )
 
 
 def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
@@ -160,12 +164,16 @@ def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path)
     q, _ = any_map.draw(np.random.default_rng(6), 300)
     q = np.vstack([q, draw_near(any_map, q, np.random.default_rng(7))])
     np.testing.assert_array_equal(opened.classify(q), space.classify(q))
-    np.testing.assert_array_equal(opened.motion_is_free(q[:300], q[300:]), space.motion_is_free(q[:300], q[300:]))
+    np.testing.assert_array_equal(
+        opened.motion_is_free(q[:300], q[300:]), space.motion_is_free(q[:300], q[300:])
+    )
 
 
 @pytest.mark.parametrize("space", MAP_INPUTS)
 @pytest.mark.parametrize("outside", EXTERIORS)
-def test_queries_of_a_window_equal_those_of_the_whole_map(space: str, outside: str, tmp_path: Path) -> None:
+def test_queries_of_a_window_equal_those_of_the_whole_map(
+    space: str, outside: str, tmp_path: Path
+) -> None:
     # Configurations outside of a window are MIXED, and fewer connections are decided.
     whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
     tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
@@ -183,13 +191,21 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space: str, outside: s
         near[:, : grid.dim] = np.clip(near[:, : grid.dim], lower, upper)
         for name in ("classify", "overlap_count", "contains_robot"):
             np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
-        np.testing.assert_array_equal(window.is_free(q[:60], exact=True), memory.is_free(q[:60], exact=True))
+        np.testing.assert_array_equal(
+            window.is_free(q[:60], exact=True), memory.is_free(q[:60], exact=True)
+        )
         np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
         # Both are lower bounds, by less than a cell's diagonal.
         assert (window.clearance(q) <= memory.clearance(q) + np.sqrt(grid.dim) * grid.spacing).all()
-        answers = zip(proven_paths(window, q[:40], near[:40]), proven_paths(tiled, q[:40], near[:40]), strict=True)
+        answers = zip(
+            proven_paths(window, q[:40], near[:40]),
+            proven_paths(tiled, q[:40], near[:40]),
+            strict=True,
+        )
         assert all(mine is None or mine == theirs for mine, theirs in answers)
-        q[:, : grid.dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim))
+        q[:, : grid.dim] = rng.uniform(
+            grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim)
+        )
         q = q[~window.grid.contains(q[:, : grid.dim])]
         for copied in (window, pickle.loads(pickle.dumps(window))):
             assert is_whole or (copied.classify(q) == MIXED).all()
@@ -199,7 +215,11 @@ def public_queries(kind: type) -> set[str]:
     """Return the names of methods that take configurations or paths."""
     names = [name for name in dir(kind) if not name.startswith("_")]
     methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
-    parameters = {name: {*inspect.signature(f).parameters} for name, f in methods.items() if inspect.isfunction(f)}
+    parameters = {
+        name: {*inspect.signature(f).parameters}
+        for name, f in methods.items()
+        if inspect.isfunction(f)
+    }
     return {name for name, given in parameters.items() if {"q", "q0", "edges"} & given}
 
 
@@ -207,7 +227,9 @@ def public_queries(kind: type) -> set[str]:
 def test_this_module_tests_every_query(kind: type) -> None:
     here = Path(__file__).read_text(encoding="utf-8")
     assert "classify" in public_queries(kind)
-    assert {name for name in public_queries(kind) - set(BATCH_QUERIES) if f"space.{name}(" not in here} == set()
+    assert {
+        name for name in public_queries(kind) - set(BATCH_QUERIES) if f"space.{name}(" not in here
+    } == set()
 
 
 def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
@@ -218,8 +240,11 @@ def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
         query, given = getattr(any_map.space, name), [q, near][:count]
         answers = query(*given, *options)
         singles = [query(*row, *options) for row in zip(*given, strict=True)]
-        # A batch may ask a tile and one of its rows a smaller window, whose distances round differently.
-        rounding = 1e-12 if name == "clearance" and isinstance(any_map.space, cspace.TiledCSpace) else 0.0
+        # A batch may ask a tile and one of its rows a smaller window, whose distances round
+        # differently.
+        rounding = (
+            1e-12 if name == "clearance" and isinstance(any_map.space, cspace.TiledCSpace) else 0.0
+        )
         np.testing.assert_allclose(answers, singles, rtol=0.0, atol=rounding, err_msg=name)
         shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
         assert shaped.shape == (2, 3, 4)
@@ -229,7 +254,9 @@ def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
         assert query(*(part[:0] for part in given), *options).shape == (0,)
 
 
-@pytest.mark.parametrize("any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join)
+@pytest.mark.parametrize(
+    "any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join
+)
 def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
     # Many configurations lie on borders of cells.
     space, memory = any_map.space, any_map.memory
@@ -240,7 +267,9 @@ def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
         if name == "clearance" and isinstance(space, cspace.TiledCSpace):
             continue  # tiled maps search obstacles only a few tiles away
         given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
-        np.testing.assert_array_equal(getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options))
+        np.testing.assert_array_equal(
+            getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options)
+        )
     edges = rng.integers(0, 50, (40, 2))
     for roadmap in ((near[:50],), (q[:50], edges)):
         np.testing.assert_array_equal(space.certify_path(*roadmap), memory.certify_path(*roadmap))

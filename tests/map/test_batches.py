@@ -36,7 +36,9 @@ def build_random(name, rng, outside="free"):
     occupied = rng.random(shape) < share
     if name == "floating":
         occupied[6, 2:] = True
-    return cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside=outside)
+    return cspace.build(
+        Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside=outside
+    )
 
 
 @cache
@@ -49,18 +51,22 @@ def draw_targets(space, q, rng):
     """Draw ends of edges, mostly a few cells away."""
     reach = 12.0 * space.grid.spacing
     targets = np.where(
-        rng.random((len(q), 1)) < 0.8, q + rng.uniform(-reach, reach, q.shape), q[rng.permutation(len(q))]
+        rng.random((len(q), 1)) < 0.8,
+        q + rng.uniform(-reach, reach, q.shape),
+        q[rng.permutation(len(q))],
     )
     return configurations(space, np.where(rng.random(q.shape) < 0.1, q, targets))
 
 
-# ---- one cell --------------------------------------------------------------------------------------------------------
+# ---- one cell ------------------------------------------------------------------------------------
 
 
 @EVERY_SPACE
 @settings(max_examples=8)
 @given(
-    seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * MIN_ITEMS_PER_THREAD + 1])
+    seeds,
+    st.sampled_from(["free", "blocked"]),
+    st.sampled_from([1, 1023, 1024, 1025, 2 * MIN_ITEMS_PER_THREAD + 1]),
 )
 def test_batches_equal_single_queries(name, seed, outside, number):
     rng = np.random.default_rng(seed)
@@ -68,7 +74,9 @@ def test_batches_equal_single_queries(name, seed, outside, number):
     q = draw_configurations(space, rng, number, far=True)
     chosen = rng.integers(0, number, 500)
     assert space.classify(q)[chosen].tolist() == [space.classify(one) for one in q[chosen]]
-    assert space.clearance(q)[chosen[:100]].tolist() == [space.clearance(one) for one in q[chosen[:100]]]
+    assert space.clearance(q)[chosen[:100]].tolist() == [
+        space.clearance(one) for one in q[chosen[:100]]
+    ]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
     slices = space.slice_of[space.rotations.find_cells(q[inside])]
@@ -86,7 +94,9 @@ def test_queries_accept_numbers_of_any_type(name):
         wide = q.astype(np.float64)
         for query in (space.classify, space.clearance, space.overlap_count):
             np.testing.assert_array_equal(query(q), query(wide), dtype)
-        assert (space.motion_is_free(q[1:], q[:-1]) == space.motion_is_free(wide[1:], wide[:-1])).all(), dtype
+        assert (
+            space.motion_is_free(q[1:], q[:-1]) == space.motion_is_free(wide[1:], wide[:-1])
+        ).all(), dtype
         assert space.classify(q[5]) == space.classify(wide[5]), dtype
 
 
@@ -94,7 +104,9 @@ def test_queries_accept_numbers_of_any_type(name):
 def test_queries_accept_arrays_of_any_layout(name):
     rng = np.random.default_rng(4)
     space = build_random(name, rng)
-    q = draw_configurations(space, rng, 3 * ROWS_PER_COPY, far=True).reshape(3, ROWS_PER_COPY, space.size)
+    q = draw_configurations(space, rng, 3 * ROWS_PER_COPY, far=True).reshape(
+        3, ROWS_PER_COPY, space.size
+    )
     states, free = space.classify(q), space.motion_is_free(q, q[::-1])
     layouts = [
         np.asfortranarray(q),
@@ -122,10 +134,18 @@ def test_queries_name_the_first_invalid_number(name, dtype, value):
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
     for subject, split in half.items():
         last = 2 * split
-        for first, second in ((0, 1), (1023, 1024), (ROWS_PER_COPY + 1, ROWS_PER_COPY), (last, split + 1), (last, 7)):
+        for first, second in (
+            (0, 1),
+            (1023, 1024),
+            (ROWS_PER_COPY + 1, ROWS_PER_COPY),
+            (last, split + 1),
+            (last, 7),
+        ):
             q = np.full((last + 1, space.size), 0.5, dtype)
             q[first, rng.integers(space.size)] = q[second, rng.integers(space.size)] = value
-            with pytest.raises(InputError, match=f"{subject} number {min(first, second)} is .*(nan|inf)"):
+            with pytest.raises(
+                InputError, match=f"{subject} number {min(first, second)} is .*(nan|inf)"
+            ):
                 ask[subject](q)
     outside = configurations(space, np.full((ROWS_PER_COPY + 100, space.size), -7.0))
     outside[[ROWS_PER_COPY, 70], [0, 1]] = value
@@ -143,7 +163,9 @@ def test_classify_finds_the_rotation_cell_of_each_yaw(rotations, seed):
     states = (np.arange(len(cells)) % 3).astype(np.uint8)
     space = map_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
     boundaries = np.asarray(cells.borders)
-    yaws = np.concatenate([rng.uniform(-9, 9, 500), boundaries, boundaries - 2 * np.pi, np.nextafter(boundaries, -9)])
+    yaws = np.concatenate(
+        [rng.uniform(-9, 9, 500), boundaries, boundaries - 2 * np.pi, np.nextafter(boundaries, -9)]
+    )
     q = np.column_stack([np.full((len(yaws), 2), 0.5 * space.grid.spacing), yaws])
     assert (space.classify(q) == states[cells.cell_of(yaws)]).all()
 
@@ -153,14 +175,19 @@ def test_batches_refuse_yaws_too_large_to_wrap(yaw):
     space = build_random("turning", np.random.default_rng(8))
     q = np.full((3000, 3), 0.5)
     q[[2000, 2500], 2] = yaw
-    for ask in (space.classify, space.clearance, space.overlap_count, lambda q: space.motion_is_free(q[0], q)):
+    for ask in (
+        space.classify,
+        space.clearance,
+        space.overlap_count,
+        lambda q: space.motion_is_free(q[0], q),
+    ):
         with pytest.raises(InputError, match="number 2000 is"):
             ask(q)
     q[:, 2] = np.sign(yaw) * 2.0**20
     assert (space.classify(q) == space.classify(q[0])).all()
 
 
-# ---- edges -----------------------------------------------------------------------------------------------------------
+# ---- edges ---------------------------------------------------------------------------------------
 
 
 @EVERY_SPACE
@@ -177,7 +204,7 @@ def test_batches_of_edges_equal_single_edges(name, seed, outside):
     assert many.any() or outside == "blocked"
 
 
-# ---- paths and roadmaps ----------------------------------------------------------------------------------------------
+# ---- paths and roadmaps --------------------------------------------------------------------------
 
 
 @EVERY_SPACE
@@ -199,7 +226,10 @@ def test_certify_path_returns_the_result_of_each_edge(name, exact):
     edges = rng.integers(0, len(path), (200, 2))
     one = [space.motion_is_free(path[a], path[b], exact=exact) for a, b in edges]
     assert space.certify_path(path, edges, exact=exact).tolist() == one
-    assert space.certify_path(path.tolist(), edges.astype(np.uint8).tolist(), exact=exact).tolist() == one
+    assert (
+        space.certify_path(path.tolist(), edges.astype(np.uint8).tolist(), exact=exact).tolist()
+        == one
+    )
     assert space.certify_path(path, [], exact=exact).shape == (0,)
     assert space.certify_path(np.empty((0, space.size)), np.empty((0, 2), int)).shape == (0,)
 

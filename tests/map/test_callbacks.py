@@ -29,19 +29,31 @@ def test_checkers_agree_with_queries_everywhere(seed, kind, outside):
     point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
     assert [point(*q) for q in q0.tolist()] == space.is_free(q0).tolist()
     assert [clear(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
-    assert [edge(*both) for both in np.hstack([q0, q1]).tolist()] == space.motion_is_free(q0, q1).tolist()
+    assert [edge(*both) for both in np.hstack([q0, q1]).tolist()] == space.motion_is_free(
+        q0, q1
+    ).tolist()
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
 @pytest.mark.parametrize("exact", [False, True])
 def test_checkers_return_false_for_invalid_configurations(kind, exact):
-    # FREE cells prove the configuration. In MIXED cells the exact geometry does, because there are no obstacles.
+    # FREE cells prove the configuration. In MIXED cells the exact geometry does, because there are
+    # no obstacles.
     space = handmade.make_map(handmade.full_states(kind, 4, MIXED if exact else FREE), kind)
-    dim, point, edge = space.grid.dim, space.point_checker(exact=exact), space.edge_checker(exact=exact)
+    dim, point, edge = (
+        space.grid.dim,
+        space.point_checker(exact=exact),
+        space.edge_checker(exact=exact),
+    )
     both = handmade.configurations(space, np.full((2, space.size), 0.3)).ravel().tolist()
     assert point(*both[: space.size]) and edge(*both)
     wrong = [(hole, np.nan) for hole in range(len(both))]
-    wrong += [(hole, far) for hole in range(len(both)) if hole % space.size >= dim for far in (np.inf, 2.0 * MAX_ANGLE)]
+    wrong += [
+        (hole, far)
+        for hole in range(len(both))
+        if hole % space.size >= dim
+        for far in (np.inf, 2.0 * MAX_ANGLE)
+    ]
     for hole, number in wrong:
         bad = [*both[:hole], number, *both[hole + 1 :]]
         assert not edge(*bad)

@@ -17,13 +17,17 @@ from tests.waiting import write_while_querying
 
 def measure_distances(points, cells):
     """Return distances from points (n, d) to cells (m, d)."""
-    return oracles.box_gaps(points[:, None], points[:, None], cells, cells + 1).min(axis=1, initial=math.inf)
+    return oracles.box_gaps(points[:, None], points[:, None], cells, cells + 1).min(
+        axis=1, initial=math.inf
+    )
 
 
 def measure_slice_distances(states, points, slices):
     """Return distances from points to cells of their slices."""
     blocked = [np.argwhere(part != FREE) for part in states]
-    pairs = zip(points[:, None], slices % len(states), strict=True)  # a map of all rotations repeats its slices
+    pairs = zip(
+        points[:, None], slices % len(states), strict=True
+    )  # a map of all rotations repeats its slices
     return np.concatenate([measure_distances(point, blocked[s]) for point, s in pairs])
 
 
@@ -49,7 +53,9 @@ def check_bounds(space, q, distances):
     near = inside & np.isfinite(distances)
     assert (bounds[near] >= distances[near] * (1.0 - 1e-5) - math.sqrt(dim) - 1e-6).all()
     assert np.isinf(bounds[inside & np.isinf(distances)]).all()
-    centers = near & (np.abs((q[:, :dim] - space.grid.lower) / space.grid.spacing % 1.0 - 0.5) < 1e-9).all(axis=1)
+    centers = near & (
+        np.abs((q[:, :dim] - space.grid.lower) / space.grid.spacing % 1.0 - 0.5) < 1e-9
+    ).all(axis=1)
     np.testing.assert_allclose(bounds[centers], distances[centers], rtol=1e-5, atol=1e-6)
 
 
@@ -57,7 +63,9 @@ def draw_near_borders(rng, q, dim):
     """Move configurations to borders of cells of size 1, beside them, or to centers."""
     moves = rng.integers(0, 4, len(q))
     q[moves == 1, :dim] = np.rint(q[moves == 1, :dim])
-    q[moves == 2, :dim] = np.rint(q[moves == 2, :dim]) + rng.choice([-1e-9, 1e-9, -1e-15], ((moves == 2).sum(), dim))
+    q[moves == 2, :dim] = np.rint(q[moves == 2, :dim]) + rng.choice(
+        [-1e-9, 1e-9, -1e-15], ((moves == 2).sum(), dim)
+    )
     q[moves == 3, :dim] = np.floor(q[moves == 3, :dim]) + 0.5
     return q
 
@@ -71,9 +79,15 @@ def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, s
     scale = [*states.shape[1:], *[9.0] * (space.size - dim)]
     q = handmade.configurations(space, rng.uniform(-0.3, 1.3, (60, space.size)) * scale)
     draw_near_borders(rng, q, dim)
-    check_bounds(space, q, measure_slice_distances(states, q[:, :dim], space.rotations.find_cells(q)))
+    check_bounds(
+        space, q, measure_slice_distances(states, q[:, :dim], space.rotations.find_cells(q))
+    )
     check = space.clearance_checker()
-    assert space.clearance(q).tolist() == [check(*one) for one in q.tolist()] == [space.clearance(one) for one in q]
+    assert (
+        space.clearance(q).tolist()
+        == [check(*one) for one in q.tolist()]
+        == [space.clearance(one) for one in q]
+    )
 
 
 @settings(max_examples=80)
@@ -82,9 +96,15 @@ def test_clearance_counts_cells_outside_the_grid(data, seed):
     state = data.draw(handmade.states(side=4, mixture=(FREE, FREE, FREE, FREE, MIXED)))
     outside = data.draw(handmade.outsides(state.ndim))
     space = handmade.map_of(state, outside=outside, spacing=1.0)
-    around = [cell for cell in handmade.cells_around(state, outside) if handmade.state_of(state, outside, cell) != FREE]
+    around = [
+        cell
+        for cell in handmade.cells_around(state, outside)
+        if handmade.state_of(state, outside, cell) != FREE
+    ]
     cells, rng = np.array(around).reshape(-1, state.ndim), np.random.default_rng(seed)
-    q = np.concatenate([rng.uniform(-8.0, 16.0, (30, state.ndim)), rng.uniform(0.0, state.shape, (30, state.ndim))])
+    q = np.concatenate(
+        [rng.uniform(-8.0, 16.0, (30, state.ndim)), rng.uniform(0.0, state.shape, (30, state.ndim))]
+    )
     draw_near_borders(rng, q, state.ndim)
     check_bounds(space, q, measure_distances(q, cells))
     if outside.state == FREE and len(cells):
@@ -92,13 +112,16 @@ def test_clearance_counts_cells_outside_the_grid(data, seed):
         assert (space.clearance(q) >= oracles.box_gaps(q, q, low, high) * (1.0 - 1e-5) - 1e-6).all()
 
 
-# ---- maps that were built --------------------------------------------------------------------------------------------
+# ---- maps that were built ------------------------------------------------------------------------
 
 BUILDS = {
     "plane": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), None),
     "point": (Robot.disc(0.01), None),
     "space": (Robot.box((0.2, 0.3, 0.1)), None),
-    "turning": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1]),
+    "turning": (
+        Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]),
+        [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1],
+    ),
     "turning bar": (Robot.rectangle(0.4, 0.1), 6),
     "turning in space": (Robot.box((0.3, 0.1, 0.2), (0.1, 0.0, 0.0)), 5),
     "turning in space any way": (Robot.box((0.3, 0.1, 0.2)), Rotations.quaternions(2)),
@@ -111,16 +134,24 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
     robot, rotations = BUILDS[case]
     rng, h, dim = np.random.default_rng(seed), 0.1, 3 if "space" in case else 2
     shape = (9, 8, 10) if dim == 3 else (20, 40)
-    workspace = Workspace.from_array(rng.random(shape) < rng.choice([0.0, 0.01]), h, rng.uniform(-1, 1, dim))
+    workspace = Workspace.from_array(
+        rng.random(shape) < rng.choice([0.0, 0.01]), h, rng.uniform(-1, 1, dim)
+    )
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     size, lower = np.array(shape), np.array(space.grid.lower)
-    around = np.stack(np.meshgrid(*(np.arange(-9, n + 9) for n in shape), indexing="ij"), axis=-1).reshape(-1, dim)
+    around = np.stack(
+        np.meshgrid(*(np.arange(-9, n + 9) for n in shape), indexing="ij"), axis=-1
+    ).reshape(-1, dim)
     q = lower + rng.uniform(-0.3, 1.3, (16, dim)) * size * h
     q[::3] = lower + np.rint((q[::3] - lower) / h) * h  # on borders of cells
-    q = handmade.configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (len(q), space.size - dim))]))
+    q = handmade.configurations(
+        space, np.column_stack([q, rng.uniform(-9.0, 9.0, (len(q), space.size - dim))])
+    )
     check = space.clearance_checker()
     for point, bound, state in zip(q, space.clearance(q), space.classify(q), strict=True):
-        slice_q = np.column_stack([space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))])
+        slice_q = np.column_stack(
+            [space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))]
+        )
         blocked = around[space.classify(slice_q) != FREE] * h + lower
         assert check(*point.tolist()) == bound == space.clearance(point)
         if state != FREE:
@@ -138,7 +169,10 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
 def test_steps_within_the_clearance_stay_free(kind):
     rng = np.random.default_rng(4)
     states = (
-        rng.random((4 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))) < 0.003
+        rng.random(
+            (4 if "turning" in kind else 1, *((20, 15, 40) if "space" in kind else (60, 80)))
+        )
+        < 0.003
     ) * MIXED
     space = handmade.make_map(states, kind)
     dim = space.grid.dim
@@ -161,7 +195,9 @@ def test_clearance_of_an_empty_map_is_infinite(kind):
 
 def test_clearance_is_a_lower_bound_far_outside():
     occupied = np.ones((1, 1), bool)
-    space = cspace.build(Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free")
+    space = cspace.build(
+        Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free"
+    )
     q = (-18660724.11262548, 27488679.34025253)
     outer, _ = space.robot.rasters(0.1)
     h, x, y = Fraction(0.1), Fraction(q[0]), Fraction(q[1])
@@ -203,9 +239,15 @@ def test_clearance_during_updates_is_that_of_some_state(dim):
     """Compare with clearances with and without the changing obstacle."""
     cells = np.zeros((40, 300) if dim == 2 else (40, 70, 20), dtype=bool)
     cells[(5,) * dim] = True
-    space = cspace.build(Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1))
+    space = cspace.build(
+        Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1)
+    )
     q = np.random.default_rng(0).uniform(6.5, 18.0, (400, dim))
-    position, on, off = (19,) * dim, np.ones((1,) * dim, dtype=bool), np.zeros((1,) * dim, dtype=bool)
+    position, on, off = (
+        (19,) * dim,
+        np.ones((1,) * dim, dtype=bool),
+        np.zeros((1,) * dim, dtype=bool),
+    )
     far = space.clearance(q)
     space.update(on, position)
     near = space.clearance(q)
@@ -233,6 +275,8 @@ def test_clearance_refuses_too_little_memory(monkeypatch):
     q = handmade.configurations(space, np.full((1, space.size), 0.1))
     with monkeypatch.context() as patch:
         patch.setattr("cspace.limits.free_bytes", lambda: 1000)
-        with pytest.raises(InputError, match=r"with the clearance of its cells.* needs about .* of memory"):
+        with pytest.raises(
+            InputError, match=r"with the clearance of its cells.* needs about .* of memory"
+        ):
             space.clearance(q)
     assert space.clearance(q).tolist() == [math.inf]

@@ -33,14 +33,18 @@ def test_maps_may_have_more_components_than_two_bytes_can_count():
 @given(seeds, st.sampled_from(handmade.MAP_KINDS), st.sampled_from(["free", "blocked"]))
 def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     """Query all pairs of cells of a small map."""
-    states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
+    states = handmade.random_states(
+        np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED)
+    )
     space, cells = handmade.make_map(states, kind, outside), handmade.all_cells(states)
     cells = np.random.default_rng(seed).permutation(cells)[:150]
     q = handmade.cell_centers(space, cells)
     away = np.array(q[0])
     away[: space.grid.dim] = -99.0
     exterior_open = space.classify(away) != BLOCKED
-    framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=exterior_open)
+    framed = np.pad(
+        states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=exterior_open
+    )
     free = handmade.components(states == FREE, kind)[tuple(cells.T)]
     passable = handmade.components(framed, kind)[(cells[:, 0], *(cells[:, 1:] + 1).T)]
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
@@ -83,11 +87,19 @@ TINY_BAR = Robot.rectangle(1e-6, 1e-7)
 )
 def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
     cells, shape = Rotations.of(rotations), (4, 3, 2)[: robot.dim]
-    kind, slice_of = "turning any way" if len(cells.names) == 4 else "", cells.assign_slices(robot.shape)
+    kind, slice_of = (
+        "turning any way" if len(cells.names) == 4 else "",
+        cells.assign_slices(robot.shape),
+    )
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):
-        stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))
-        space, states = handmade.map_in(workspace, robot, stack, cells, outside="free"), stack[slice_of]
+        stack = np.random.default_rng(seed).choice(
+            np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape)
+        )
+        space, states = (
+            handmade.map_in(workspace, robot, stack, cells, outside="free"),
+            stack[slice_of],
+        )
         assert len(stack) < len(cells) and (space.cell_states == states).all()
         positions = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
         q = handmade.cell_centers(space, positions)
@@ -106,7 +118,9 @@ def build_wall(gap, outside="blocked"):
 def test_door_width_decides_connectivity():
     assert build_wall(12).is_connected((1.0, 1.0), (3.0, 1.0))
     assert build_wall(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
-    assert proven_paths(build_wall(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+    assert (
+        proven_paths(build_wall(5), (1.0, 1.0), (3.0, 1.0)) is None
+    )  # 0.5 m for a disc 0.5 m across
 
 
 def test_free_exterior_leaves_connectivity_undecided():
@@ -114,7 +128,9 @@ def test_free_exterior_leaves_connectivity_undecided():
     assert build_wall(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
 
 
-@pytest.mark.parametrize("robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"])
+@pytest.mark.parametrize(
+    "robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"]
+)
 @pytest.mark.parametrize(
     ("spacing", "beyond", "proven"),
     [(0.1, 0.0, False), (0.1, 1e-3, True), (0.05, 0.0, True)],
@@ -161,7 +177,10 @@ def test_rotations_in_place_wrap_around():
 
 def test_connectivity_broadcasts_and_refuses_nan():
     space = build_wall(12)
-    assert proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
+    assert (
+        proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist()
+        == [[True] * 3] * 2
+    )
     assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):
         space.is_connected((np.nan, 1.0), (1.0, 1.0))

@@ -81,9 +81,13 @@ def test_all_parts_of_an_owner_share_its_lock():
     assert type(part) is object
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))]
+)
 def test_copies_of_a_map_share_neither_lock_nor_parts(copied):
-    space = cspace.build(cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1))
+    space = cspace.build(
+        cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1)
+    )
     q = (0.3, 0.9), (0.8, 0.4)
     assert space.is_connected(*q)
     with space._lock:

@@ -15,13 +15,23 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
 from tests import handmade, oracles
-from tests.handmade import ALL_FREE, Outside, cells_around, fill_boxes, free_except, map_of, outsides, state_of, states
+from tests.handmade import (
+    ALL_FREE,
+    Outside,
+    cells_around,
+    fill_boxes,
+    free_except,
+    map_of,
+    outsides,
+    state_of,
+    states,
+)
 from tests.planning import sample_edge
 from tests.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
 
-# ---- positions -------------------------------------------------------------------------------------------------------
+# ---- positions -----------------------------------------------------------------------------------
 
 
 def touches(start, end, cells, spacing, lower, slack=0):
@@ -48,28 +58,54 @@ points = st.tuples(places, places, places)
 
 @settings(max_examples=200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
-@example(free_except((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))  # through a lattice point
+@example(
+    free_except((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75)
+)  # through a lattice point
 @example(free_except((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
-@example(free_except((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1))  # through a line of the lattice
+@example(
+    free_except((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1)
+)  # through a line of the lattice
 @example(free_except((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
-@example(free_except((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line that four cells share
+@example(
+    free_except((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5)
+)  # along a line that four cells share
 @example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
 @example(free_except((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
 @example(free_except((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
-@example(free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))  # a point that eight cells share
-@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))  # upright except for tiny numbers
+@example(
+    free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
+)  # a point that eight cells share
+@example(
+    free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0)
+)  # upright except for tiny numbers
 @example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
 @example(free_except((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
 @example(free_except(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 @example(free_except(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-@example(free_except(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6))
-@example(free_except(), Outside(np.array([1, 1, 4, 2, 2, 5]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, 1.0 + 2.0**-20))
-@example(free_except(), Outside(np.array([1, 1, -2, 2, 2, -1]), FREE), (0.3, 0.3, 0.9), (0.3, 0.3, -(2.0**-20)))
+@example(
+    free_except(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6)
+)
+@example(
+    free_except(),
+    Outside(np.array([1, 1, 4, 2, 2, 5]), FREE),
+    (0.3, 0.3, 0.9),
+    (0.3, 0.3, 1.0 + 2.0**-20),
+)
+@example(
+    free_except(),
+    Outside(np.array([1, 1, -2, 2, 2, -1]), FREE),
+    (0.3, 0.3, 0.9),
+    (0.3, 0.3, -(2.0**-20)),
+)
 # In the plane: through a corner.
 @example(free_except((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
 @example(free_except((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(free_except((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # along a border, above a cell
-@example(free_except((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0))  # and below one
+@example(
+    free_except((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
+)  # along a border, above a cell
+@example(
+    free_except((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
+)  # and below one
 @example(free_except(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
 # Upright except for tiny numbers.
 @example(free_except((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))
@@ -77,7 +113,9 @@ points = st.tuples(places, places, places)
 def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, start, end):
     dim, outside = state.ndim, outside.project(state.ndim)
     start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
-    stays = all(0.0 <= value <= top for q in (start, end) for value, top in zip(q, upper, strict=True))
+    stays = all(
+        0.0 <= value <= top for q in (start, end) for value, top in zip(q, upper, strict=True)
+    )
     near = np.ndindex(state.shape) if stays else cells_around(state, outside)
     blocked = [cell for cell in near if state_of(state, outside, cell) != FREE]
     touched = touches(start, end, blocked, H, lower) or not (stays or outside.state == FREE)
@@ -96,13 +134,17 @@ def test_rounding_hides_no_touched_cell(seed, away, dim):
     """Draw edges between corners and centers of cells."""
     rng = np.random.default_rng(seed)
     h = float(rng.choice([0.1, 1 / 3, rng.uniform(0.01, 3.0)]))
-    lower = np.rint(rng.uniform(-5, 1, dim)) * h + away  # the origin lies in the grid, where differences are rounded
+    lower = (
+        np.rint(rng.uniform(-5, 1, dim)) * h + away
+    )  # the origin lies in the grid, where differences are rounded
     shape = (4, 3, 5)[:dim]
     state = np.zeros(shape, dtype=np.uint8)
     blocked = tuple(rng.integers(0, shape).tolist())
     state[blocked] = MIXED
     space = map_of(state, spacing=h, lower=tuple(lower.tolist()))
-    q0, q1 = (lower + h * (rng.integers(0, 2 * np.array(shape) + 1, (150, dim)) / 2) for _ in range(2))
+    q0, q1 = (
+        lower + h * (rng.integers(0, 2 * np.array(shape) + 1, (150, dim)) / 2) for _ in range(2)
+    )
     q1 = np.where(rng.random(q0.shape) < 0.5, q0, q1)
     near = rng.choice([0.0, 0.0, -3e-16, 3e-16], (2, *q0.shape))
     q0, q1 = q0 * (1.0 + near[0]), q1 * (1.0 + near[1])
@@ -117,10 +159,20 @@ def test_edges_along_a_boundary_touch_both_sides(seed, which):
     rng, (dim, axis) = np.random.default_rng(seed), which
     for _ in range(15):
         h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
-        lower = -h * k  # the boundary is near zero, where its distance from the corner is rounded the most
+        lower = (
+            -h * k
+        )  # the boundary is near zero, where its distance from the corner is rounded the most
         boundary = Fraction(lower) + Fraction(h) * k
-        below = float(boundary) if Fraction(float(boundary)) <= boundary else np.nextafter(float(boundary), -9.0)
-        above = float(boundary) if Fraction(float(boundary)) >= boundary else np.nextafter(float(boundary), 9.0)
+        below = (
+            float(boundary)
+            if Fraction(float(boundary)) <= boundary
+            else np.nextafter(float(boundary), -9.0)
+        )
+        above = (
+            float(boundary)
+            if Fraction(float(boundary)) >= boundary
+            else np.nextafter(float(boundary), 9.0)
+        )
         for cell, values in ((k - 1, (below, below - 1e-17)), (k, (above, above + 1e-17))):
             state = np.zeros((7,) * dim, dtype=np.uint8)
             state[(slice(None),) * axis + (cell,)] = MIXED
@@ -137,7 +189,10 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     dim = states.ndim - 1
     outside = outside.project(dim)
     space = handmade.make_map(states, kind, outside)
-    inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
+    inside, around = (
+        rng.random((2, 60, dim)) * space.grid.upper,
+        rng.uniform(-0.6, 1.8, (2, 60, dim)),
+    )
     positions = np.where(rng.random((60, 1)) < 0.5, inside, around)
     endpoints = np.concatenate([positions, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
     q0, q1 = handmade.configurations(space, endpoints)
@@ -161,7 +216,11 @@ def test_long_edges_outside_the_grid_are_decided(dim):
 
 
 def test_edges_outside_avoid_undecided_regions():
-    space = cspace.build(Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free")
+    space = cspace.build(
+        Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1),
+        Robot.disc(0.2),
+        outside="free",
+    )
     assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
     assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
@@ -185,7 +244,7 @@ def test_edge_queries_broadcast_batches(kind):
         space.motion_is_free(one, [*one[:-1], np.nan])
 
 
-# ---- positions and yaws ----------------------------------------------------------------------------------------------
+# ---- positions and yaws --------------------------------------------------------------------------
 
 SIDE = 4
 ROOMS = st.sampled_from([(SIDE, SIDE), (2, 2, 2)])
@@ -209,26 +268,50 @@ blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3)
 def resolve_configuration(end, borders, shape):
     """Return a drawn configuration as floats."""
     *position, yaw = end
-    return (*(value * n / SIDE for value, n in zip(position, shape, strict=False)), resolve_yaw(yaw, borders))
+    return (
+        *(value * n / SIDE for value, n in zip(position, shape, strict=False)),
+        resolve_yaw(yaw, borders),
+    )
 
 
 @settings(max_examples=100)
 @given(rotation_cells(6), blocks, endpoints, endpoints, ROOMS)
-@example(4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))  # through the wrap at pi
+@example(
+    4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE)
+)  # through the wrap at pi
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
 @example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
 @example(
-    4, [(1, 1, 1, 0)], (0.3, 0.3, 0.0, ("boundary", 1, 0.0)), (0.7, 0.3, 0.0, ("boundary", 1, 0.0)), (SIDE, SIDE)
+    4,
+    [(1, 1, 1, 0)],
+    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
+    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
+    (SIDE, SIDE),
 )  # along a border
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, ("boundary", 1, 0.0)), (0.7, 0.3, 0.0, ("boundary", 1, 0.0)), (SIDE, SIDE))
-@example(8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))  # half a turn: either way
+@example(
+    4,
+    [(0, 1, 1, 0)],
+    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
+    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
+    (SIDE, SIDE),
+)
+@example(
+    8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE)
+)  # half a turn: either way
 @example(8, [(7, 0, 0, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))
 @example(1, [(0, 3, 3, 0)], (0.0, 0.0, 0.0, 1.0), (0.6, 0.6, 0.0, -2.0), (SIDE, SIDE))
-@example(2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE))  # a corner of all three
-def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations, closed, start, end, shape):
+@example(
+    2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE)
+)  # a corner of all three
+def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(
+    rotations, closed, start, end, shape
+):
     space = map_free_except(closed, rotations, shape)
     boundaries = space.rotations.borders
-    q0, q1 = resolve_configuration(start, boundaries, shape), resolve_configuration(end, boundaries, shape)
+    q0, q1 = (
+        resolve_configuration(start, boundaries, shape),
+        resolve_configuration(end, boundaries, shape),
+    )
     walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
     answer = space.motion_is_free(q0, q1)
     assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
@@ -244,7 +327,10 @@ def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(rotations
 def test_edges_test_exactly_the_touched_cells(rotations, start, end, shape):
     """Block all cells off the edge, then each on it."""
     boundaries = Rotations.of(rotations).borders
-    q0, q1 = resolve_configuration(start, boundaries, shape), resolve_configuration(end, boundaries, shape)
+    q0, q1 = (
+        resolve_configuration(start, boundaries, shape),
+        resolve_configuration(end, boundaries, shape),
+    )
     walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
     state = np.full((len(boundaries) - 1, *shape), MIXED, dtype=np.uint8)
     for cell in oracles.touched_turned_cells(*walk, slack=1e-8):
@@ -270,13 +356,18 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
 
 def test_rotation_boundaries_have_slack():
     space = map_free_except([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
-    for yaw, expected in ((1.0 - 0.5 * ANGLE_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
+    for yaw, expected in (
+        (1.0 - 0.5 * ANGLE_SLACK, False),
+        (1.0 - 1e-6, True),
+        (2.0 + 1e-6, True),
+        (2.0, False),
+    ):
         assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
     assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
     assert space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0 - 1e-6))
 
 
-# ---- OMPL ------------------------------------------------------------------------------------------------------------
+# ---- OMPL ----------------------------------------------------------------------------------------
 
 
 def interpolate(q0, q1, times):
@@ -323,6 +414,8 @@ def test_edges_outside_the_grid_follow_the_policy():
     free = cspace.build(workspace, robot, rotations=16, outside="free")
     blocked = cspace.build(workspace, robot, rotations=16)
     assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))
-    assert not free.motion_is_free((-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0))  # the front reaches 0.3 m ahead
+    assert not free.motion_is_free(
+        (-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0)
+    )  # the front reaches 0.3 m ahead
     assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and 0.1 m behind
     assert not blocked.motion_is_free((0.5, 0.2, 0.0), (1.5, 0.2, 0.0))

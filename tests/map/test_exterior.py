@@ -23,7 +23,10 @@ def test_exterior_states_agree_with_the_rasters(seed, dim, exterior_blocked):
     shape, rasters = tuple(rng.integers(1, 5, dim).tolist()), []
     occupied = rng.random(shape) < 0.3
     for _ in range(SLICES):
-        cells, lower = rng.random(rng.integers(1, 4, dim)) < 0.7, tuple(rng.integers(-3, 3, dim).tolist())
+        cells, lower = (
+            rng.random(rng.integers(1, 4, dim)) < 0.7,
+            tuple(rng.integers(-3, 3, dim).tolist()),
+        )
         inner = cells & (rng.random(cells.shape) < 0.8)
         rasters.append((Raster.from_bitmap(cells, lower), Raster.from_bitmap(inner, lower)))
     exterior = Exterior.of(occupied, rasters, "blocked" if exterior_blocked else "free")

@@ -13,7 +13,13 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
 from cspace.map.paths import pulled_straight
 from tests import handmade
 from tests.handmade import map_of, states
-from tests.map.test_widest import WIDEST_SPACES, compute_length, draw_map, link_wide_cells, list_cell_centers
+from tests.map.test_widest import (
+    WIDEST_SPACES,
+    compute_length,
+    draw_map,
+    link_wide_cells,
+    list_cell_centers,
+)
 from tests.oracles import path_length
 from tests.refusals import refusals
 from tests.strategies import seeds
@@ -28,7 +34,10 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
     free = np.argwhere(states == FREE)
     if not len(free):
         return
-    space, numbers = handmade.make_map(states, kind, "blocked"), handmade.components(states == FREE, kind)
+    space, numbers = (
+        handmade.make_map(states, kind, "blocked"),
+        handmade.components(states == FREE, kind),
+    )
     cells = rng.choice(free if rng.random() < 0.5 else free[free[:, 0] == rng.choice(free)[0]], 2)
     q0, q1 = handmade.cell_centers(space, cells)
     for q in (q0, q1):
@@ -39,16 +48,21 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
         path = space.find_path(q0, q1, straight=straight)
         assert (len(path) > 0) == joined
         if joined:
-            # A path that keeps the rotation keeps its numbers; a quaternion and its negative are one rotation.
+            # A path that keeps the rotation keeps its numbers; a quaternion and its negative are
+            # one rotation.
             turn = q0 if (path[:, space.grid.dim :] == q0[space.grid.dim :]).all() else q1
-            assert (path[0] == q0).all() and (path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]).all()
+            assert (path[0] == q0).all() and (
+                path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]
+            ).all()
             assert space.motion_is_free(path[:-1], path[1:]).all()
             steps = space.rotations.steps_between(path[:-1], path[1:])
             for share in np.linspace(0.0, 1.0, 50):
                 assert space.is_free(space.rotations.add_steps(path[:-1], share * steps)).all()
     rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
     if (rough[:, space.grid.dim :] == q0[space.grid.dim :]).all():
-        assert path_length(smooth[:, : space.grid.dim]) <= path_length(rough[:, : space.grid.dim]) * (1 + 1e-12)
+        assert path_length(smooth[:, : space.grid.dim]) <= path_length(
+            rough[:, : space.grid.dim]
+        ) * (1 + 1e-12)
     assert (space.find_path(q0, q1) == smooth).all()
 
 
@@ -92,17 +106,25 @@ def test_straightening_keeps_the_endpoints_and_never_lengthens():
     turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
     whole = pulled_straight(turns, PLANE, lambda *q: True)
     assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
-    rough = pulled_straight(turns, PLANE, lambda a, b, c, d: math.dist((a, b), (c, d)) < 4.5 and max(b, d) <= 3.0)
-    assert rough[[0, -1]].tolist() == turns[[0, -1]].tolist() and path_length(rough) <= path_length(turns)
+    rough = pulled_straight(
+        turns, PLANE, lambda a, b, c, d: math.dist((a, b), (c, d)) < 4.5 and max(b, d) <= 3.0
+    )
+    assert rough[[0, -1]].tolist() == turns[[0, -1]].tolist() and path_length(rough) <= path_length(
+        turns
+    )
 
 
 def test_corners_are_cut_down_to_the_obstacle_between():
-    def is_free(*q: float) -> bool:  # a segment that does not enter the disc of radius 1 around (2, 0)
+    def is_free(
+        *q: float,
+    ) -> bool:  # a segment that does not enter the disc of radius 1 around (2, 0)
         a, b, center = np.array(q[:2]), np.array(q[2:]), np.array([2.0, 0.0])
         share = np.clip((center - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0.0, 1.0)
         return bool(np.linalg.norm(a + share * (b - a) - center) >= 1.0)
 
-    path = pulled_straight(np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)]), PLANE, is_free)
+    path = pulled_straight(
+        np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)]), PLANE, is_free
+    )
     assert all(is_free(*a, *b) for a, b in itertools.pairwise(path))
     tangents_and_arc = 2.0 * math.sqrt(3.0) + math.pi / 3.0
     assert tangents_and_arc <= path_length(path) <= 1.002 * tangents_and_arc

@@ -16,7 +16,8 @@ from tests.oracles import path_length
 from tests.strategies import seeds
 
 NARROW = 1e-6
-"""Widening of free space in the oracle, and distance at which a segment touches a corner, in cells."""
+"""Widening of free space in the oracle, and distance at which a segment touches a corner, in cells.
+"""
 
 
 def find_shortest_length(free, start, goal):
@@ -52,7 +53,9 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
     if not len(free):
         return
     start, goal = free[rng.integers(len(free), size=2)] + rng.choice([0.5, 0.1, 0.999], (2, 2))
-    space = map_of(np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=0.25)
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=0.25
+    )
     path = space.find_path(0.25 * start, 0.25 * goal) / 0.25
     bound = space.min_path_length(0.25 * start, 0.25 * goal) / 0.25
     expected = find_shortest_length(~blocked, start, goal)
@@ -69,19 +72,27 @@ def test_bounds_of_long_paths_are_within_three_percent():
     rng = np.random.default_rng(3)
     for angle in np.linspace(0.0, math.pi / 2, 8):
         blocked = rng.random((90, 90)) < 0.05
-        ends = 45.0 + 40.0 * np.array([[-math.cos(angle), -math.sin(angle)], [math.cos(angle), math.sin(angle)]])
+        ends = 45.0 + 40.0 * np.array(
+            [[-math.cos(angle), -math.sin(angle)], [math.cos(angle), math.sin(angle)]]
+        )
         blocked[tuple(ends.astype(int).T)] = False
-        space = map_of(np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0)
+        space = map_of(
+            np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+        )
         assert space.min_path_length(*ends) >= 80.0 / 1.0275 - 2.0
 
 
 def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     blocked = np.zeros((20, 20), dtype=bool)
     blocked[np.arange(20), np.arange(20)] = True
-    space = map_of(np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0)
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+    )
     assert math.isinf(space.min_path_length((2.5, 8.5), (8.5, 2.5)))
     blocked[19, 19] = False
-    space = map_of(np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0)
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+    )
     around = 2 * math.hypot(10.5, 16.5)
     assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
 
@@ -111,7 +122,10 @@ def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
 def test_paths_are_at_most_as_long_as_grid_paths(data, name):
     workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map", 1.0)
     space = map_of(np.where(workspace.outer, BLOCKED, FREE), outside="blocked", spacing=1.0)
-    scenarios = [line.split() for line in (data / "movingai" / f"{name}.map.scen").read_text().splitlines()[1:]]
+    scenarios = [
+        line.split()
+        for line in (data / "movingai" / f"{name}.map.scen").read_text().splitlines()[1:]
+    ]
     rows = workspace.grid.shape[1]
     for _, _, _, _, *numbers in scenarios[:: max(1, len(scenarios) // 25)]:
         u0, v0, u1, v1, grid_length = map(float, numbers)

@@ -28,7 +28,11 @@ def space(request):
     dim = 3 if "space" in request.param else 2
     occupied = np.zeros((40, 30, 12)[:dim], dtype=bool)
     occupied[18:22, :18] = True
-    turns = {"turning": 12, "turning in space": 12, "turning in space any way": Rotations.quaternions(1)}
+    turns = {
+        "turning": 12,
+        "turning in space": 12,
+        "turning in space any way": Rotations.quaternions(1),
+    }
     robot = {
         "plane": Robot.disc(0.3),
         "turning": Robot.polygon(L_SHAPE),
@@ -42,17 +46,25 @@ def space(request):
 
 def make_configuration(space):
     """Return a configuration in the grid."""
-    return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[len(space.rotations.names)]
+    return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[
+        len(space.rotations.names)
+    ]
 
 
-# ---- types of results ------------------------------------------------------------------------------------------------
+# ---- types of results ----------------------------------------------------------------------------
 
 QUERIES = ["classify", "is_free", "clearance", "overlap_count", "contains_robot"]
 
 
 def test_one_configuration_returns_a_python_number(space):
     q = make_configuration(space)
-    types = {"classify": int, "is_free": bool, "clearance": float, "overlap_count": int, "contains_robot": bool}
+    types = {
+        "classify": int,
+        "is_free": bool,
+        "clearance": float,
+        "overlap_count": int,
+        "contains_robot": bool,
+    }
     assert {name: type(getattr(space, name)(q)) for name in QUERIES} == types
     assert type(space.motion_is_free(q, q)) is bool
     assert type(space.is_free_around(q, 0.1, 0.1)) is bool
@@ -94,7 +106,10 @@ def test_queries_refuse_huge_rotations_and_accept_any_position(space, far):
     q = make_configuration(space)
     wrong = replace_value(q, len(q) - 1, far)
     queries = [getattr(space, name) for name in QUERIES]
-    queries += [lambda q: space.is_free_around(q, 0.1, 0.1), lambda wrong: space.motion_is_free(q, wrong)]
+    queries += [
+        lambda q: space.is_free_around(q, 0.1, 0.1),
+        lambda wrong: space.motion_is_free(q, wrong),
+    ]
     queries += [lambda wrong: space.is_connected(wrong, q)]
     for query in queries:
         if space.rotations.names:
@@ -104,7 +119,9 @@ def test_queries_refuse_huge_rotations_and_accept_any_position(space, far):
             query(wrong)
 
 
-@pytest.mark.parametrize(("distance", "angle"), [(-0.1, 0.0), (0.1, -1e-9), (math.nan, 0.0), (0.0, math.inf)])
+@pytest.mark.parametrize(
+    ("distance", "angle"), [(-0.1, 0.0), (0.1, -1e-9), (math.nan, 0.0), (0.0, math.inf)]
+)
 def test_is_free_around_refuses_invalid_distances_and_angles(space, distance, angle):
     with pytest.raises(InputError):
         space.is_free_around(make_configuration(space), distance, angle)
@@ -129,20 +146,28 @@ def test_cell_states_are_read_only(space):
 
 def test_states_of_another_shape_are_refused(space):
     states = space._seen
-    for other in (states[1:], states[..., 1:], states[None], np.concatenate([states, states]), states.astype(int)):
+    for other in (
+        states[1:],
+        states[..., 1:],
+        states[None],
+        np.concatenate([states, states]),
+        states.astype(int),
+    ):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(space.workspace, space.robot, other, space.rotations)
 
 
 def test_states_have_one_slice_for_symmetric_rotation_cells():
     workspace, robot = Workspace.from_array(np.zeros((3, 4), bool), 0.1), Robot.rectangle(0.2, 0.1)
-    assert handmade.map_in(workspace, robot, np.zeros((4, 3, 4), np.uint8), 8).cell_states.shape == (8, 3, 4)
+    assert handmade.map_in(
+        workspace, robot, np.zeros((4, 3, 4), np.uint8), 8
+    ).cell_states.shape == (8, 3, 4)
     for shape in ((3, 4), (8, 3, 4), (4, 4, 3)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(workspace, robot, np.zeros(shape, np.uint8), 8)
 
 
-# ---- the state of a cell ---------------------------------------------------------------------------------------------
+# ---- the state of a cell -------------------------------------------------------------------------
 
 
 def test_equal_rotations_get_equal_states(space):
@@ -174,7 +199,9 @@ def test_boundary_belongs_to_the_cell_above(state, outside, seed):
     q = np.where(rng.random(q.shape) < 0.1, upper, q)
     cells = np.floor((q - lower) / 0.25).astype(int)
     cells -= q == upper
-    assert space.classify(q).tolist() == [state_of(state, outside, tuple(cell)) for cell in cells.tolist()]
+    assert space.classify(q).tolist() == [
+        state_of(state, outside, tuple(cell)) for cell in cells.tolist()
+    ]
 
 
 def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
@@ -192,7 +219,7 @@ def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
         assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
 
 
-# ---- the exterior ----------------------------------------------------------------------------------------------------
+# ---- the exterior --------------------------------------------------------------------------------
 
 
 def test_exterior_states_follow_the_policy():
@@ -210,14 +237,21 @@ def test_far_configurations_have_the_exterior_state(dim, state):
     assert space.classify(np.diag([1e300, -1e300, 1e30][:dim])).tolist() == [state] * dim
 
 
-# ---- boxes of configurations -----------------------------------------------------------------------------------------
+# ---- boxes of configurations ---------------------------------------------------------------------
 
-coordinates = st.one_of(st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6, 21).map(lambda k: k / 12))
+coordinates = st.one_of(
+    st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6, 21).map(lambda k: k / 12)
+)
 points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
 
 
 @settings(max_examples=100)
-@given(states(4, (FREE,) * 15 + (BLOCKED,)), outsides(3), points, st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]))
+@given(
+    states(4, (FREE,) * 15 + (BLOCKED,)),
+    outsides(3),
+    points,
+    st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]),
+)
 @example(free_except(), ALL_FREE, (0.5, 0.5, 0.5), 0.5)
 @example(free_except(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
 @example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a MIXED cell shares a corner
@@ -230,7 +264,10 @@ def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
 
     def meets_cells(slack):
         """Return True if the shrunk cube meets other cells."""
-        ranges = [range(math.ceil(a - slack) - 1, math.floor(b + slack) + 1) for a, b in zip(low, high, strict=True)]
+        ranges = [
+            range(math.ceil(a - slack) - 1, math.floor(b + slack) + 1)
+            for a, b in zip(low, high, strict=True)
+        ]
         return any(state_of(state, outside, cell) != FREE for cell in itertools.product(*ranges))
 
     if map_of(state, outside=outside).is_free_around(q, distance):
@@ -256,7 +293,8 @@ H, SIDE = 0.25, 4
 def meets_box(cell, borders, q, distance, angle, slack=0.0):
     """Return True if a cell meets the box around q."""
     if not all(
-        H * n - distance - slack <= v <= H * (n + 1) + distance + slack for n, v in zip(cell[1:], q, strict=False)
+        H * n - distance - slack <= v <= H * (n + 1) + distance + slack
+        for n, v in zip(cell[1:], q, strict=False)
     ):
         return False
     low, high = borders[cell[0]] - angle - slack, borders[cell[0] + 1] + angle + slack
@@ -266,7 +304,11 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
 @settings(max_examples=60)
 @given(
     rotation_cells(8),
-    st.tuples(uniform(0, 1), uniform(0, 1) | st.integers(0, 8).map(lambda k: k / 8), uniform(-7, 7) | boundary_yaws),
+    st.tuples(
+        uniform(0, 1),
+        uniform(0, 1) | st.integers(0, 8).map(lambda k: k / 8),
+        uniform(-7, 7) | boundary_yaws,
+    ),
     st.sampled_from([0.0, 0.05, 0.125, 0.25, 0.6]),
     st.one_of(uniform(0, 3), st.sampled_from([0.0, 0.1, 2.0, math.pi, 9.0])),
     st.sampled_from([(SIDE, SIDE), (2, 3, 3)]),
@@ -291,7 +333,9 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
 
 
 def test_is_free_around_is_safe_at_far_boundaries():
-    space = map_of(np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63)
+    space = map_of(
+        np.where(np.arange(63) == 40, MIXED, FREE)[:, None, None] * np.ones((1, 3, 3)), 63
+    )
     boundaries, closed = np.asarray(space.rotations.borders), space.rotations.centers[:, 0][40]
     angle = 1.0
     for wraps in (2, 10, 1000):
@@ -302,7 +346,7 @@ def test_is_free_around_is_safe_at_far_boundaries():
             assert not space.is_free_around(q, 0.0, angle)[near].any()
 
 
-# ---- robots inside obstacles -----------------------------------------------------------------------------------------
+# ---- robots inside obstacles ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -319,11 +363,13 @@ def test_is_free_around_is_safe_at_far_boundaries():
 )
 def test_contains_robot_is_true_where_the_robot_fits(shape, robot, rotations, answers):
     occupied = np.pad(np.ones(np.subtract(shape, 2), dtype=bool), 1)
-    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside="free")
+    space = cspace.build(
+        Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside="free"
+    )
     assert space.contains_robot(list(answers)).tolist() == list(answers.values())
 
 
-# ---- threads ---------------------------------------------------------------------------------------------------------
+# ---- threads -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotations", [None, 10])
@@ -333,15 +379,29 @@ def test_queries_from_many_threads_agree(rotations):
     q = rng.uniform(-1, 16 if rotations is None else 5, (24, 1000, 2 if rotations is None else 3))
 
     def build():
-        return cspace.build(Workspace.from_array(occupied, 0.05), Robot.polygon(L_SHAPE), rotations=rotations)
+        return cspace.build(
+            Workspace.from_array(occupied, 0.05), Robot.polygon(L_SHAPE), rotations=rotations
+        )
 
     def ask(space, points):
         a, b = points[1:], points[:-1]
-        one = space.classify(points), space.clearance(points), space.overlap_count(points), space.contains_robot(points)
-        return *one, space.motion_is_free(a, b), space.is_connected(a, b), space.is_free_around(a, 0.1, 0.2)
+        one = (
+            space.classify(points),
+            space.clearance(points),
+            space.overlap_count(points),
+            space.contains_robot(points),
+        )
+        return (
+            *one,
+            space.motion_is_free(a, b),
+            space.is_connected(a, b),
+            space.is_free_around(a, 0.1, 0.2),
+        )
 
     space, fresh = build(), build()
     with ThreadPoolExecutor(8) as pool:
         together = list(pool.map(lambda points: ask(space, points), q))
     for points, answers in zip(q, together, strict=True):
-        assert all((mine == theirs).all() for mine, theirs in zip(answers, ask(fresh, points), strict=True))
+        assert all(
+            (mine == theirs).all() for mine, theirs in zip(answers, ask(fresh, points), strict=True)
+        )

@@ -26,7 +26,11 @@ def space(request):
         states = rng.integers(0, 3, (3, 5, 4)).astype(np.uint8)
         return handmade.map_in(workspace, Robot.rectangle(1e-6, 1e-7), states, 6, outside="free")
     shape = (5, 4, 6) if "space" in request.param else (12, 30)
-    shape = (108, 2, 3, 2) if "any way" in request.param else (5 if "turning" in request.param else 1, *shape)
+    shape = (
+        (108, 2, 3, 2)
+        if "any way" in request.param
+        else (5 if "turning" in request.param else 1, *shape)
+    )
     states = rng.integers(0, 3, shape)
     return handmade.make_map(states, request.param, spacing=0.3, rotations=BORDERS)
 
@@ -41,7 +45,9 @@ def test_samples_are_uniform_over_the_free_volume(space):
     rotation, widths = space.rotations.find_cells(samples), space.rotations.volumes
     if len(space.rotations.names) == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[rotation]
-        within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[rotation]])
+        within = np.column_stack(
+            [within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[rotation]]
+        )
     states = space.cell_states.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
@@ -82,11 +88,19 @@ def test_sample_free_draws_each_of_few_free_cells(free):
 
 
 @settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.MAP_KINDS), rotation_cells(8), st.sampled_from([0.1, 0.5, 2.0]), st.booleans())
+@given(
+    seeds,
+    st.sampled_from(handmade.MAP_KINDS),
+    rotation_cells(8),
+    st.sampled_from([0.1, 0.5, 2.0]),
+    st.booleans(),
+)
 def test_nearest_free_returns_the_nearest_cell(seed, kind, rotations, spacing, dense):
     """Compare with all FREE cells, from inside and outside."""
     rng = np.random.default_rng(seed)
-    states = handmade.random_states(rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,))
+    states = handmade.random_states(
+        rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,)
+    )
     if "turning" in kind and "any way" not in kind:
         states = np.resize(states, (len(Rotations.of(rotations)), *states.shape[1:]))
     states[tuple(rng.integers(0, states.shape))] = FREE

@@ -22,7 +22,7 @@ def make_matrix(yaw):
     return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
 
 
-# ---- quarter turns and symmetry --------------------------------------------------------------------------------------
+# ---- quarter turns and symmetry ------------------------------------------------------------------
 
 
 @settings(max_examples=40)
@@ -32,8 +32,12 @@ def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     rasters = slice_rasters(robot, 0.17, margin, cells)
     rotations = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, covering_angle) in zip(rasters, rotations, strict=False):
-        fresh = robot.rasters(0.17, margin, RotationCell(make_matrix(yaw), covering_angle, about_z=True))
-        assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
+        fresh = robot.rasters(
+            0.17, margin, RotationCell(make_matrix(yaw), covering_angle, about_z=True)
+        )
+        assert [oracles.raster_offsets(one) for one in pair] == [
+            oracles.raster_offsets(one) for one in fresh
+        ]
 
 
 L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
@@ -55,17 +59,27 @@ L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
 def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh):
     """Count the rasters; symmetries of the grid give others."""
     assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
-    rasters, cells = slice_rasters(robot, 0.17, 0.02, rotations), rotations.make_shape_cells(robot.dim)
-    for number, cell in zip(*np.unique(rotations.assign_slices(robot.shape), return_index=True), strict=True):
+    rasters, cells = (
+        slice_rasters(robot, 0.17, 0.02, rotations),
+        rotations.make_shape_cells(robot.dim),
+    )
+    for number, cell in zip(
+        *np.unique(rotations.assign_slices(robot.shape), return_index=True), strict=True
+    ):
         for one, other in zip(rasters[number], robot.rasters(0.17, 0.02, cells[cell]), strict=True):
             # A piece of the boundary with two equally long sides may be cut across either.
-            assert len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count
+            assert (
+                len(oracles.raster_offsets(one) ^ oracles.raster_offsets(other)) <= 0.02 * one.count
+            )
 
 
 SYMMETRIC = {
     "rectangle": (Robot.rectangle(0.7, 0.3), 2),
     "square": (Robot.rectangle(0.5, 0.5), 4),
-    "cross": (Robot.polygon([shapely.box(-0.4, -0.1, 0.4, 0.1).union(shapely.box(-0.1, -0.4, 0.1, 0.4))]), 4),
+    "cross": (
+        Robot.polygon([shapely.box(-0.4, -0.1, 0.4, 0.1).union(shapely.box(-0.1, -0.4, 0.1, 0.4))]),
+        4,
+    ),
     "two discs": (Robot.from_balls([(0.3, 0.1), (-0.3, -0.1)], 0.15), 2),
     "four discs": (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 4),
     "disc": (Robot.disc(0.25), 0),
@@ -112,7 +126,11 @@ def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
     assert shared.cell_states.shape == alone.cell_states.shape == (count, 25, 20)
     assert (shared.cell_states == alone.cell_states).all()
     assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
-    assert shared.count() == alone.count() == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
+    assert (
+        shared.count()
+        == alone.count()
+        == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
+    )
 
 
 def test_unequal_rotation_cells_share_slices_only_for_discs():

@@ -26,7 +26,9 @@ WIDEST_TURNS = {"turning": 5, "yawing": 4}
 
 def draw_map(name: str, rng: np.random.Generator) -> CSpace:
     """Draw a small map with some MIXED cells."""
-    cells = tuple((rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist())
+    cells = tuple(
+        (rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist()
+    )
     shape = (WIDEST_TURNS[name], *cells) if name in WIDEST_TURNS else cells
     state = np.where(rng.random(shape) < rng.uniform(0.02, 0.3), MIXED, FREE).astype(np.uint8)
     return build_from_states(state, WIDEST_TURNS.get(name), spacing=0.5)
@@ -48,7 +50,10 @@ def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     turns, size = len(space.rotations), math.prod(space.grid.shape)
     straight = [False] * space.grid.dim
     parts = [link_cells(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
-    within = [(first + k * size, last + k * size, 0.5 * metres) for k, (first, last, metres) in enumerate(parts)]
+    within = [
+        (first + k * size, last + k * size, 0.5 * metres)
+        for k, (first, last, metres) in enumerate(parts)
+    ]
     if space.rotations.names:
         first, last, cells = link_cells(wide.reshape(turns, size), [True, False], corners=False)
         turned = first % size == last % size
@@ -103,7 +108,9 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
         parts = [
-            space.rotations.add_steps(np.repeat(a[None], 30, axis=0), shares * space.rotations.steps_between(a, b))
+            space.rotations.add_steps(
+                np.repeat(a[None], 30, axis=0), shares * space.rotations.steps_between(a, b)
+            )
             for a, b in itertools.pairwise(pulled)
         ]
         passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
@@ -120,7 +127,9 @@ def draw_map_with_offset_robot(name: str, outside: str, rng: np.random.Generator
         robot = Robot.rectangle(1.5, 0.3, center) if flat else Robot.box((1.5, 0.3, 0.3), center)
     else:
         robot = Robot.disc(0.2, center) if flat else Robot.ball(0.2, center)
-    return build(Workspace.from_array(cells, 1.0), robot, outside=outside, rotations=WIDEST_TURNS.get(name))
+    return build(
+        Workspace.from_array(cells, 1.0), robot, outside=outside, rotations=WIDEST_TURNS.get(name)
+    )
 
 
 def measure_clearances(space: CSpace, beyond: int) -> np.ndarray:
@@ -129,14 +138,20 @@ def measure_clearances(space: CSpace, beyond: int) -> np.ndarray:
     Cells up to ``beyond`` cells outside the grid count. Each is asked for its state.
     """
     grid, distances = space.grid, []
-    cells = np.stack(np.meshgrid(*(np.arange(-beyond, n + beyond) for n in grid.shape), indexing="ij"), axis=-1)
+    cells = np.stack(
+        np.meshgrid(*(np.arange(-beyond, n + beyond) for n in grid.shape), indexing="ij"), axis=-1
+    )
     cells, inner = cells.reshape(-1, grid.dim), np.array(list(np.ndindex(*grid.shape)))
-    for center in list_cell_centers(space).reshape(len(space.rotations), -1, space.size)[:, 0, grid.dim :]:
+    for center in list_cell_centers(space).reshape(len(space.rotations), -1, space.size)[
+        :, 0, grid.dim :
+    ]:
         points = np.column_stack([grid.center_of(cells), np.tile(center, (len(cells), 1))])
         taken = cells[~np.asarray(space.is_free(points))]
         free = ~(inner[:, None] == taken).all(axis=2).any(axis=1)
         gaps = np.maximum(np.abs(inner[:, None] - taken) - 0.5, 0.0)
-        distances.append(np.where(free, np.linalg.norm(gaps, axis=2).min(axis=1, initial=1024.0), 0.0))
+        distances.append(
+            np.where(free, np.linalg.norm(gaps, axis=2).min(axis=1, initial=1024.0), 0.0)
+        )
     return np.concatenate(distances)
 
 
@@ -184,7 +199,9 @@ def test_widest_path_takes_the_wide_passage(name: str) -> None:
     assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
     back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
     there = space.find_widest_path(*ENDPOINTS[name], straight=False)
-    assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
+    assert np.asarray(space.clearance(back)).min() == pytest.approx(
+        np.asarray(space.clearance(there)).min(), abs=2e-3
+    )
 
 
 def test_memory_does_not_grow_with_path_length() -> None:
@@ -197,7 +214,11 @@ def test_memory_does_not_grow_with_path_length() -> None:
     path = space.find_widest_path(*endpoints)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert space.certify_path(path).all() and compute_length(space, path) > 29 * 190 and peak < 100 * state.size
+    assert (
+        space.certify_path(path).all()
+        and compute_length(space, path) > 29 * 190
+        and peak < 100 * state.size
+    )
 
 
 @pytest.mark.parametrize("name", ["plane", "turning"])
@@ -214,7 +235,9 @@ def test_threads_find_the_same_paths() -> None:
     pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
     expected = [copy.copy(space).find_widest_path(*pair) for pair in pairs]
     with ThreadPoolExecutor(4) as pool:
-        for paths in pool.map(lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)):
+        for paths in pool.map(
+            lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)
+        ):
             assert all(map(np.array_equal, paths, expected))
 
 
@@ -233,5 +256,7 @@ def test_widest_path_follows_obstacle_changes() -> None:
 def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space = build_room("plane")
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(InputError, match=r"to search it by clearance.* needs about .* of memory.*at most 950 bytes"):
+    with pytest.raises(
+        InputError, match=r"to search it by clearance.* needs about .* of memory.*at most 950 bytes"
+    ):
         space.find_widest_path(*ENDPOINTS["plane"])

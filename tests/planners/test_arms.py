@@ -34,14 +34,20 @@ def test_planners_and_options_of_arms_can_be_chosen(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["BiRRT", *planners.planner_names()])
 def test_every_planner_finds_a_proven_path(tmp_path: Path, name: str) -> None:
     space = space_of(tmp_path)
-    for limit in (0.05, 0.5, 20.0):  # anytime planners use all of it; a busy machine needs the longer limits
+    for limit in (
+        0.05,
+        0.5,
+        20.0,
+    ):  # anytime planners use all of it; a busy machine needs the longer limits
         plan = planners.plan(space, START, GOAL, planner=name, time_limit=limit, seed=1)
         if plan.solved:
             break
         assert "unknown whether one exists" in plan.status and "more time" in plan.hint
     assert plan.certified and not (plan.is_connected or plan.is_disconnected) and plan.exact
     assert np.array_equal(plan.path[[0, -1]], [START, GOAL]) and plan.axes == ("shoulder", "elbow")
-    between = np.concatenate([np.linspace(a, b, 60) for a, b in zip(plan.path[:-1], plan.path[1:], strict=True)])
+    between = np.concatenate(
+        [np.linspace(a, b, 60) for a, b in zip(plan.path[:-1], plan.path[1:], strict=True)]
+    )
     assert np.asarray(space.is_free(between)).all()
     assert plan.length == pytest.approx(np.linalg.norm(np.diff(plan.path, axis=0), axis=1).sum())
     room = np.asarray(space.obstacle_distance(between)).min()
@@ -69,7 +75,9 @@ def test_a_continuous_joint_takes_the_shorter_direction(tmp_path: Path) -> None:
     for planner in ("BiRRT", "RRTConnect"):
         around = planners.plan(space, START, (2.8, 0.0), planner=planner, time_limit=20.0, seed=2)
         assert around.certified and space.certify_path(around.path).all()
-        assert around.path[-1] == pytest.approx((2.8 - 2 * np.pi, 0.0))  # the post blocks the other direction
+        assert around.path[-1] == pytest.approx(
+            (2.8 - 2 * np.pi, 0.0)
+        )  # the post blocks the other direction
 
 
 @pytest.mark.parametrize("planner", [None, "RRTConnect"])
@@ -114,9 +122,9 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     checker, state = setup.getStateValidityChecker(), setup.getSpaceInformation().allocState()
     for q in (START, GOAL, (0.37, 0.0)):  # the last configuration is in collision
         kind_of(space).write(state, *q)
-        assert checker.clearance(state) == space.obstacle_distance(q) and (checker.clearance(state) > 0.0) == (
-            q != (0.37, 0.0)
-        )
+        assert checker.clearance(state) == space.obstacle_distance(q) and (
+            checker.clearance(state) > 0.0
+        ) == (q != (0.37, 0.0))
     kind_of(space).write(state, 0.0, 9.0)  # beyond the limits of the elbow
     assert checker.clearance(state) == 0.0
 
@@ -126,7 +134,9 @@ def test_plans_of_an_arm_are_shortened_unless_told_otherwise(tmp_path: Path) -> 
     options: dict[str, Any] = {"seed": 3, "time_limit": 60.0}
     first = planners.plan(space, START, GOAL, simplify=False, iterations=5, **options)
     np.testing.assert_array_equal(first.path, space.find_path(START, GOAL, straight=False, seed=3))
-    plans = [planners.plan(space, START, GOAL, iterations=count, **options) for count in (1, 5, None)]
+    plans = [
+        planners.plan(space, START, GOAL, iterations=count, **options) for count in (1, 5, None)
+    ]
     lengths = [first.length, *(plan.length for plan in plans)]
     assert lengths == sorted(lengths, reverse=True) and lengths[-1] < lengths[0]
     straight = math.dist(START, GOAL)
@@ -140,11 +150,19 @@ def test_plans_of_an_arm_are_shortened_unless_told_otherwise(tmp_path: Path) -> 
 def test_every_planner_moves_joints_by_a_few_millimetres(tmp_path: Path, planner: str) -> None:
     cube = ((0.001, 0.001, 0.001), (0, 0, 0))
     slides: dict[str, Any] = {"kind": "prismatic", "limits": (0.0, 0.006)}
-    parts = joint("x", "base", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "pin", axis=(0, 1, 0), **slides)
+    parts = (
+        joint("x", "base", "rail", axis=(1, 0, 0), **slides),
+        joint("y", "rail", "pin", axis=(0, 1, 0), **slides),
+    )
     arm = Arm.from_urdf(write_urdf(tmp_path, link("base"), link("rail"), link("pin", cube), *parts))
     space = build_arm_space({"wall": posed_box((0.001, 0.006, 0.001), 0.003, 0.0)}, arm)
-    for limit in (0.2, 20.0):  # anytime planners use all of it; a busy machine needs the longer limit
-        plan = planners.plan(space, (0.0, 0.0), (0.006, 0.0), planner=planner, time_limit=limit, seed=1)
+    for limit in (
+        0.2,
+        20.0,
+    ):  # anytime planners use all of it; a busy machine needs the longer limit
+        plan = planners.plan(
+            space, (0.0, 0.0), (0.006, 0.0), planner=planner, time_limit=limit, seed=1
+        )
         if plan.solved:
             break
     assert plan.certified and 0.0085 < plan.length < 0.02
@@ -152,7 +170,10 @@ def test_every_planner_moves_joints_by_a_few_millimetres(tmp_path: Path, planner
 
 def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path: Path) -> None:
     links = link("base"), link("mast"), link("head", ((0.1, 0.1, 0.1), (0.5, 0, 0)))
-    parts = joint("spin", "base", "mast", kind="continuous", limits=None), joint("lift", "mast", "head", limits=(1, 1))
+    parts = (
+        joint("spin", "base", "mast", kind="continuous", limits=None),
+        joint("lift", "mast", "head", limits=(1, 1)),
+    )
     space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *links, *parts)))
     assert planners.plan(space, (0.0, 1.0), (2.0, 1.0)).certified
     message = r"space spans 0 rad; OMPL's planners need at least .* rad; use planner='BiRRT', or joints of type 'fixed'"
@@ -184,7 +205,9 @@ def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path:
     ({"turning_radius": 1.0}, "a radius is for curves"),
     ({"time_limit": 0.0}, "time_limit"),
 )
-def test_plans_of_arms_reject_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_plans_of_arms_reject_invalid_arguments(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
     given = {"start": START, "goal": GOAL, **options}
     with pytest.raises(InputError, match=message):
         planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)

@@ -33,10 +33,14 @@ def pairs(n: int, radius: float, seed: int = 0) -> np.ndarray:
     """Draw pairs of configurations at many multiples of the radius."""
     rng = np.random.default_rng(seed)
     reach = radius * rng.choice([0.01, 1.0, 4.0, 20.0], (n, 1, 1))
-    q = rng.uniform(-1.0, 1.0, (n, 2, 3)) * np.concatenate([reach, reach, np.full_like(reach, math.pi)], axis=-1)
+    q = rng.uniform(-1.0, 1.0, (n, 2, 3)) * np.concatenate(
+        [reach, reach, np.full_like(reach, math.pi)], axis=-1
+    )
     q[::5, 1, 2] = q[::5, 0, 2]  # parallel
     heading = np.stack([np.cos(q[::10, 0, 2]), np.sin(q[::10, 0, 2])], axis=-1)
-    q[::10, 1, :2] = q[::10, 0, :2] + heading * rng.uniform(-3.0, 3.0, (len(heading), 1))  # straight on, or back
+    q[::10, 1, :2] = q[::10, 0, :2] + heading * rng.uniform(
+        -3.0, 3.0, (len(heading), 1)
+    )  # straight on, or back
     return q
 
 
@@ -61,7 +65,7 @@ def drive(first: Any, word: Any, radius: float, steps: int = 4000) -> np.ndarray
     return np.array([x, y, yaw])
 
 
-# ---- words -----------------------------------------------------------------------------------------------------------
+# ---- words ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("radius", TURNING_RADII)
@@ -73,7 +77,9 @@ def test_curves_are_at_most_as_long_as_ompls(name: str, radius: float) -> None:
         theirs = states.distance(*as_states(states, a, b))
         assert length <= theirs + 2e-6 * radius
         longer += length < theirs - 2e-6 * radius
-    assert longer <= 3  # OMPL sometimes misses the shortest curve to a goal straight ahead or behind
+    assert (
+        longer <= 3
+    )  # OMPL sometimes misses the shortest curve to a goal straight ahead or behind
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -119,7 +125,7 @@ def test_a_curve_between_its_points_is_no_longer_than_the_part(name: str) -> Non
         assert curves.metres(*part) <= (t - s) + 1e-6
 
 
-# ---- proofs ----------------------------------------------------------------------------------------------------------
+# ---- proofs --------------------------------------------------------------------------------------
 
 
 def draw_edges(space: CSpace, n: int, seed: int) -> np.ndarray:
@@ -133,7 +139,9 @@ def draw_edges(space: CSpace, n: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("radius", [0.3, 1.0])
 @pytest.mark.parametrize("name", CURVES)
-def test_a_proven_curve_is_free_at_a_thousand_points(space: CSpace, name: str, radius: float) -> None:
+def test_a_proven_curve_is_free_at_a_thousand_points(
+    space: CSpace, name: str, radius: float
+) -> None:
     local = local_planner(space, False, name, radius)
     check, kinds, curves = local.edge_checker(), set(), curve(name, radius, space)
     for a, b in draw_edges(space, 400, 0):
@@ -189,7 +197,11 @@ def test_the_curve_that_ompl_interpolates_is_free(space: CSpace, name: str) -> N
 def test_two_equally_short_curves_must_both_be_free() -> None:
     # Two such curves lead a car without reverse to a goal straight behind.
     clear, blocked = (
-        build(Workspace.from_array(fill_boxes((200, 200), *boxes), 0.1), Robot.rectangle(0.9, 0.5), rotations=72)
+        build(
+            Workspace.from_array(fill_boxes((200, 200), *boxes), 0.1),
+            Robot.rectangle(0.9, 0.5),
+            rotations=72,
+        )
         for boxes in ((), (np.s_[80:120, 79:85],))
     )
     for a, b in (((10.0, 10.0, 0.0), (9.0, 10.0, 0.0)), ((10.0, 10.0, 0.0), (8.5, 10.0, 0.0))):
@@ -201,7 +213,9 @@ def test_two_equally_short_curves_must_both_be_free() -> None:
 @pytest.mark.parametrize("hair", [(0.0, 0.0, 1e-12), (0.0, 1e-7, 0.0), (5e-10, 0.0, 0.0)])
 def test_a_goal_a_hair_from_the_start_is_reached(space: CSpace, name: str, hair: Any) -> None:
     start = np.array([1.05, 1.05, 0.1])
-    plan = planners.plan(space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1)
+    plan = planners.plan(
+        space, start, start + hair, drive=name, turning_radius=0.5, time_limit=2.0, seed=1
+    )
     assert plan.solved and plan.certified and plan.clearance >= 0.0
 
 
@@ -233,7 +247,9 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
         others = free.rotations.cell_of(points[:, 2])
         far = next((k for k in range(36) if np.min(np.abs((others - k + 18) % 36 - 18)) > 1), None)
         if far is not None:
-            assert local_planner(free_except_cell((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
+            assert local_planner(
+                free_except_cell((far, *cell[1:])), False, name, 0.6
+            ).edge_checker()(*a, *b)
         hits += 1
     assert hits > 40 and tied <= (3 if name == "reeds-shepp" else 0)
 
@@ -241,7 +257,10 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
 def test_a_curve_that_leaves_the_map_is_not_proven() -> None:
     space = free_except_cell((0, 0, 0), FREE)
     open_space = build(
-        Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1), Robot.disc(0.01), rotations=4, outside="free"
+        Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1),
+        Robot.disc(0.01),
+        rotations=4,
+        outside="free",
     )
     for each in (space, open_space):
         check = local_planner(each, False, "dubins", 1.0).edge_checker()
@@ -259,11 +278,13 @@ def test_a_curve_with_nan_or_infinity_is_not_proven(space: CSpace) -> None:
                 assert not check(*q)
 
 
-# ---- dense paths -----------------------------------------------------------------------------------------------------
+# ---- dense paths ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", CURVES)
-def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(space: CSpace, name: str) -> None:
+def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
+    space: CSpace, name: str
+) -> None:
     curves = curve(name, 0.5, space)
     waypoints = np.concatenate([pairs(20, 0.5, seed=6).reshape(-1, 3)])
     path, direction = curves.resample(waypoints)
@@ -271,15 +292,24 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(space: CSpace
     rows = [tuple(row) for row in path.tolist()]
     indices = [rows.index(tuple(q)) for q in waypoints.tolist()]
     assert indices == sorted(indices) and indices[0] == 0 and indices[-1] == len(path) - 1
-    steps, turns = np.hypot(*np.diff(path[:, :2], axis=0).T), turn_between(path[:-1, 2], path[1:, 2])
-    assert steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
-    for (a, b), (i, j) in zip(itertools.pairwise(waypoints), itertools.pairwise(indices), strict=True):
+    steps, turns = (
+        np.hypot(*np.diff(path[:, :2], axis=0).T),
+        turn_between(path[:-1, 2], path[1:, 2]),
+    )
+    assert (
+        steps.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= math.radians(5) + 1e-9
+    )
+    for (a, b), (i, j) in zip(
+        itertools.pairwise(waypoints), itertools.pairwise(indices), strict=True
+    ):
         length = curves.metres(a, b)
         fine = curves.points(a, b, np.linspace(0.0, length, 5000))
         assert cKDTree(fine[:, :2]).query(path[i : j + 1, :2])[0].max() < length / 5000 + 1e-6
     # The direction is the sign of the motion along the heading halfway between two rows.
     halfway = path[:-1, 2] + turns / 2
-    ahead = (np.diff(path[:, :2], axis=0) * np.stack([np.cos(halfway), np.sin(halfway)], axis=-1)).sum(axis=1)
+    ahead = (
+        np.diff(path[:, :2], axis=0) * np.stack([np.cos(halfway), np.sin(halfway)], axis=-1)
+    ).sum(axis=1)
     clear = steps > 1e-6
     assert (np.sign(ahead[clear]) == direction[1:][clear]).all()
     assert (set(direction.tolist()) == {1, -1}) == (name == "reeds-shepp")

@@ -9,7 +9,15 @@ from ompl import base as ob
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
 from tests.handmade import fill_boxes
-from tests.planning import CAR_OPTIONS, SPACES, bounds_of, build_room, draw_around, draw_edges, make_state
+from tests.planning import (
+    CAR_OPTIONS,
+    SPACES,
+    bounds_of,
+    build_room,
+    draw_around,
+    draw_edges,
+    make_state,
+)
 
 
 @pytest.fixture(params=SPACES)
@@ -28,7 +36,9 @@ def test_state_checks_equal_map_queries(space: CSpace) -> None:
     assert bounds_of(setup.getStateSpace()) == [*space.grid.lower, *space.grid.upper]
     si.setup()
     if space.size == space.grid.dim:
-        assert setup.getStateSpace().getLongestValidSegmentLength() == pytest.approx(space.grid.spacing / 2)
+        assert setup.getStateSpace().getLongestValidSegmentLength() == pytest.approx(
+            space.grid.spacing / 2
+        )
 
 
 def test_motion_checks_equal_map_queries(space: CSpace) -> None:
@@ -41,7 +51,10 @@ def test_motion_checks_equal_map_queries(space: CSpace) -> None:
 
 
 def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
-    si, states = (setup := planners.simple_setup(space)).getSpaceInformation(), setup.getStateSpace()
+    si, states = (
+        (setup := planners.simple_setup(space)).getSpaceInformation(),
+        setup.getStateSpace(),
+    )
     between, read, kinds = si.allocState(), planners.states.kind_of(space).read, set()
     for a, b in zip(*draw_edges(space, 150, 5), strict=True):
         first, second = make_state(space, si, a), make_state(space, si, b)
@@ -77,10 +90,17 @@ def test_a_thin_wall_is_not_stepped_over_as_by_ompl_alone() -> None:
     bare = ob.SpaceInformation(planners.state_space(thin))
     bare.setStateValidityChecker(planners.StateValidityChecker(bare, thin))
     bare.setup()
-    crossings = [((20.05 - a, 0.4), (20.05 + b, 0.4)) for a in np.arange(0.3, 2, 0.13) for b in np.arange(0.3, 2, 0.13)]
+    crossings = [
+        ((20.05 - a, 0.4), (20.05 + b, 0.4))
+        for a in np.arange(0.3, 2, 0.13)
+        for b in np.arange(0.3, 2, 0.13)
+    ]
 
     def crosses(info: Any) -> bool:
-        return any(info.checkMotion(make_state(thin, info, a), make_state(thin, info, b)) for a, b in crossings)
+        return any(
+            info.checkMotion(make_state(thin, info, a), make_state(thin, info, b))
+            for a, b in crossings
+        )
 
     assert crosses(bare) and not crosses(si)
 
@@ -91,7 +111,10 @@ def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
     si, checker = setup.getSpaceInformation(), setup.getStateValidityChecker()
     validator = si.getMotionValidator()
     free = make_state(space, si, space.sample_free(rng=np.random.default_rng(0)))
-    for queried, answerer in ((lambda: si.isValid(free), checker), (lambda: si.checkMotion(free, free), validator)):
+    for queried, answerer in (
+        (lambda: si.isValid(free), checker),
+        (lambda: si.checkMotion(free, free), validator),
+    ):
         before = queried()
         answerer._override(lambda *_: False)
         assert queried() is False
@@ -100,15 +123,22 @@ def test_answers_can_be_overridden_and_restored(space: CSpace) -> None:
 
 
 def test_curves_require_a_robot_that_rotates_in_the_plane() -> None:
-    for name, message in (("plane", "are .x, y.;.*rotations=72"), ("floating", "qx.*leave drive out")):
+    for name, message in (
+        ("plane", "are .x, y.;.*rotations=72"),
+        ("floating", "qx.*leave drive out"),
+    ):
         space = build_room(name)
         si = planners.simple_setup(space).getSpaceInformation()
         options: dict[str, Any] = {"drive": "dubins", **CAR_OPTIONS}
         for make in (
             lambda space=space, options=options: planners.state_space(space, **options),
             lambda space=space, options=options: planners.simple_setup(space, **options),
-            lambda space=space, options=options, si=si: planners.MotionValidator(si, space, **options),
-            lambda space=space, options=options, si=si: planners.ClearanceObjective(si, space, **options),
+            lambda space=space, options=options, si=si: planners.MotionValidator(
+                si, space, **options
+            ),
+            lambda space=space, options=options, si=si: planners.ClearanceObjective(
+                si, space, **options
+            ),
         ):
             with pytest.raises(InputError, match=message):
                 make()

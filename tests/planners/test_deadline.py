@@ -10,7 +10,11 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from cspace.compiling import clock
-from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
+from planners.catalogue import (
+    PLANNERS_REFUSED_BY_DRIVE,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
+)
 from planners.local_planner import CarCurves, TurnDriveTurn
 from planners.search import Deadline, OutOfTime
 from tests.planning import (
@@ -41,7 +45,9 @@ def in_time(space: Any, endpoints: Any, limit: float = LIMIT, **options: Any) ->
         taken = time.perf_counter() - began
         if taken < limit + 0.25:
             break
-    assert taken < limit + 0.25 and plan.times.planning + plan.times.simplification < limit + 0.25, plan
+    assert (
+        taken < limit + 0.25 and plan.times.planning + plan.times.simplification < limit + 0.25
+    ), plan
     return plan
 
 
@@ -65,7 +71,11 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
     assert not in_time(parted, others, FUTILE_LIMIT, **options).solved
     plan = in_time(space, endpoints, FUTILE_LIMIT, **options)
     # Anytime planners use all their time and return their best path.
-    assert planner not in ANYTIME_PLANNERS or not plan.solved or plan.times.planning >= 0.9 * FUTILE_LIMIT
+    assert (
+        planner not in ANYTIME_PLANNERS
+        or not plan.solved
+        or plan.times.planning >= 0.9 * FUTILE_LIMIT
+    )
     if planner not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         in_time(space, endpoints, FUTILE_LIMIT, objective="clearance", **options)
 
@@ -95,7 +105,12 @@ def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
     options: dict[str, Any], owner: Any, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Only the costs of edges take time, 20 ms for each waypoint.
-    space, endpoints, now, compute_costs = build_room("turning"), ENDPOINTS["turning"], [0.0], getattr(owner, name)
+    space, endpoints, now, compute_costs = (
+        build_room("turning"),
+        ENDPOINTS["turning"],
+        [0.0],
+        getattr(owner, name),
+    )
 
     def slow(*args: Any) -> Any:
         now[0] += 0.02
@@ -103,7 +118,9 @@ def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
 
     monkeypatch.setattr(owner, name, slow)
     monkeypatch.setattr(type(clock), "__call__", lambda _: now[0])
-    rough = planners.plan(space, *endpoints, planner="Lattice", simplify=False, time_limit=0.01, **options)
+    rough = planners.plan(
+        space, *endpoints, planner="Lattice", simplify=False, time_limit=0.01, **options
+    )
     assert rough.certified and now[0] <= 0.1  # the edge to the goal
     plan = planners.plan(space, *endpoints, planner="Lattice", time_limit=0.01, **options)
     assert plan.certified and 0.0 < plan.times.planning < 0.01 + 0.25
@@ -137,7 +154,9 @@ def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
 
     space = build_room("plane")
     plan = in_time(space, ENDPOINTS["plane"], planner="FMT", objective=lambda si: Slow(si, space))
-    assert slow and plan.solved and plan.status.startswith("path found: the first one, by RRTConnect")
+    assert (
+        slow and plan.solved and plan.status.startswith("path found: the first one, by RRTConnect")
+    )
 
 
 def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,10 +175,16 @@ def test_a_simplification_that_takes_too_long_is_cut_off(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize(
     "options",
-    [{"planner": "RRTConnect"}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}],
+    [
+        {"planner": "RRTConnect"},
+        {"planner": "RRTstar"},
+        {"planner": "RRTstar", "objective": "clearance"},
+    ],
     ids=str,
 )
-def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiling_takes_no_time_from_the_search(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls: list[int] = []
 
     class Compiled(planners.MotionValidator):
@@ -170,7 +195,9 @@ def test_compiling_takes_no_time_from_the_search(options: dict[str, Any], monkey
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
-    plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options)
+    plan = planners.plan(
+        build_room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options
+    )
     assert plan.solved and len(calls) > 1
     assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
 

@@ -27,8 +27,11 @@ def unite_blocked(states: np.ndarray) -> shapely.Geometry:
     return shapely.union_all([*cells, shapely.box(-99, -99, 199, 199) - shapely.box(0, 0, *sides)])
 
 
-def compute_costs(starts: Floats, ends: Floats, blocked: shapely.Geometry, threshold: float) -> Floats:
-    """Integrate the cost of a metre along edges in the plane; arrays have shape (n, 2), the costs (n,)."""
+def compute_costs(
+    starts: Floats, ends: Floats, blocked: shapely.Geometry, threshold: float
+) -> Floats:
+    """Integrate the cost of a metre along edges in the plane; arrays have shape (n, 2), the costs
+    (n,)."""
     shares = (np.arange(SAMPLES_PER_EDGE) + 0.5) / SAMPLES_PER_EDGE
     points = starts[:, None] + (ends - starts)[:, None] * shares[:, None]
     clearances = shapely.distance(blocked, shapely.points(points))
@@ -36,8 +39,11 @@ def compute_costs(starts: Floats, ends: Floats, blocked: shapely.Geometry, thres
     return np.linalg.norm(ends - starts, axis=1) * factors.mean(axis=1)
 
 
-def compute_cheapest_chain(free: Bools, blocked: shapely.Geometry, threshold: float, first: Ints, last: Ints) -> float:
-    """Return the least cost of a chain of free cells joined through sides and corners, infinity if none exists."""
+def compute_cheapest_chain(
+    free: Bools, blocked: shapely.Geometry, threshold: float, first: Ints, last: Ints
+) -> float:
+    """Return the least cost of a chain of free cells joined through sides and corners, infinity if
+    none exists."""
     cells = np.argwhere(free)
     number = np.full(np.add(free.shape, 2), -1)  # with a frame that is not free
     number[1:-1, 1:-1][free] = np.arange(len(cells))
@@ -45,7 +51,9 @@ def compute_cheapest_chain(free: Bools, blocked: shapely.Geometry, threshold: fl
     for step in ((1, 0), (0, 1), (1, 1), (1, -1)):
         touched = [cells + 1 + part for part in ((step[0], 0), (0, step[1]), step)]
         joined = np.all([number[tuple(each.T)] >= 0 for each in touched], axis=0)
-        pairs.append(np.column_stack([np.flatnonzero(joined), number[tuple(touched[-1][joined].T)]]))
+        pairs.append(
+            np.column_stack([np.flatnonzero(joined), number[tuple(touched[-1][joined].T)]])
+        )
     rows, columns = np.concatenate(pairs).T
     costs = compute_costs(cells[rows] + 0.5, cells[columns] + 0.5, blocked, threshold)
     graph = coo_array((costs, (rows, columns)), shape=(len(cells),) * 2).tocsr()
@@ -59,7 +67,11 @@ def test_plans_cost_hardly_more_than_the_cheapest_chain_of_cells(seed: int) -> N
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(15, 45, 2), dtype=np.bool_)
     for corner in rng.integers(0, occupied.shape, (4, 2)):
-        occupied[tuple(slice(c, c + side) for c, side in zip(corner, rng.integers(1, 12, 2), strict=True))] = True
+        occupied[
+            tuple(
+                slice(c, c + side) for c, side in zip(corner, rng.integers(1, 12, 2), strict=True)
+            )
+        ] = True
     sides = rng.uniform(1.5, 6.0, 2)
     space = cspace.build(cspace.Workspace.from_array(occupied, 1.0), cspace.Robot.rectangle(*sides))
     states, threshold = space.cell_states, float(sides.max())
@@ -73,7 +85,10 @@ def test_plans_cost_hardly_more_than_the_cheapest_chain_of_cells(seed: int) -> N
     assert plan.certified and plan.planner == "Grid"
     cost = compute_costs(plan.waypoints[:-1], plan.waypoints[1:], blocked, threshold).sum()
     short = planners.plan(space, first + 0.5, last + 0.5)
-    assert cost <= compute_costs(short.waypoints[:-1], short.waypoints[1:], blocked, threshold).sum() * 1.02
+    assert (
+        cost
+        <= compute_costs(short.waypoints[:-1], short.waypoints[1:], blocked, threshold).sum() * 1.02
+    )
     assert cost <= compute_cheapest_chain(states == FREE, blocked, threshold, first, last) * 1.1
 
 
@@ -93,9 +108,15 @@ def test_plans_in_every_space_are_certified_and_clearer(name: str) -> None:
     space, ends = build_room(name), ENDPOINTS[name]
     plan, short = planners.plan(space, *ends, objective="clearance"), planners.plan(space, *ends)
     assert plan.certified and plan.planner == "Grid" and plan.objective == "clearance"
-    assert planners.plan(space, *ends, objective="clearance").waypoints.tolist() == plan.waypoints.tolist()
+    assert (
+        planners.plan(space, *ends, objective="clearance").waypoints.tolist()
+        == plan.waypoints.tolist()
+    )
     assert space.clearance(plan.path).mean() > space.clearance(short.path).mean()
-    assert short.length + 0.5 * short.total_rotation <= (plan.length + 0.5 * plan.total_rotation) * 1.05
+    assert (
+        short.length + 0.5 * short.total_rotation
+        <= (plan.length + 0.5 * plan.total_rotation) * 1.05
+    )
     assert planners.plan(space, *ends, objective="clearance", simplify=False).certified
 
 

@@ -1,4 +1,5 @@
-"""The search on a lattice of headings: proofs, lengths, failures, parking, and the map of an office."""
+"""The search on a lattice of headings: proofs, lengths, failures, parking, and the map of an
+office."""
 
 import math
 import sys
@@ -86,16 +87,23 @@ def test_paths_of_the_lattice_are_certified_and_keep_exact_footprints_off_obstac
         plan = planners.plan(space, start, goal, planner="Lattice", time_limit=20.0, **options)
         assert plan.certified == plan.solved
         if plan.solved:
-            assert plan.waypoints[0].tolist() == start.tolist() and plan.waypoints[-1].tolist() == goal.tolist()
+            assert (
+                plan.waypoints[0].tolist() == start.tolist()
+                and plan.waypoints[-1].tolist() == goal.tolist()
+            )
             for x, y, yaw in sample_motion(plan, options["drive"], options.get("turning_radius")):
                 c, s = math.cos(yaw), math.sin(yaw)
-                shape = shapely.affinity.affine_transform(shapely.Polygon(FOOTPRINT), (c, -s, s, c, x, y))
+                shape = shapely.affinity.affine_transform(
+                    shapely.Polygon(FOOTPRINT), (c, -s, s, c, x, y)
+                )
                 assert not obstacles.intersects(shape)
 
 
 @pytest.mark.parametrize("options", DRIVES[:2], ids=IDS[:2])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(options: dict[str, Any], seed: int) -> None:
+def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(
+    options: dict[str, Any], seed: int
+) -> None:
     space, rng = world(seed), np.random.default_rng(seed)
     graph, joined = join_eight_headings(space, options["drive"]), 0
     for _ in range(6):
@@ -115,7 +123,9 @@ def test_the_lattice_repeats_its_path(options: dict[str, Any]) -> None:
     plans = [planners.plan(space, start, goal, time_limit=20.0, **options) for _ in range(2)]
     assert plans[0].certified and plans[0].planner == "Lattice"
     assert plans[0].waypoints.tolist() == plans[1].waypoints.tolist()
-    rough = planners.plan(space, start, goal, planner="lattice", simplify=False, time_limit=20.0, **options)
+    rough = planners.plan(
+        space, start, goal, planner="lattice", simplify=False, time_limit=20.0, **options
+    )
     assert rough.certified and len(rough.waypoints) >= len(plans[0].waypoints)
 
 
@@ -124,7 +134,8 @@ RESOLVE = "a finer spacing or more rotations (MIXED cells lie between)"
 
 
 def sideways() -> tuple[CSpace, tuple[float, ...], tuple[float, ...]]:
-    """Return a map that is FREE at one yaw alone, and a query that only a robot which moves sideways can drive."""
+    """Return a map that is FREE at one yaw alone, and a query that only a robot which moves
+    sideways can drive."""
     states = np.full((8, 20, 20), BLOCKED, dtype=np.uint8)
     states[0, 3:17, 3:17] = FREE
     return build_from_states(states, 8), (10.5, 5.5, 0.0), (10.5, 14.5, 0.0)
@@ -136,7 +147,10 @@ def test_the_status_says_that_the_lattice_has_no_path(options: dict[str, Any]) -
     for planner in (None, "Lattice"):
         plan = planners.plan(space, start, goal, planner=planner, time_limit=0.5, **options)
         assert not plan.solved and not plan.is_disconnected
-        assert "the lattice of 16 headings has no path; one exists for a robot that also moves" in plan.status
+        assert (
+            "the lattice of 16 headings has no path; one exists for a robot that also moves"
+            in plan.status
+        )
     ahead = planners.plan(space, start, (14.5, 5.5, 0.0), planner="Lattice", **options)
     assert ahead.certified and "no search needed" in ahead.status
 
@@ -147,22 +161,40 @@ def dead_end() -> CSpace:
     return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=72)
 
 
-def test_a_search_that_ends_at_its_limit_of_nodes_does_not_ask_for_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_ends_at_its_limit_of_nodes_does_not_ask_for_more_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("planners.lattice.MAX_NODES", (10, 10, 2000))
     # A robot that turns on the spot finds its way around a long wall late.
     occupied = fill_boxes((600, 60), np.s_[:570, 28:31])
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
     plan = planners.plan(
-        space, (0.7, 0.7, 0.0), (1.0, 5.0, 3.1), planner="Lattice", time_limit=1000.0, drive="differential"
+        space,
+        (0.7, 0.7, 0.0),
+        (1.0, 5.0, 3.1),
+        planner="Lattice",
+        time_limit=1000.0,
+        drive="differential",
     )
     decide = "planner='RRTConnect' with exact=True"
     assert not plan.solved and plan.hint == f"{RESOLVE}, {decide}, or planner='RRTConnect'"
-    assert "the lattice search ended at its limit of 10 nodes; one exists for a robot that" in plan.status
+    assert (
+        "the lattice search ended at its limit of 10 nodes; one exists for a robot that"
+        in plan.status
+    )
     # A car that cannot enter the corridor in reverse searches the whole room.
-    car: dict[str, Any] = {"drive": "dubins", "turning_radius": 0.3, "planner": "Lattice", "time_limit": 1000.0}
+    car: dict[str, Any] = {
+        "drive": "dubins",
+        "turning_radius": 0.3,
+        "planner": "Lattice",
+        "time_limit": 1000.0,
+    }
     plan = planners.plan(dead_end(), (6.5, 1.75, 0.0), (1.0, 1.75, 1e-3), **car)
     assert not plan.solved and plan.hint == f"{RESOLVE}, a smaller turning_radius, or planner='RRT'"
-    assert "the lattice search ended at its limit of 2,000 nodes; one exists for a robot that" in plan.status
+    assert (
+        "the lattice search ended at its limit of 2,000 nodes; one exists for a robot that"
+        in plan.status
+    )
 
 
 @pytest.mark.parametrize("options", [DRIVES[0], DRIVES[2]], ids=[IDS[0], IDS[2]])
@@ -171,10 +203,14 @@ def test_a_search_without_nodes_left_does_not_ask_for_more_time(options: dict[st
     plan = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1000.0, **options)
     assert not plan.solved
     if options["drive"] == "dubins":
-        assert "; the lattice search reached no more nodes; one exists for a robot that" in plan.status
+        assert (
+            "; the lattice search reached no more nodes; one exists for a robot that" in plan.status
+        )
         assert plan.hint == f"{RESOLVE}, a smaller turning_radius, or planner='RRT'"
     else:
-        assert "; the lattice of 17 headings has no path; one exists for a robot that" in plan.status
+        assert (
+            "; the lattice of 17 headings has no path; one exists for a robot that" in plan.status
+        )
         decide = "planner='RRTConnect' with exact=True"
         assert plan.hint == f"{RESOLVE}, {decide}, or planner='RRTConnect'"
     late = planners.plan(dead_end(), *query, planner="Lattice", time_limit=1e-6, **options)
@@ -206,7 +242,9 @@ def test_finer_cells_are_not_asked_for_where_none_is_undecided() -> None:
 
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        sys.modules["planners.plan"], "find_lattice_path", lambda *_: (np.empty((0, 3)), "the lattice gave up")
+        sys.modules["planners.plan"],
+        "find_lattice_path",
+        lambda *_: (np.empty((0, 3)), "the lattice gave up"),
     )
     space, (start, goal) = build_room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
     plan = planners.plan(space, start, goal, drive="differential", seed=1, time_limit=20.0)
@@ -217,7 +255,9 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.Monk
 
 def test_a_search_that_runs_out_of_time_finds_nothing() -> None:
     space, (start, goal) = build_room("turning"), ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0))
-    plan = planners.plan(space, start, goal, planner="Lattice", drive="differential", time_limit=1e-6)
+    plan = planners.plan(
+        space, start, goal, planner="Lattice", drive="differential", time_limit=1e-6
+    )
     assert not plan.solved and "no path found within" in plan.status
 
 
@@ -236,8 +276,13 @@ def test_a_car_parks_parallel_to_the_road_in_reverse() -> None:
 
 @pytest.mark.parametrize("options", DRIVES, ids=IDS)
 def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
-    """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within 1.73 m."""
-    outer, inner, gap = shapely.box(-20, -20, 20, 20), shapely.box(-17, -17, 17, 17), shapely.box(3, -3, 20, 3)
+    """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within
+    1.73 m."""
+    outer, inner, gap = (
+        shapely.box(-20, -20, 20, 20),
+        shapely.box(-17, -17, 17, 17),
+        shapely.box(3, -3, 20, 3),
+    )
     walls = outer.difference(inner).union(shapely.box(3, -6, 20, 6)).difference(gap)
     workspace = Workspace.from_polygons([walls], 0.5, bounds=(-55, -55, 55, 55))
     space = build(workspace, Robot.rectangle(5.0, 2.5), rotations=72)
@@ -248,18 +293,33 @@ def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
     assert plan.lower_bound < plan.length < 140.0
     if options["drive"] == "reeds-shepp":  # it turns round before it drives far
         assert plan.direction is not None
-        assert np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)[plan.direction[1:] < 0].sum() < 20.0
+        assert (
+            np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)[plan.direction[1:] < 0].sum()
+            < 20.0
+        )
 
 
 @pytest.mark.parametrize("radius", [2.5, 4.0])
 def test_a_car_leaves_one_gap_of_a_full_parking_lot_for_another(data: Path, radius: float) -> None:
     lot, car = (data / "polygons" / f"{name}.geojson" for name in ("parking1", "car"))
-    space = build(Workspace.open(lot, spacing=0.1, bounds=(-5, -18, 25, 4)), Robot.open(car), rotations=72)
-    query, options = ((4.03, -2.6, 1.5708), (9.9, -12.0, -1.5708)), {"turning_radius": radius, "time_limit": 20.0}
+    space = build(
+        Workspace.open(lot, spacing=0.1, bounds=(-5, -18, 25, 4)), Robot.open(car), rotations=72
+    )
+    query, options = (
+        ((4.03, -2.6, 1.5708), (9.9, -12.0, -1.5708)),
+        {"turning_radius": radius, "time_limit": 20.0},
+    )
     plan = planners.plan(space, *query, drive="reeds-shepp", **options)
-    assert plan.certified and plan.planner == "Lattice" and plan.direction is not None and -1 in plan.direction
+    assert (
+        plan.certified
+        and plan.planner == "Lattice"
+        and plan.direction is not None
+        and -1 in plan.direction
+    )
     assert plan.length < 20.0
-    assert not planners.plan(space, *query, drive="dubins", planner="Lattice", **options).solved  # it starts at a wall
+    assert not planners.plan(
+        space, *query, drive="dubins", planner="Lattice", **options
+    ).solved  # it starts at a wall
 
 
 @pytest.mark.parametrize("options", DRIVES, ids=IDS)
@@ -267,12 +327,17 @@ def test_the_lattice_leaves_a_dead_end_as_the_drive_may(options: dict[str, Any])
     """In a corridor too narrow to turn, only robots that reverse leave in the other direction."""
     query = ((1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0))
     plan = planners.plan(dead_end(), *query, time_limit=2.0, planner="Lattice", **options)
-    assert plan.solved == plan.certified == (options["drive"] in ("differential-reverse", "reeds-shepp"))
+    assert (
+        plan.solved
+        == plan.certified
+        == (options["drive"] in ("differential-reverse", "reeds-shepp"))
+    )
 
 
 def test_the_lattice_is_refused_for_robots_that_move_sideways() -> None:
     with pytest.raises(
-        InputError, match=r"planner is 'Lattice' and drive is 'holonomic'.*for all other drives.*'Grid'"
+        InputError,
+        match=r"planner is 'Lattice' and drive is 'holonomic'.*for all other drives.*'Grid'",
     ):
         planners.plan(build_room("turning"), (0.8, 0.8, 0.0), (5.0, 3.2, 2.0), planner="Lattice")
 
@@ -282,10 +347,22 @@ def test_the_office_is_solved_wherever_eight_headings_join_it(data: Path) -> Non
     space, rng, solved = build_office(Workspace.open(data / OFFICE)), np.random.default_rng(0), 0
     for _ in range(7):
         query = draw_joined(space, rng)
-        plan = planners.plan(space, *query, planner="Lattice", drive="differential", time_limit=20.0)
+        plan = planners.plan(
+            space, *query, planner="Lattice", drive="differential", time_limit=20.0
+        )
         assert plan.certified == plan.solved
         straight = plan.lower_bound
-        assert not plan.solved or straight * (1.0 - 1e-9) <= weighted_length(plan) <= 3.0 * straight + 10.0
-        car = planners.plan(space, *query, planner="Lattice", drive="reeds-shepp", turning_radius=0.5, time_limit=20.0)
+        assert (
+            not plan.solved
+            or straight * (1.0 - 1e-9) <= weighted_length(plan) <= 3.0 * straight + 10.0
+        )
+        car = planners.plan(
+            space,
+            *query,
+            planner="Lattice",
+            drive="reeds-shepp",
+            turning_radius=0.5,
+            time_limit=20.0,
+        )
         solved += car.certified
     assert solved >= 5

@@ -36,7 +36,9 @@ def turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
     candidates = []
     for sign in (1.0, -1.0) if drive == "differential-reverse" else (1.0,):
         heading = np.where(way == 0.0, begin, sign * way)
-        candidates.append(np.stack([np.angle(heading), np.angle(heading / begin), np.angle(end / heading)]))
+        candidates.append(
+            np.stack([np.angle(heading), np.angle(heading / begin), np.angle(end / heading)])
+        )
     least = [np.abs(way[1:]).sum(axis=0) for way in candidates]
     return np.where(least[-1] < least[0] - 1e-12, candidates[-1], candidates[0])
 
@@ -69,7 +71,10 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
     steps, turns = np.diff(path[:, :2], axis=0), turn_between(path[:-1, 2], path[1:, 2])
     metres = np.linalg.norm(steps, axis=1)
     heading = np.stack([np.cos(path[:-1, 2]), np.sin(path[:-1, 2])], axis=-1)
-    along, across = (steps * heading).sum(axis=1), steps[:, 0] * heading[:, 1] - steps[:, 1] * heading[:, 0]
+    along, across = (
+        (steps * heading).sum(axis=1),
+        steps[:, 0] * heading[:, 1] - steps[:, 1] * heading[:, 0],
+    )
     assert np.abs(across).max() < 1e-9 and (np.minimum(metres, np.abs(turns)) == 0.0).all()
     assert plan.direction is not None and plan.drive == drive
     assert np.array_equal(plan.direction[1:], np.sign(np.round(along, 12)))
@@ -77,7 +82,7 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
     assert plan.length == pytest.approx(metres.sum())
 
 
-# ---- edges -----------------------------------------------------------------------------------------------------------
+# ---- edges ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -102,7 +107,11 @@ def test_an_edge_and_its_breakpoints_are_proven_alike(drive: str, exact: bool) -
     assert isinstance(edges, TurnDriveTurn)
     for first, last in pairs(space, 60, 1):
         corners = edges.breakpoints(np.array([first, last]))
-        assert corners[0].tolist() == first.tolist() and corners[-1].tolist() == last.tolist() and len(corners) <= 4
+        assert (
+            corners[0].tolist() == first.tolist()
+            and corners[-1].tolist() == last.tolist()
+            and len(corners) <= 4
+        )
         assert np.array_equal(edges.breakpoints(corners), corners)
         proven = bool(space.certify_path(corners, exact=exact).all())
         assert proven == edges.are_free(corners) == edges.edge_checker()(*first, *last)
@@ -141,13 +150,18 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor() -> None:
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
     endpoints = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
-    assert not local_planner(space, drive="differential").edge_checker()(*endpoints[0], *endpoints[1])
+    assert not local_planner(space, drive="differential").edge_checker()(
+        *endpoints[0], *endpoints[1]
+    )
     plan = planners.plan(space, *endpoints, drive="differential-reverse")
     check(space, plan, *endpoints)
     assert plan.length == 2.0 and set(plan.direction.tolist()) == {-1}  # type: ignore[union-attr]
     for drive, back, free in (("differential", False, True), ("differential", True, False)):
         validator = planners.MotionValidator(
-            planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, bidirectional=back
+            planners.simple_setup(space, drive=drive).getSpaceInformation(),
+            space,
+            drive=drive,
+            bidirectional=back,
         )
         si = planners.simple_setup(space, drive=drive).getSpaceInformation()
         assert validator.checkMotion(*(make_state(space, si, q) for q in endpoints[::-1])) == free
@@ -162,14 +176,18 @@ def test_a_rotation_takes_only_the_shorter_direction() -> None:
     assert check_edge(2.5, 2.5, 0.1, 2.5, 2.5, -1.5) and check_edge(2.5, 2.5, -2.8, 2.5, 2.5, 1.0)
 
 
-# ---- plans -----------------------------------------------------------------------------------------------------------
+# ---- plans ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_finds_a_drivable_path(planner: str) -> None:
     space = build_room("turning")
-    for drive in DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]:  # other planners take seconds
-        plan = plan_patiently(space, ENDPOINTS["turning"], (0.1, 0.5, 20.0), planner=planner, drive=drive)
+    for drive in (
+        DRIVES if planner in {"PRM", "RRTConnect"} else DRIVES[:1]
+    ):  # other planners take seconds
+        plan = plan_patiently(
+            space, ENDPOINTS["turning"], (0.1, 0.5, 20.0), planner=planner, drive=drive
+        )
         check(space, plan, *ENDPOINTS["turning"])
         check_driven(plan, drive)
 
@@ -198,20 +216,31 @@ def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
     edges = local_planner(build_open_map("turning"), drive=drive)
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
     settled = edges.remove_turns(path)
-    assert np.array_equal(settled[[0, -1]], path[[0, -1]]) and np.array_equal(settled[:, :2], path[:, :2])
+    assert np.array_equal(settled[[0, -1]], path[[0, -1]]) and np.array_equal(
+        settled[:, :2], path[:, :2]
+    )
     turns = [edges.split_path(rows, math.inf, math.inf).rotations.sum() for rows in (settled, path)]
     assert turns[0] < turns[1] - 1.0
     corners = edges.breakpoints(settled)
-    assert len(corners) == 8 and edges.are_free(settled)  # three lines, and a rotation at each of four positions
+    assert len(corners) == 8 and edges.are_free(
+        settled
+    )  # three lines, and a rotation at each of four positions
 
 
 def test_exact_geometry_proves_a_path_through_mixed_cells() -> None:
-    occupied = fill_boxes((40, 40), np.s_[18:22], but=[np.s_[18:22, 18:22]])  # a gap of 0.4 m in a wall
+    occupied = fill_boxes(
+        (40, 40), np.s_[18:22], but=[np.s_[18:22, 18:22]]
+    )  # a gap of 0.4 m in a wall
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.36), rotations=72)
     endpoints = (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)
     assert proven_paths(space, *endpoints) is None
     plan = planners.plan(space, *endpoints, drive="differential", exact=True)
-    assert plan.solved and plan.certified and plan.exact and space.certify_path(plan.path, exact=True).all()
+    assert (
+        plan.solved
+        and plan.certified
+        and plan.exact
+        and space.certify_path(plan.path, exact=True).all()
+    )
     check_driven(plan, "differential")
 
 

@@ -1,4 +1,5 @@
-"""Lower bounds of the length of paths: against exact shortest paths, and against paths that planners find."""
+"""Lower bounds of the length of paths: against exact shortest paths, and against paths that
+planners find."""
 
 import math
 
@@ -40,7 +41,9 @@ def test_the_bound_is_near_the_length_if_no_cell_is_mixed() -> None:
 
 def test_paths_may_pass_mixed_cells_but_not_the_corner_between_two_blocked_ones() -> None:
     state = np.array([[0, 0, 0], [BLOCKED, MIXED, BLOCKED], [0, 0, 0]], dtype=np.uint8)
-    assert build_from_states(state).min_path_length((0.5, 1.5), (2.5, 1.5)) == pytest.approx(2.0, abs=1e-3)
+    assert build_from_states(state).min_path_length((0.5, 1.5), (2.5, 1.5)) == pytest.approx(
+        2.0, abs=1e-3
+    )
     state = np.array([[0, BLOCKED], [BLOCKED, 0]], dtype=np.uint8)
     assert build_from_states(state).min_path_length((0.5, 0.5), (1.5, 1.5)) == math.inf
 
@@ -64,7 +67,11 @@ def test_no_certified_path_is_shorter_than_the_bound(name: str, seed: int) -> No
         plan = planners.plan(space, start, goal, time_limit=1.0, **options)
         if plan.certified:
             straight = math.dist(start[: space.grid.dim], goal[: space.grid.dim])
-            assert straight * (1.0 - 1e-6) <= plan.lower_bound <= plan.length + 0.5 * plan.total_rotation
+            assert (
+                straight * (1.0 - 1e-6)
+                <= plan.lower_bound
+                <= plan.length + 0.5 * plan.total_rotation
+            )
             assert plan.gap >= 0.0
 
 

@@ -11,17 +11,28 @@ import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import kind_of
-from tests.planning import SPACES, SPACES_WITH_CURVES, build_room, draw_edges, make_state, options_for
+from tests.planning import (
+    SPACES,
+    SPACES_WITH_CURVES,
+    build_room,
+    draw_edges,
+    make_state,
+    options_for,
+)
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("reach", [0.4, 2.5])
-def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None, reach: float) -> None:
+def test_the_cost_of_an_edge_is_the_integral_along_it(
+    name: str, curve: str | None, reach: float
+) -> None:
     space, read = build_room(name), kind_of(build_room(name)).read
     options = options_for(curve)
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
-    objective = planners.ClearanceObjective(si, space, weight=6.0, clearance_threshold=0.4, **options)
+    objective = planners.ClearanceObjective(
+        si, space, weight=6.0, clearance_threshold=0.4, **options
+    )
     between, ratios, extra = si.allocState(), [], False
     for a, b in zip(*draw_edges(space, 25, 2, reach), strict=True):
         first, second = make_state(space, si, a), make_state(space, si, b)
@@ -31,7 +42,10 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | No
             points.append(read(between))
         short = np.maximum(0.0, 1.0 - space.clearance(np.array(points)) / 0.4)
         cost = objective.motionCost(first, second).value()
-        assert cost >= length * (1 - 1e-9) and cost >= objective.motionCostHeuristic(first, second).value() - 1e-9
+        assert (
+            cost >= length * (1 - 1e-9)
+            and cost >= objective.motionCostHeuristic(first, second).value() - 1e-9
+        )
         ratios.append(cost / (length * (1.0 + 6.0 * (short**2).mean())))
         extra |= cost > 1.5 * length
         if curve is None:
@@ -52,7 +66,9 @@ def test_zero_weight_gives_the_length(name: str) -> None:
     objective = planners.ClearanceObjective(si, space, weight=0)
     for a, b in zip(*draw_edges(space, 30, 3), strict=True):
         endpoints = make_state(space, si, a), make_state(space, si, b)
-        assert objective.motionCost(*endpoints).value() == pytest.approx(states.distance(*endpoints))
+        assert objective.motionCost(*endpoints).value() == pytest.approx(
+            states.distance(*endpoints)
+        )
 
 
 @pytest.mark.parametrize(
@@ -68,7 +84,9 @@ def test_zero_weight_gives_the_length(name: str) -> None:
 def test_invalid_weights_are_refused(options: dict[str, Any]) -> None:
     space = build_room("plane")
     with pytest.raises(InputError, match=next(iter(options))):
-        planners.ClearanceObjective(planners.simple_setup(space).getSpaceInformation(), space, **options)
+        planners.ClearanceObjective(
+            planners.simple_setup(space).getSpaceInformation(), space, **options
+        )
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
@@ -76,7 +94,9 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
     space = build_room("turning")
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
     length = planners.WeightedLength(si, space, drive=drive)
-    driven = planners.ClearanceObjective(si, space, weight=6.0, clearance_threshold=0.4, drive=drive)
+    driven = planners.ClearanceObjective(
+        si, space, weight=6.0, clearance_threshold=0.4, drive=drive
+    )
     parts = planners.ClearanceObjective(
         planners.simple_setup(space).getSpaceInformation(), space, weight=6, clearance_threshold=0.4
     )
@@ -85,8 +105,15 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
         first, second = make_state(space, si, a), make_state(space, si, b)
         step = complex(*(b - a)[:2])
         headings = [step, -step] if drive == "differential-reverse" else [step]
-        turns = [abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h)) for h in headings]
-        assert length.motionCost(first, second).value() == pytest.approx(abs(step) + 0.5 * min(turns))
+        turns = [
+            abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h))
+            for h in headings
+        ]
+        assert length.motionCost(first, second).value() == pytest.approx(
+            abs(step) + 0.5 * min(turns)
+        )
         rows = [make_state(space, si, q) for q in edges.breakpoints(np.array([a, b]))]
         total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
-        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(step)
+        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(
+            step
+        )

@@ -14,7 +14,17 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import planners
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
+from cspace import (
+    BLOCKED,
+    FREE,
+    MIXED,
+    ConfigurationError,
+    CSpace,
+    InputError,
+    Robot,
+    Workspace,
+    build,
+)
 from planners.catalogue import (
     PLANNER_SETTINGS,
     PLANNERS_REFUSED_BY_DRIVE,
@@ -43,7 +53,9 @@ from tests.refusals import refusals
 from tests.strategies import seeds
 
 OMPL_PLANNERS = planners.planner_names()
-OPTIMIZING_PLANNERS = sorted(set(OMPL_PLANNERS) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"})
+OPTIMIZING_PLANNERS = sorted(
+    set(OMPL_PLANNERS) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"}
+)
 
 
 @pytest.fixture
@@ -58,7 +70,7 @@ def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
     return (ENDPOINTS[name][0], (3.0, 3.0, 0.0)) if curve else ENDPOINTS[name]
 
 
-# ---- every planner ---------------------------------------------------------------------------------------------------
+# ---- every planner -------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("few_samples")
@@ -72,11 +84,23 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
     space, endpoints = build_room(name), endpoints_in(name, curve)
     limits = (20.0,) if planner.endswith("FMT") else (0.01, 0.1, 1.0, 20.0)
     plan = plan_patiently(
-        space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME_PLANNERS, **options_for(curve)
+        space,
+        endpoints,
+        limits,
+        planner=planner,
+        simplify=planner not in ANYTIME_PLANNERS,
+        **options_for(curve),
     )
     check(space, plan, *endpoints)
-    assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
-    assert plan.is_connected and plan.turning_radius == (CAR_OPTIONS["turning_radius"] if curve else None)
+    assert (plan.planner, plan.objective, plan.drive, plan.exact) == (
+        planner,
+        "length",
+        curve or "holonomic",
+        False,
+    )
+    assert plan.is_connected and plan.turning_radius == (
+        CAR_OPTIONS["turning_radius"] if curve else None
+    )
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 
 
@@ -93,9 +117,15 @@ def test_every_planner_returns_a_free_edge_without_a_search(planner: str) -> Non
             ("yawing", (0.6, 1.0, 0.6, 0.2)),
             ("floating", (0.6, 0.7, 0.6, 0.1, 0.1, 0.1, math.sqrt(0.97))),
         ):
-            plan = planners.plan(build_room(name), ENDPOINTS[name][0], goal, planner=planner, objective=objective)
+            plan = planners.plan(
+                build_room(name), ENDPOINTS[name][0], goal, planner=planner, objective=objective
+            )
             check(build_room(name), plan, ENDPOINTS[name][0], goal)
-            assert len(plan.waypoints) == 2 and "no search needed" in plan.status and plan.times.planning == 0.0
+            assert (
+                len(plan.waypoints) == 2
+                and "no search needed" in plan.status
+                and plan.times.planning == 0.0
+            )
 
 
 @pytest.mark.parametrize("curve", CURVES)
@@ -121,13 +151,18 @@ def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | No
     for seed in range(3):
         planner = "RRT" if curve == "dubins" else "RRTConnect"
         options = {"planner": planner, "seed": seed, "time_limit": 20.0, **options_for(curve)}
-        rough, short = (planners.plan(space, *endpoints, simplify=simplify, **options) for simplify in (False, True))
+        rough, short = (
+            planners.plan(space, *endpoints, simplify=simplify, **options)
+            for simplify in (False, True)
+        )
         for plan in (rough, short):
             check(space, plan, *endpoints)
             directions |= set() if plan.direction is None else set(plan.direction.tolist())
         assert rough.times.simplification == 0.0 < short.times.simplification
         weight = 0.5 if curve is None else 0.0
-        gains.append(np.divide(*(plan.length + weight * plan.total_rotation for plan in (rough, short))))
+        gains.append(
+            np.divide(*(plan.length + weight * plan.total_rotation for plan in (rough, short)))
+        )
     assert min(gains) >= 1 - 1e-9 and max(gains) > 1.02
     assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
 
@@ -138,11 +173,16 @@ def test_yaw_takes_the_shorter_arc_and_is_wrapped() -> None:
     check(space, plan, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
     turns = turn_between(plan.path[:-1, 2], plan.path[1:, 2])
     assert turns.sum() == pytest.approx(2 * math.pi - 6.0) and (turns > 0).all()
-    assert planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi)).path.tolist() == [[0.8, 0.8, -math.pi]]
+    assert planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi)).path.tolist() == [
+        [0.8, 0.8, -math.pi]
+    ]
 
 
 def test_a_z_beyond_pi_is_not_wrapped() -> None:
-    space = build(Workspace.from_array(np.zeros((6, 6, 12), dtype=bool), 1.0, lower=(0, 0, -6)), Robot.ball(0.1))
+    space = build(
+        Workspace.from_array(np.zeros((6, 6, 12), dtype=bool), 1.0, lower=(0, 0, -6)),
+        Robot.ball(0.1),
+    )
     plan = planners.plan(space, (1.5, 1.5, -4.5), (4.5, 4.5, 4.5))
     assert plan.path.tolist() == [[1.5, 1.5, -4.5], [4.5, 4.5, 4.5]]
     assert plan.length == pytest.approx(math.sqrt(9 + 9 + 81))
@@ -159,7 +199,10 @@ def test_a_path_with_false_motions_is_not_certified(
     monkeypatch.setattr("planners.setup.MotionValidator", Lenient)
     options = {"planner": "RRT" if curve else "RRTConnect", **options_for(curve)}
     space, endpoints = build_room(name), endpoints_in(name, curve)
-    plans = [planners.plan(space, *endpoints, simplify=False, seed=seed, **options) for seed in range(1, 6)]
+    plans = [
+        planners.plan(space, *endpoints, simplify=False, seed=seed, **options)
+        for seed in range(1, 6)
+    ]
     assert not all(plan.certified for plan in plans)
     for plan in plans:
         assert plan.solved
@@ -175,11 +218,17 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
     # Points of every edge avoid every obstacle cell, by arithmetic independent of the map.
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(6, 12, 3)) < rng.uniform(0.0, 0.12)
-    lower, side, center = rng.uniform(-50.0, 50.0, 3), rng.uniform(0.02, 0.9), rng.uniform(-0.2, 0.2, 3)
+    lower, side, center = (
+        rng.uniform(-50.0, 50.0, 3),
+        rng.uniform(0.02, 0.9),
+        rng.uniform(-0.2, 0.2, 3),
+    )
     robot = {
         "box": lambda: Robot.box((side, 0.3, 0.1), center),
         "ball": lambda: Robot.ball(side / 2, center),
-        "voxels": lambda: Robot.from_bitmap(np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2),
+        "voxels": lambda: Robot.from_bitmap(
+            np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2
+        ),
     }[kind]()
     half = side / 2 / math.sqrt(3)  # half the side of a cube in the ball
     low, high = {
@@ -225,12 +274,17 @@ def test_grid_finds_paths_along_free_cells_only() -> None:
         assert plan.planner == "Grid" and plan.length <= rough.length
         assert (
             plan.path.tolist()
-            == planners.plan(build_room(name), *ENDPOINTS[name], planner="Grid", seed=3).path.tolist()
+            == planners.plan(
+                build_room(name), *ENDPOINTS[name], planner="Grid", seed=3
+            ).path.tolist()
         )
         space, start, goal = build_halves(name, MIXED)
         missed = planners.plan(space, start, goal, planner="Grid")
         check_failed(space, missed)
-        assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+        assert (
+            missed.status
+            == "no chain of FREE cells joins start and goal; undecided whether one exists"
+        )
 
 
 def test_grid_rotates_only_if_necessary() -> None:
@@ -238,7 +292,9 @@ def test_grid_rotates_only_if_necessary() -> None:
     state[1] = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
     space = build_from_states(state, 4)
     for yaw in (0.1, 1.6):
-        plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Grid", simplify=False)
+        plan = planners.plan(
+            space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Grid", simplify=False
+        )
         assert plan.solved and plan.certified and (plan.path[:, 2] == yaw).all() == (yaw == 0.1)
     plan = planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 1.6), planner="Grid")
     assert plan.certified and plan.path[-1].tolist() == [2.5, 2.5, 1.6]
@@ -248,19 +304,21 @@ def test_grid_rotates_only_if_necessary() -> None:
 def test_max_clearance_has_at_least_the_clearance_of_other_planners(name: str) -> None:
     space, endpoints = build_room(name), ENDPOINTS[name]
     plan, other = (
-        planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("maxclearance", None)
+        planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0)
+        for each in ("maxclearance", None)
     )
     check(space, plan, *endpoints)
     assert plan.planner == "MaxClearance" and plan.clearance >= other.clearance
     assert np.array_equal(
-        plan.path, planners.plan(space, *endpoints, planner="MaxClearance", seed=2, time_limit=5.0).path
+        plan.path,
+        planners.plan(space, *endpoints, planner="MaxClearance", seed=2, time_limit=5.0).path,
     )
     rough = planners.plan(space, *endpoints, planner="MaxClearance", simplify=False)
     check(space, rough, *endpoints)
     assert len(rough.waypoints) > len(plan.waypoints)
 
 
-# ---- no path ---------------------------------------------------------------------------------------------------------
+# ---- no path -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
@@ -282,7 +340,9 @@ def test_a_proof_that_no_path_exists_prevents_the_search(
 def test_connectivity_is_queried_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     query, calls = CSpace._connectivity, list[Any]()
     monkeypatch.setattr(CSpace, "_connectivity", lambda *q: calls.append(q) or query(*q))
-    plan = planners.plan(build_room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
+    plan = planners.plan(
+        build_room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1
+    )
     assert plan.certified and len(calls) == 1
 
 
@@ -293,12 +353,16 @@ def test_the_status_says_if_a_path_exists() -> None:
         check_failed(build_room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.is_connected
-        assert "time_limit=1e-05" in plan.hint and ("planner='Grid', which finds one" in plan.hint) == (not curve)
-    exact = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
+        assert "time_limit=1e-05" in plan.hint and (
+            "planner='Grid', which finds one" in plan.hint
+        ) == (not curve)
+    exact = planners.plan(
+        build_room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True
+    )
     assert exact.hint.startswith("planner='Grid' without exact=True, which finds one")
 
 
-# ---- start and goal --------------------------------------------------------------------------------------------------
+# ---- start and goal ------------------------------------------------------------------------------
 
 ROW_STATES = np.array([FREE, FREE, MIXED, BLOCKED, FREE], dtype=np.uint8)
 """States of a row of cells of 1 m."""
@@ -329,7 +393,11 @@ def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
             planners.plan(space, *endpoints)
         error = caught.value
         assert str(error).startswith(name) and error.argument == name and error.value == bad
-        assert error.nearest is not None and error.nearest[:2] == (nearest, 0.5) and len(error.nearest) == len(bad)
+        assert (
+            error.nearest is not None
+            and error.nearest[:2] == (nearest, 0.5)
+            and len(error.nearest) == len(bad)
+        )
         assert f"({nearest:g}, 0.5" in error.hint
         assert planners.plan(space, error.nearest, error.nearest).solved
 
@@ -344,11 +412,13 @@ def test_a_free_endpoint_outside_the_map_is_refused() -> None:
 
 def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     with pytest.raises(ConfigurationError, match="no FREE configuration at all") as caught:
-        planners.plan(build_from_states(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5))
+        planners.plan(
+            build_from_states(np.full((3, 3), MIXED, dtype=np.uint8)), (1.5, 1.5), (2.5, 2.5)
+        )
     assert caught.value.nearest is None
 
 
-# ---- wrong input -----------------------------------------------------------------------------------------------------
+# ---- wrong input ---------------------------------------------------------------------------------
 
 
 @refusals(
@@ -361,7 +431,11 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     ("plane", {"start": "here"}, "start is 'here'"),
     ("turning", {"start": (1.0, 1.0)}, r"start has shape \(2,\).*3 numbers.*radians"),
     ("turning", {"start": (1.0, 1.0, 1e9)}, "yaw of 1e.09 rad.*wrap"),
-    ("space", {"start": (1.0, 2.0)}, r"start has shape \(2,\).*3 numbers; pass .x, y, z., in metres"),
+    (
+        "space",
+        {"start": (1.0, 2.0)},
+        r"start has shape \(2,\).*3 numbers; pass .x, y, z., in metres",
+    ),
     ("plane", {"time_limit": 0.0}, "time_limit is 0.0"),
     ("plane", {"time_limit": -1.0}, "time_limit is -1.0"),
     ("plane", {"time_limit": math.nan}, "time_limit is nan"),
@@ -369,7 +443,11 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     ("plane", {"objective": "speed"}, "objective is 'speed'.*'clearance'"),
     ("plane", {"objective": None}, "objective is None"),
     ("plane", {"objective": lambda si: 3, "planner": "RRTstar"}, "objective returned 3"),
-    ("plane", {"objective": "clearance", "planner": "RRTConnect"}, "RRTConnect ignores objectives.*RRTstar"),
+    (
+        "plane",
+        {"objective": "clearance", "planner": "RRTConnect"},
+        "RRTConnect ignores objectives.*RRTstar",
+    ),
     (
         "plane",
         {"objective": "clearance", "exact": True},
@@ -432,11 +510,19 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
         "drive is 'dubins' and planner is 'Grid'; Grid is for holonomic robots; .*'RRT'",
     ),
     ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass \(x, y, z, qx, qy, qz, qw\)"),
-    ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
+    (
+        "floating",
+        {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)},
+        "start has a quaternion of norm 2; it must be 1",
+    ),
     ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
     ("turning", {"drive": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
     ("turning", {"drive": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
-    ("turning", {"drive": "reeds-shepp", "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
+    (
+        "turning",
+        {"drive": "reeds-shepp", "turning_radius": 1e-9},
+        "turning_radius is 1e-09.*on the spot",
+    ),
     ("turning", {"drive": "reeds-shepp", "turning_radius": "1m"}, "turning_radius is '1m'"),
     (
         "turning",
@@ -445,19 +531,39 @@ def test_a_map_without_free_cells_has_no_nearest_free_configuration() -> None:
     ),
     ("turning", {"drive": ["dubins"], "turning_radius": 1.0}, r"drive is \['dubins'\]"),
     ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and drive is 'holonomic'"),
-    ("turning", {"drive": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and drive is 'dubins'"),
+    (
+        "turning",
+        {"drive": "dubins", "turning_radius": 1.0, "exact": True},
+        "exact is True and drive is 'dubins'",
+    ),
     ("turning", {"exact": 3}, "exact is 3"),
-    ("turning", {"drive": "differential", "turning_radius": 1.0}, "1.0 and drive is 'differential'"),
+    (
+        "turning",
+        {"drive": "differential", "turning_radius": 1.0},
+        "1.0 and drive is 'differential'",
+    ),
     (
         "turning",
         {"drive": "differential", "planner": "MaxClearance"},
         "drive is 'differential' and planner is 'MaxClearance'",
     ),
-    ("turning", {"drive": "differential", "planner": "Grid"}, "drive is 'differential' and planner is 'Grid'"),
-    ("yawing", {"drive": "differential"}, "drive is 'differential' and .* .x, y, z, yaw.*leave drive"),
+    (
+        "turning",
+        {"drive": "differential", "planner": "Grid"},
+        "drive is 'differential' and planner is 'Grid'",
+    ),
+    (
+        "yawing",
+        {"drive": "differential"},
+        "drive is 'differential' and .* .x, y, z, yaw.*leave drive",
+    ),
     ("plane", {"drive": "differential-reverse"}, "are .x, y.;.*rotations=72"),
     ("turning", {"drive": None}, "drive is None"),
-    ("space", {"drive": "reeds-shepp", "turning_radius": 1.0}, "drive is 'reeds-shepp'.*are .x, y, z."),
+    (
+        "space",
+        {"drive": "reeds-shepp", "turning_radius": 1.0},
+        "drive is 'reeds-shepp'.*are .x, y, z.",
+    ),
 )
 def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message: str) -> None:
     start, goal = ENDPOINTS[name]
@@ -466,13 +572,15 @@ def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message
     assert caught.value.argument.split("[")[0].split()[0] in {*wrong, "turning_radius"}
 
 
-# ---- repeatable runs -------------------------------------------------------------------------------------------------
+# ---- repeatable runs -----------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize("planner", sorted(set(OMPL_PLANNERS) - THREADED_PLANNERS))
 def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
-    limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME_PLANNERS else {})
+    limits: dict[str, Any] = {"time_limit": 60.0} | (
+        {"iterations": 200} if planner in ANYTIME_PLANNERS else {}
+    )
     for name, curve in SPACES_WITH_CURVES:
         if planner not in ANYTIME_PLANNERS | {"RRT"} and (curve or name in ("space", "yawing")):
             continue
@@ -497,14 +605,19 @@ def test_ompl_prints_nothing_and_keeps_its_log_level(capfd: pytest.CaptureFixtur
     try:
         planners.plan(build_room("plane"), *ENDPOINTS["plane"], seed=3)
         with pytest.raises(ZeroDivisionError):
-            planners.plan(build_room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 1 // 0)
+            planners.plan(
+                build_room("plane"),
+                *ENDPOINTS["plane"],
+                planner="RRTstar",
+                objective=lambda si: 1 // 0,
+            )
         assert ou.getLogLevel() == ou.LOG_INFO
     finally:
         ou.setLogLevel(ou.LOG_WARN)
     assert capfd.readouterr() == ("", "")
 
 
-# ---- objectives ------------------------------------------------------------------------------------------------------
+# ---- objectives ----------------------------------------------------------------------------------
 
 
 def test_a_custom_objective_is_called_and_widens_the_path() -> None:
@@ -515,9 +628,16 @@ def test_a_custom_objective_is_called_and_widens_the_path() -> None:
             calls.append(1)
             return super().motionCost(first, second)
 
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 60.0, "iterations": 200, "seed": 1}
+    options: dict[str, Any] = {
+        "planner": "RRTstar",
+        "time_limit": 60.0,
+        "iterations": 200,
+        "seed": 1,
+    }
     short = planners.plan(space, *ENDPOINTS["plane"], **options)
-    wide = planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options)
+    wide = planners.plan(
+        space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options
+    )
     same = planners.plan(space, *ENDPOINTS["plane"], objective="clearance", **options)
     for plan in (short, wide):
         check(space, plan, *ENDPOINTS["plane"])
@@ -527,7 +647,12 @@ def test_a_custom_objective_is_called_and_widens_the_path() -> None:
     assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
     # Only the best quick path that a planner must beat is improved to the end.
     calls.clear()
-    planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options | {"iterations": 1})
+    planners.plan(
+        space,
+        *ENDPOINTS["plane"],
+        objective=lambda si: Counted(si, space),
+        **options | {"iterations": 1},
+    )
     assert 100 < len(calls) < 25_000
 
 
@@ -544,13 +669,20 @@ def test_optimizing_planners_find_a_cheaper_path(planner: str, name: str) -> Non
         return sum(objective.motionCost(a, b).value() for a, b in itertools.pairwise(states))
 
     iterations = 3000 if planner == "BITstar" else 250  # an iteration of BITstar is one edge
-    options: dict[str, Any] = {"planner": planner, "time_limit": 60.0, "iterations": iterations, "seed": 1}
+    options: dict[str, Any] = {
+        "planner": planner,
+        "time_limit": 60.0,
+        "iterations": iterations,
+        "seed": 1,
+    }
     short = planners.plan(space, *ENDPOINTS[name], **options | {"iterations": iterations + 150})
     wide = planners.plan(space, *ENDPOINTS[name], objective="clearance", **options)
     check(space, wide, *ENDPOINTS[name])
     assert cost(wide) < (0.8 if name == "plane" else 0.95) * cost(short)
     if planner == "RRTstar":
-        rough = planners.plan(space, *ENDPOINTS[name], objective="clearance", simplify=False, **options)
+        rough = planners.plan(
+            space, *ENDPOINTS[name], objective="clearance", simplify=False, **options
+        )
         assert cost(wide) <= cost(rough) * (1 + 1e-12)
 
 
@@ -559,7 +691,13 @@ def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | 
     space, endpoints, drive = build_room(name), endpoints_in(name, curve), options_for(curve)
     si = planners.simple_setup(space, **drive).getSpaceInformation()
     objective, costs = planners.ClearanceObjective(si, space, **drive), []
-    options: dict[str, Any] = {"planner": "RRTstar", "iterations": 1, "time_limit": 5.0, "seed": 1, **drive}
+    options: dict[str, Any] = {
+        "planner": "RRTstar",
+        "iterations": 1,
+        "time_limit": 5.0,
+        "seed": 1,
+        **drive,
+    }
     assert not planners.plan(space, *endpoints, **options).solved
     default = {"planner": "RRT" if curve == "dubins" else "RRTConnect", "iterations": None}
     quick = planners.plan(space, *endpoints, simplify=False, **options | default)
@@ -572,8 +710,15 @@ def test_a_planner_without_a_path_improves_a_quick_path(name: str, curve: str | 
 
 @pytest.mark.parametrize("planner", OPTIMIZING_PLANNERS)
 @pytest.mark.parametrize("curve", [None, *CURVES])
-def test_optimizing_planners_work_with_rotations_and_curves(curve: str | None, planner: str) -> None:
-    options: dict[str, Any] = {"planner": planner, "objective": "clearance", "iterations": 60, **options_for(curve)}
+def test_optimizing_planners_work_with_rotations_and_curves(
+    curve: str | None, planner: str
+) -> None:
+    options: dict[str, Any] = {
+        "planner": planner,
+        "objective": "clearance",
+        "iterations": 60,
+        **options_for(curve),
+    }
     endpoints = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
     plan = plan_patiently(build_room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
     check(build_room("turning"), plan, *endpoints)
@@ -586,4 +731,6 @@ def test_an_error_in_a_callback_is_raised() -> None:
 
     space = build_room("plane")
     with pytest.raises(KeyError, match="broken"):
-        planners.plan(space, *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space))
+        planners.plan(
+            space, *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: Broken(si, space)
+        )

@@ -35,7 +35,11 @@ def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
         assert isinstance(msg, messages.Path) and len(msg.poses) == len(plan.path)
         assert {msg.header.frame_id, *(pose.header.frame_id for pose in msg.poses)} == {"odom"}
         for row, stamped in zip(plan.path, msg.poses, strict=True):
-            q, place, turn = dict(zip(plan.axes, row, strict=True)), stamped.pose.position, stamped.pose.orientation
+            q, place, turn = (
+                dict(zip(plan.axes, row, strict=True)),
+                stamped.pose.position,
+                stamped.pose.orientation,
+            )
             assert (place.x, place.y, place.z) == (q["x"], q["y"], q.get("z", 0.0))
             expected = Rotation.from_euler("z", q.get("yaw", 0.0))
             if "qw" in q:
@@ -52,7 +56,9 @@ class Point(SimpleNamespace):
     """An element of ROS 1, whose durations have fields ``secs`` and ``nsecs``."""
 
     def __init__(self) -> None:
-        super().__init__(positions=[], velocities=[], time_from_start=SimpleNamespace(secs=0, nsecs=0))
+        super().__init__(
+            positions=[], velocities=[], time_from_start=SimpleNamespace(secs=0, nsecs=0)
+        )
 
 
 class PathOf2(messages.Path):
@@ -92,7 +98,9 @@ def test_elements_have_the_class_declared_by_the_message(arm_plan: planners.Plan
     trajectory = arm_plan.trajectory(**TIMING_LIMITS, duration=12.5).to_joint_trajectory(
         TrajectoryOf1(), frame_id="base"
     )
-    assert {type(point) for point in trajectory.points} == {Point} and trajectory.header.frame_id == "base"
+    assert {type(point) for point in trajectory.points} == {
+        Point
+    } and trajectory.header.frame_id == "base"
     last = trajectory.points[-1].time_from_start
     assert (last.secs, last.nsecs) == (12, 500_000_000)
 
@@ -102,7 +110,10 @@ def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
     slides = {"kind": "prismatic", "limits": (-1, 1)}
     box = ((0.1, 0.1, 0.1), (0, 0, 0))
     parts = link("foot", ((0.1, 0.1, 0.1), (0, 0, -1))), link("rail"), link("head", box)
-    rails = joint("x", "foot", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "head", axis=(0, 1, 0), **slides)
+    rails = (
+        joint("x", "foot", "rail", axis=(1, 0, 0), **slides),
+        joint("y", "rail", "head", axis=(0, 1, 0), **slides),
+    )
     space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *parts, *rails)))
     plan = planners.plan(space, (0.0, 0.0), (0.5, 0.5))
     assert plan.trajectory(**TIMING_LIMITS).to_joint_trajectory().joint_names == ["x", "y"]
@@ -111,12 +122,16 @@ def test_joints_named_x_and_y_give_no_pose(tmp_path: Path) -> None:
 
 
 def test_plans_of_the_other_kind_and_without_a_path_are_refused(arm_plan: planners.Plan) -> None:
-    with pytest.raises(InputError, match=r"plan moves the joints shoulder, elbow; .*\.to_joint_trajectory"):
+    with pytest.raises(
+        InputError, match=r"plan moves the joints shoulder, elbow; .*\.to_joint_trajectory"
+    ):
         arm_plan.to_path()
     plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"], time_limit=20.0)
     with pytest.raises(InputError, match=r"msg has no header\.frame_id; .*JointTrajectory"):
         arm_plan.trajectory(**TIMING_LIMITS).to_joint_trajectory(SimpleNamespace(header=None))
-    with pytest.raises(InputError, match=r"msg has no poses; it must have the fields of nav_msgs/Path"):
+    with pytest.raises(
+        InputError, match=r"msg has no poses; it must have the fields of nav_msgs/Path"
+    ):
         plan.to_path(SimpleNamespace(header=SimpleNamespace(frame_id="")))
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):
         replace(plan, solved=False, status="no path exists: proven").to_path()

@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 
 import cspace
 import planners
-from cspace import Arm, ArmSpace, ConfigurationError, InputError, PoseGoal, Robot, Workspace, build_arm_space
+from cspace import (
+    Arm,
+    ArmSpace,
+    ConfigurationError,
+    InputError,
+    PoseGoal,
+    Robot,
+    Workspace,
+    build_arm_space,
+)
 from cspace.arms import PosedShape
 from tests.refusals import refusals
 from tests.urdfs import (
@@ -50,13 +59,19 @@ def test_plans_to_poses_are_certified_and_end_within_tolerance(seed: int, count:
     with tempfile.TemporaryDirectory() as folder:
         path = random_chain(Path(folder), seed, count)
         arm = Arm.from_urdf(path)
-        boxes = {f"box {k}": posed_box(rng.uniform(0.05, 0.2, 3), *rng.uniform(-0.8, 0.8, 3)) for k in range(4)}
+        boxes = {
+            f"box {k}": posed_box(rng.uniform(0.05, 0.2, 3), *rng.uniform(-0.8, 0.8, 3))
+            for k in range(4)
+        }
         try:
             space = build_arm_space(boxes, arm)
             start, end = space.sample_free(2, rng)
         except ConfigurationError:  # a box is where no joint moves
             assume(False)
-        pose, tolerance = pose_of(path, "tool0", dict(zip(arm.joints, end, strict=True))), (1e-3, 1e-2)
+        pose, tolerance = (
+            pose_of(path, "tool0", dict(zip(arm.joints, end, strict=True))),
+            (1e-3, 1e-2),
+        )
         goal = PoseGoal("tool0", pose, tolerance)
         try:
             plan = planners.plan(space, start, goal, seed=seed % 1000)
@@ -66,7 +81,9 @@ def test_plans_to_poses_are_certified_and_end_within_tolerance(seed: int, count:
         assume(plan.solved)
         assert plan.certified
         assert plan.recheck().all()
-        assert np.array_equal(plan.goal, np.array(planners.plan(space, start, goal, seed=seed % 1000).goal))
+        assert np.array_equal(
+            plan.goal, np.array(planners.plan(space, start, goal, seed=seed % 1000).goal)
+        )
         last = plan.path[-1]
         assert ((last >= arm.lower) & (last <= arm.upper)).all()
         reached = pose_of(path, "tool0", dict(zip(arm.joints, last, strict=True)))
@@ -74,7 +91,9 @@ def test_plans_to_poses_are_certified_and_end_within_tolerance(seed: int, count:
 
 
 def test_a_plan_takes_the_free_one_of_two_configurations(tmp_path: Path) -> None:
-    elbow = posed_box((0.2, 0.2, 0.2), 1.0, 0.0)  # where the elbow would be with the arm to the right
+    elbow = posed_box(
+        (0.2, 0.2, 0.2), 1.0, 0.0
+    )  # where the elbow would be with the arm to the right
     free = space_with_tip(tmp_path)
     near = planners.plan(free, (0.2, 1.2), point_goal(1, 1))
     np.testing.assert_allclose(near.goal, (0.0, math.pi / 2), atol=3e-3)
@@ -91,10 +110,14 @@ def test_a_pose_out_of_reach_is_refused_with_the_nearest_one(tmp_path: Path) -> 
     with pytest.raises(ConfigurationError, match=message) as caught:
         planners.plan(space, START, PoseGoal("tip", pose_at(3, 0)))
     assert caught.value.nearest is not None and space.is_free(caught.value.nearest)
-    np.testing.assert_allclose(space.arm.pose(caught.value.nearest, "tip")[:3, 3], (2, 0, 0), atol=1e-3)
+    np.testing.assert_allclose(
+        space.arm.pose(caught.value.nearest, "tip")[:3, 3], (2, 0, 0), atol=1e-3
+    )
 
 
-def test_a_pose_whose_configurations_all_collide_is_refused_with_what_touches(tmp_path: Path) -> None:
+def test_a_pose_whose_configurations_all_collide_is_refused_with_what_touches(
+    tmp_path: Path,
+) -> None:
     space = space_with_tip(tmp_path, crate=posed_box((0.3, 0.3, 0.3), 1.0, 1.0))
     message = (
         r"goal has 2 configurations that reach the pose, and none is proven free: \w+ is in collision with crate, "
@@ -107,8 +130,15 @@ def test_a_pose_whose_configurations_all_collide_is_refused_with_what_touches(tm
 @pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect", "RRT", "RRTstar"])
 def test_a_plan_ends_at_one_of_several_goals(tmp_path: Path, planner: str) -> None:
     space = space_with_tip(tmp_path, post=post())
-    configurations = [(2.9, 2.9), (0.37, 0.0), GOAL]  # a far one, one in collision, and one behind the post
-    poses = [PoseGoal("tip", pose_at(9, 9)), PoseGoal("tip", space.arm.pose(GOAL, "tip"), (1e-3, 0.1))]
+    configurations = [
+        (2.9, 2.9),
+        (0.37, 0.0),
+        GOAL,
+    ]  # a far one, one in collision, and one behind the post
+    poses = [
+        PoseGoal("tip", pose_at(9, 9)),
+        PoseGoal("tip", space.arm.pose(GOAL, "tip"), (1e-3, 0.1)),
+    ]
     for goal in (configurations, np.array(configurations), poses, [*poses, (2.9, 2.9)]):
         for limit in (0.2, 2.0, 20.0):
             plan = planners.plan(space, START, goal, planner=planner, time_limit=limit, seed=3)
@@ -136,23 +166,32 @@ def test_some_planners_take_one_goal(tmp_path: Path, planner: str, reason: str) 
 def test_a_plan_prefers_the_nearest_goal(tmp_path: Path) -> None:
     space = space_with_tip(tmp_path)
     for planner in ("BiRRT", "RRTConnect"):
-        plan = planners.plan(space, (0.0, 0.0), [(2.0, 2.0), (0.1, 0.2), (-1.0, 1.0)], planner=planner)
+        plan = planners.plan(
+            space, (0.0, 0.0), [(2.0, 2.0), (0.1, 0.2), (-1.0, 1.0)], planner=planner
+        )
         assert tuple(plan.goal) == (0.1, 0.2) and plan.length == pytest.approx(math.hypot(0.1, 0.2))
     at_start = planners.plan(space, (0.4, 0.5), PoseGoal("tip", space.arm.pose((0.4, 0.5), "tip")))
-    assert at_start.certified and at_start.length == 0.0 and "the start is the goal" in at_start.status
+    assert (
+        at_start.certified and at_start.length == 0.0 and "the start is the goal" in at_start.status
+    )
     either = planners.plan(space, (0.4, 0.5), [(1.0, 1.0), (0.4, 0.5)])
     assert either.certified and either.length == 0.0
     moved = planners.plan(space, (0.4, 0.5), [(3.0 + 5e-6, 3.0), (3.0, 2.0)])
     assert moved.goal[0] == 3.0 and "goal moved" not in moved.status
     moved = planners.plan(space, (0.4, 0.5), [(-3.0, -3.0), (3.0 + 5e-6, 0.5)])
-    assert moved.goal[0] == 3.0 and "goal moved onto the limit of shoulder by 5e-06 rad" in moved.status
+    assert (
+        moved.goal[0] == 3.0
+        and "goal moved onto the limit of shoulder by 5e-06 rad" in moved.status
+    )
 
 
 def test_continuous_joints_end_at_wrapped_goals(tmp_path: Path) -> None:
     arm = planar_with_tip(tmp_path, kind="continuous", limits=None)
     space = build_arm_space({}, arm)
     for planner in ("BiRRT", "RRTConnect"):
-        plan = planners.plan(space, (3.0, 0.4), PoseGoal("tip", arm.pose((-3.0, 0.4), "tip")), planner=planner)
+        plan = planners.plan(
+            space, (3.0, 0.4), PoseGoal("tip", arm.pose((-3.0, 0.4), "tip")), planner=planner
+        )
         assert plan.certified and plan.length == pytest.approx(2 * math.pi - 6.0, abs=1e-2)
 
 
@@ -209,8 +248,14 @@ def test_a_plan_tries_further_configurations(
     (np.zeros((2, 3)), r"goal\[0\] has shape \(3,\); it must be one configuration of 2 numbers"),
     ([PoseGoal("tip", np.eye(4)), "home"], r"goal\[1\] is 'home'; it must be numeric"),
     ("home", "goal is 'home'; it must be numeric"),
-    ([(9.0, 0.0), (0.0, 9.0)], r"goal has 2 alternatives, none of them proven free; .*goal\[0\] has shoulder at 9"),
-    ([PoseGoal("tip", pose_at(9, 9)), PoseGoal("tip", pose_at(8, 8))], r"2 alternatives.*goal\[0\] is out of reach"),
+    (
+        [(9.0, 0.0), (0.0, 9.0)],
+        r"goal has 2 alternatives, none of them proven free; .*goal\[0\] has shoulder at 9",
+    ),
+    (
+        [PoseGoal("tip", pose_at(9, 9)), PoseGoal("tip", pose_at(8, 8))],
+        r"2 alternatives.*goal\[0\] is out of reach",
+    ),
 )
 def test_plans_reject_invalid_goals(tmp_path: Path, goal: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -219,5 +264,7 @@ def test_plans_reject_invalid_goals(tmp_path: Path, goal: Any, message: str) -> 
 
 def test_maps_refuse_poses() -> None:
     space = cspace.build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.2))
-    with pytest.raises(InputError, match=r"goal is a pose of 'tip'; a map has no frames; pass a configuration"):
+    with pytest.raises(
+        InputError, match=r"goal is a pose of 'tip'; a map has no frames; pass a configuration"
+    ):
         planners.plan(space, (1.0, 1.0), PoseGoal("tip", np.eye(4)))

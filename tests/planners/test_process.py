@@ -81,7 +81,10 @@ def test_planners_are_imported_without_rarely_used_parts_of_scipy(printed: dict[
 def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
     space = build(Workspace.from_array(fill_boxes((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
     options = {"planner": "RRTConnect", "time_limit": 20.0}
-    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, **options).path.tolist() for seed in (2, 1)]
+    paths = [
+        planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, **options).path.tolist()
+        for seed in (2, 1)
+    ]
     assert printed["path"] == paths[0] != paths[1]
 
 

@@ -41,14 +41,18 @@ from tests.soak.plane import move_points
 @pytest.fixture(scope="module", params=SPACES_WITH_CURVES, ids=lambda case: case[1] or case[0])
 def plan(request: pytest.FixtureRequest) -> planners.Plan:
     name, curve = request.param
-    return planners.plan(build_room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
+    return planners.plan(
+        build_room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve)
+    )
 
 
-# ---- clearance along a path ------------------------------------------------------------------------------------------
+# ---- clearance along a path ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
-def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(name: str, curve: str | None) -> None:
+def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(
+    name: str, curve: str | None
+) -> None:
     space, dim = build_room(name), build_room(name).grid.dim
     edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
     rng, positive = np.random.default_rng(0), 0
@@ -75,14 +79,20 @@ def test_the_clearance_of_a_path_is_the_minimum_over_its_pieces() -> None:
     count = math.ceil(length / 0.5)
     middles = path[0] + (np.arange(count) + 0.5)[:, None] / count * (path[1] - path[0])
     expected = space.clearance(middles).min() - 0.5 * length / count
-    assert local_planner(space).clearance(path) == pytest.approx(expected, abs=1e-12) and expected > 0.0
+    assert (
+        local_planner(space).clearance(path) == pytest.approx(expected, abs=1e-12)
+        and expected > 0.0
+    )
 
 
 def test_clearance_is_infinite_if_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
         space = build_open_map(name)
         endpoints = wrap_rotations(
-            space, np.array([[1.5] * space.size, [6.5] * space.grid.dim + [1.0] * len(space.rotations.names)])
+            space,
+            np.array(
+                [[1.5] * space.size, [6.5] * space.grid.dim + [1.0] * len(space.rotations.names)]
+            ),
         )
         plan = planners.plan(space, *endpoints)
         assert plan.solved and plan.clearance == math.inf
@@ -90,15 +100,24 @@ def test_clearance_is_infinite_if_every_configuration_is_free(tmp_path: Path) ->
         assert json.loads((tmp_path / "plan.json").read_text())["clearance"] is None
 
 
-# ---- distance from obstacles -----------------------------------------------------------------------------------------
+# ---- distance from obstacles ---------------------------------------------------------------------
 
 BOX_SIDES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 0.1, 0.2)}
 """Sides of the robots in space, in metres."""
 
 
-def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
+def apart_in_the_plane(
+    obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray
+) -> float:
     """Return the distance of a robot from obstacles, less a radius."""
-    return float(shapely.transform(robot, lambda points: move_points(points, q[None])[0]).distance(obstacles)) - radius
+    return (
+        float(
+            shapely.transform(robot, lambda points: move_points(points, q[None])[0]).distance(
+                obstacles
+            )
+        )
+        - radius
+    )
 
 
 def oracle(name: str) -> Callable[[np.ndarray], float]:
@@ -108,9 +127,10 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
     if space.grid.dim == 2:
         sides = shapely.box(*space.grid.lower, *space.grid.upper).exterior
         everything = shapely.union_all([shapely.box(*low, *(low + h)) for low in cells] + [sides])
-        robot, radius = {"plane": (shapely.Point(0, 0), 0.2), "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0)}[
-            name
-        ]
+        robot, radius = {
+            "plane": (shapely.Point(0, 0), 0.2),
+            "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0),
+        }[name]
         return lambda q: apart_in_the_plane(everything, robot, radius, q)
     boxes = fcl.DynamicAABBTreeCollisionManager()
     objects = [solids.box((h, h, h), low + 0.5 * h) for low in cells]
@@ -133,15 +153,23 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: s
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
     minimum = min(map(oracle(name), dense.centers))
-    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())  # bound of the change between samples
-    assert minimum - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= minimum + 1e-6
+    between = 0.5 * float(
+        (dense.lengths + 0.4 * dense.rotations).max()
+    )  # bound of the change between samples
+    assert (
+        minimum - between - 0.25 * space.grid.spacing - 1e-6
+        <= plan.obstacle_distance
+        <= minimum + 1e-6
+    )
     assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
 def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     pillar = shapely.Point(4.03, 2.51).buffer(0.5)
     workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
-    space = build(workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05)
+    space = build(
+        workspace, Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2)), outside="free", margin=0.05
+    )
     plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
     minimum = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
     assert minimum - 0.025 - 1e-6 <= plan.obstacle_distance <= minimum
@@ -151,9 +179,15 @@ def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     position = (4.0, 3.6, 0.0)[: space.size]
     apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
     assert space.obstacle_distance(position) == pytest.approx(apart, abs=1e-9)
-    assert space.obstacle_distance([position, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
-    assert space.obstacle_distance(position, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
-    assert space.obstacle_distance((4.0, 2.5)) == 0.0  # inside the pillar, so boundaries do not intersect
+    assert space.obstacle_distance([position, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(
+        apart - 0.05, abs=1e-9
+    )
+    assert space.obstacle_distance(position, turns=0.2) == pytest.approx(
+        apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9
+    )
+    assert (
+        space.obstacle_distance((4.0, 2.5)) == 0.0
+    )  # inside the pillar, so boundaries do not intersect
     for wrong in ({"lengths": -0.1}, {"turns": [0.1, 0.2]}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is .*it must be zero or above"):
             space.obstacle_distance(position, **wrong)
@@ -167,13 +201,19 @@ def test_the_obstacle_distance_follows_shapes_that_change() -> None:
 
 
 def test_distances_follow_the_map_and_pickles_keep_the_clearance() -> None:
-    space = build(Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1), Robot.disc(0.2), outside="free")
+    space = build(
+        Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1), Robot.disc(0.2), outside="free"
+    )
     plan = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
     before = pickle.loads(pickle.dumps(plan))
     assert before.clearance == math.inf
     space.add_obstacle("ball", shapely.Point(4.0, 5.2).buffer(0.3))
     assert 0.4 < plan.clearance < plan.obstacle_distance < 0.7
-    for again in (pickle.loads(pickle.dumps(plan)), copy.deepcopy(plan), pickle.loads(pickle.dumps(copy.copy(plan)))):
+    for again in (
+        pickle.loads(pickle.dumps(plan)),
+        copy.deepcopy(plan),
+        pickle.loads(pickle.dumps(copy.copy(plan))),
+    ):
         assert again.space is None and math.isnan(again.obstacle_distance)
         assert again.shown_distance == ("clearance", plan.clearance)
     space.add_obstacle("ball", shapely.Point(4.0, 4.2).buffer(0.3))
@@ -182,18 +222,25 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance() -> None:
 
 def test_tiled_maps_show_the_clearance_instead_of_the_obstacle_distance(tmp_path: Path) -> None:
     occupied = fill_boxes((60, 60), np.s_[:20, 30])
-    tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
+    tiled = build(
+        Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30
+    )
     plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
-    assert math.isnan(plan.obstacle_distance) and plan.shown_distance == ("clearance", plan.clearance)
+    assert math.isnan(plan.obstacle_distance) and plan.shown_distance == (
+        "clearance",
+        plan.clearance,
+    )
     assert plan.clearance == 0.0 and " m, clearance not proven to be more than 0\n" in repr(plan)
 
 
-# ---- proofs ----------------------------------------------------------------------------------------------------------
+# ---- proofs --------------------------------------------------------------------------------------
 
 
 def edge_center(plan: planners.Plan, edge: int) -> np.ndarray:
     """Return the position halfway along an edge."""
-    first, last = (int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints[edge : edge + 2])
+    first, last = (
+        int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints[edge : edge + 2]
+    )
     return plan.path[(first + last) // 2, : plan.space.grid.dim]
 
 
@@ -201,7 +248,9 @@ def test_recheck_proves_each_edge_among_the_current_obstacles(plan: planners.Pla
     # Edges proven free are free at every row; the edge with an obstacle is not.
     assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
     space = copy.deepcopy(plan.space)
-    longest = int(np.linalg.norm(np.diff(plan.waypoints[:, : space.grid.dim], axis=0), axis=1).argmax())
+    longest = int(
+        np.linalg.norm(np.diff(plan.waypoints[:, : space.grid.dim], axis=0), axis=1).argmax()
+    )
     space.add_obstacle("post", [edge_center(plan, longest)], radius=0.05)
     free = plan.recheck(space)
     assert free.dtype == np.bool_ and not free[longest]
@@ -219,7 +268,10 @@ def test_repr_tells_if_the_proof_still_holds() -> None:
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
     assert ", certified; 2.000 m, obstacle distance 0.700 m" in repr(plan)
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-    assert ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan) and plan.certified
+    assert (
+        ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan)
+        and plan.certified
+    )
     assert ", obstacle distance not proven to be more than 0\n" in repr(plan)
     again = pickle.loads(pickle.dumps(plan))
     assert "certified when planned; " in repr(again)
@@ -247,14 +299,18 @@ def test_plot_marks_edges_that_are_no_longer_proven_free() -> None:
         (line,) = (line for line in ax.lines if line.get_label() == name)
         drawn = np.asarray(line.get_xydata())
         rows = np.flatnonzero(~free)
-        assert np.array_equal(drawn[np.isfinite(drawn).all(axis=1)], plan.path[rows[0] : rows[-1] + 2])
+        assert np.array_equal(
+            drawn[np.isfinite(drawn).all(axis=1)], plan.path[rows[0] : rows[-1] + 2]
+        )
         assert line.get_linestyle() == "--"
         assert name in [text.get_text() for text in ax.figure.legends[0].get_texts()]
     assert len(thumbnail(plan)) > 0
-    assert not any(line.get_label() == name for line in space.plot(path=plan.path).lines)  # rows carry no proofs
+    assert not any(
+        line.get_label() == name for line in space.plot(path=plan.path).lines
+    )  # rows carry no proofs
 
 
-# ---- text and pictures -----------------------------------------------------------------------------------------------
+# ---- text and pictures ---------------------------------------------------------------------------
 
 
 def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
@@ -295,17 +351,21 @@ def test_a_failed_plan_shows_and_writes_start_and_goal(name: str, tmp_path: Path
     plan.to_json(tmp_path / "plan.json")
     written = json.loads((tmp_path / "plan.json").read_text())
     assert [written["start"], written["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
-    assert written["path"] == [] and written["length"] is None and written["is_disconnected"] is True
+    assert (
+        written["path"] == [] and written["length"] is None and written["is_disconnected"] is True
+    )
     plan.to_csv(tmp_path / "path.csv")
     assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
-    units = {axis: "rad" if axis == "yaw" else "1" if axis[0] == "q" else "m" for axis in space.axes}
+    units = {
+        axis: "rad" if axis == "yaw" else "1" if axis[0] == "q" else "m" for axis in space.axes
+    }
     assert dict(zip(plan.axes, plan.units, strict=True)) == units
     assert plan.units == space.units and (plan.length_unit, plan.distance_unit) == ("m", "m")
     again = pickle.loads(pickle.dumps(plan))
     np.testing.assert_array_equal([again.start, again.goal], [plan.start, plan.goal])
 
 
-# ---- files -----------------------------------------------------------------------------------------------------------
+# ---- files ---------------------------------------------------------------------------------------
 
 
 def test_a_path_is_read_back_exactly_from_csv(plan: planners.Plan, tmp_path: Path) -> None:
@@ -327,8 +387,14 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
     assert [record.pop(name) for name in computed] == [getattr(plan, name) for name in computed]
     times = planners.Times(**record.pop("times"))
     arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints", "start", "goal")}
-    direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
-    again = planners.Plan(**arrays, axes=axes, units=units, direction=direction, times=times, **record)
+    direction, axes, units = (
+        record.pop("direction"),
+        tuple(record.pop("axes")),
+        tuple(record.pop("units")),
+    )
+    again = planners.Plan(
+        **arrays, axes=axes, units=units, direction=direction, times=times, **record
+    )
     for name in arrays:
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     assert times == plan.times and axes == plan.axes and units == plan.units
@@ -339,7 +405,9 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("write", ["to_csv", "to_json"])
-def test_an_existing_file_is_kept_unless_overwritten(plan: planners.Plan, tmp_path: Path, write: str) -> None:
+def test_an_existing_file_is_kept_unless_overwritten(
+    plan: planners.Plan, tmp_path: Path, write: str
+) -> None:
     file = tmp_path / "plan"
     file.write_text("mine")
     with pytest.raises(FileError, match="overwrite=True"):

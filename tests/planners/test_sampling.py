@@ -12,7 +12,15 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
-from tests.planning import ENDPOINTS, SPACES, build_from_states, build_open_map, build_room, make_state, sample_edges
+from tests.planning import (
+    ENDPOINTS,
+    SPACES,
+    build_from_states,
+    build_open_map,
+    build_room,
+    make_state,
+    sample_edges,
+)
 from tests.urdfs import planar
 
 SAMPLING_CENTERS = {
@@ -31,13 +39,23 @@ def space(request: pytest.FixtureRequest) -> CSpace:
 
 def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
     si = planners.simple_setup(space, rng=np.random.default_rng(0)).getSpaceInformation()
-    sampler, state, read, drawn = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []
+    sampler, state, read, drawn = (
+        si.allocValidStateSampler(),
+        si.allocState(),
+        kind_of(space).read,
+        [],
+    )
     for _ in range(3000):
         assert sampler.sample(state) and si.isValid(state) and si.satisfiesBounds(state)
         drawn.append(read(state))
     draws, dim = np.array(drawn), space.grid.dim
-    centers = np.stack(np.meshgrid(*(space.grid.centers(axis) for axis in range(dim)), indexing="ij"), axis=-1)
-    turns, shares = space.rotations.centers.tolist(), space.rotations.volumes / space.rotations.volumes.sum()
+    centers = np.stack(
+        np.meshgrid(*(space.grid.centers(axis) for axis in range(dim)), indexing="ij"), axis=-1
+    )
+    turns, shares = (
+        space.rotations.centers.tolist(),
+        space.rotations.volumes / space.rotations.volumes.sum(),
+    )
     free = [space.is_free(_with(centers, turn)) for turn in turns]
     weights = np.tensordot(shares, np.array(free, dtype=float), 1)
     for axis in range(dim):
@@ -57,11 +75,16 @@ def _with(points: np.ndarray, turn: Sequence[float]) -> np.ndarray:
     return np.concatenate([points, np.broadcast_to(turn, (*points.shape[:-1], len(turn)))], axis=-1)
 
 
-@pytest.mark.parametrize(("name", "near"), [(name, near) for name in SPACES for near in SAMPLING_CENTERS[name]])
+@pytest.mark.parametrize(
+    ("name", "near"), [(name, near) for name in SPACES for near in SAMPLING_CENTERS[name]]
+)
 @pytest.mark.parametrize("distance", [0.05, 0.4, 20.0])
 def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: float) -> None:
     space, dim = build_room(name), build_room(name).grid.dim
-    si, read = planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(), kind_of(space).read
+    si, read = (
+        planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(),
+        kind_of(space).read,
+    )
     state, centre = make_state(space, si, [9.0] * dim + _turn(space)), make_state(space, si, near)
     sampler, drawn = si.allocValidStateSampler(), []
     for _ in range(200):
@@ -98,7 +121,12 @@ def test_samples_near_a_state_stay_in_a_map_with_free_exterior() -> None:
 def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
     def draws(**options: Any) -> list[tuple[float, ...]]:
         si = planners.simple_setup(space, **options).getSpaceInformation()
-        sampler, state, read, out = si.allocValidStateSampler(), si.allocState(), kind_of(space).read, []
+        sampler, state, read, out = (
+            si.allocValidStateSampler(),
+            si.allocState(),
+            kind_of(space).read,
+            [],
+        )
         centre = make_state(space, si, space.sample_free(rng=np.random.default_rng(0)))
         for _ in range(300):
             sampler.sample(state)
@@ -119,14 +147,20 @@ def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
 
 
 def test_a_map_without_free_cells_has_no_samples() -> None:
-    si = planners.simple_setup(build_from_states(np.full((3, 3), MIXED, dtype=np.uint8))).getSpaceInformation()
+    si = planners.simple_setup(
+        build_from_states(np.full((3, 3), MIXED, dtype=np.uint8))
+    ).getSpaceInformation()
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         si.allocValidStateSampler().sample(si.allocState())
 
 
 def test_the_sampler_of_maps_refuses_the_space_of_an_arm(tmp_path: Path) -> None:
-    space = build_arm_space({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
-    with pytest.raises(InputError, match=r"space is a ArmSpace; it must be a CSpace; use ompl.base.Uniform"):
+    space = build_arm_space(
+        {"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path))
+    )
+    with pytest.raises(
+        InputError, match=r"space is a ArmSpace; it must be a CSpace; use ompl.base.Uniform"
+    ):
         planners.FreeStateSampler(planners.simple_setup(space).getSpaceInformation(), space)  # type: ignore[arg-type]
 
 

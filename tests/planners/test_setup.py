@@ -19,8 +19,13 @@ from tests.refusals import refusals
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
-    for make in (ob.ObstacleBasedValidStateSampler, lambda si: ob.ObstacleBasedValidStateSampler(si)):
-        with pytest.raises(InputError, match=r"ObstacleBasedValidStateSampler.*last valid state.*leave it out"):
+    for make in (
+        ob.ObstacleBasedValidStateSampler,
+        lambda si: ob.ObstacleBasedValidStateSampler(si),
+    ):
+        with pytest.raises(
+            InputError, match=r"ObstacleBasedValidStateSampler.*last valid state.*leave it out"
+        ):
             planners.simple_setup(build_room("plane"), valid_state_sampler=make)
 
 
@@ -56,7 +61,11 @@ def test_a_setup_prints_itself(name: str) -> None:
 
 def test_no_object_of_ours_outlives_its_setup() -> None:
     ours: set[type] = set()
-    kinds: list[type] = [planners.MotionValidator, planners.StateValidityChecker, planners.FreeStateSampler]
+    kinds: list[type] = [
+        planners.MotionValidator,
+        planners.StateValidityChecker,
+        planners.FreeStateSampler,
+    ]
     kinds.append(planners.WeightedLength)
     while kinds:
         ours.add(kind := kinds.pop())
@@ -135,14 +144,21 @@ def test_fmt_starts_with_fewer_samples_along_curves(drive: str) -> None:
 @pytest.mark.parametrize(
     ("wrong", "meant"),
     [
-        *[("RRTConect", "RRTConnect"), ("bit*", "BITstar"), ("prm-star", "PRMstar"), ("gri", "Grid")],
+        *[
+            ("RRTConect", "RRTConnect"),
+            ("bit*", "BITstar"),
+            ("prm-star", "PRMstar"),
+            ("gri", "Grid"),
+        ],
         *[(wrong, None) for wrong in ("", "Planner", "SimpleSetup", 3)],
     ],
 )
 def test_an_unknown_planner_lists_the_names_and_suggests_one(wrong: Any, meant: str | None) -> None:
     with pytest.raises(InputError) as caught:
         planner_named(wrong)
-    assert (meant is None or f"did you mean {meant}?" in str(caught.value)) and repr(wrong) in str(caught.value)
+    assert (meant is None or f"did you mean {meant}?" in str(caught.value)) and repr(wrong) in str(
+        caught.value
+    )
     assert all(name in str(caught.value) for name in planners.planner_names())
     assert (caught.value.argument, caught.value.value) == ("planner", wrong)
 
@@ -189,8 +205,13 @@ def build_tiny_room(metres: float) -> tuple[CSpace, Any, Any]:
 def test_planners_of_ompl_plan_in_nanometres(planner: str, drive: str) -> None:
     space, *query = build_tiny_room(1e-9)
     radius = {"turning_radius": 4e-9} if drive == "reeds-shepp" else {}
-    for limit in (0.2, 20.0):  # anytime planners use all of it; a busy machine needs the longer limit
-        plan = planners.plan(space, *query, planner=planner, drive=drive, time_limit=limit, seed=1, **radius)
+    for limit in (
+        0.2,
+        20.0,
+    ):  # anytime planners use all of it; a busy machine needs the longer limit
+        plan = planners.plan(
+            space, *query, planner=planner, drive=drive, time_limit=limit, seed=1, **radius
+        )
         if plan.solved:
             break
     assert plan.certified and plan.planner == planner
@@ -200,8 +221,12 @@ def test_ompl_takes_over_in_nanometres() -> None:
     states = np.full((8, 20, 20), BLOCKED, dtype=np.uint8)
     states[0, 3:17, 3:17] = FREE  # Lattice finds no path, as the robot cannot turn
     space = build_from_states(states, 8, 1e-9)
-    plan = planners.plan(space, (10.5e-9, 5.5e-9, 0.0), (10.5e-9, 14.5e-9, 0.0), drive="differential", time_limit=0.1)
-    assert not plan.solved and plan.status.startswith("no path found within 0.1 s; the lattice of 16 headings")
+    plan = planners.plan(
+        space, (10.5e-9, 5.5e-9, 0.0), (10.5e-9, 14.5e-9, 0.0), drive="differential", time_limit=0.1
+    )
+    assert not plan.solved and plan.status.startswith(
+        "no path found within 0.1 s; the lattice of 16 headings"
+    )
 
 
 def test_spaces_too_small_for_ompl_are_left_to_built_in_searches() -> None:
@@ -217,8 +242,15 @@ def test_spaces_too_small_for_ompl_are_left_to_built_in_searches() -> None:
             refuse()
     for planner in (None, "Grid", "MaxClearance"):
         assert planners.plan(space, *query, planner=planner, time_limit=20.0).certified
-    # A robot too long to turn cannot drive to its side, so Lattice fails, and OMPL cannot take over.
-    hall = build(Workspace.from_array(fill_boxes((60, 16)), 1e-12), Robot.rectangle(40e-12, 3e-12), rotations=24)
-    plan = planners.plan(hall, (30e-12, 6e-12, 0.0), (30e-12, 10e-12, 0.0), drive="differential", time_limit=20.0)
+    # A robot too long to turn cannot drive to its side, so Lattice fails, and OMPL cannot take
+    # over.
+    hall = build(
+        Workspace.from_array(fill_boxes((60, 16)), 1e-12),
+        Robot.rectangle(40e-12, 3e-12),
+        rotations=24,
+    )
+    plan = planners.plan(
+        hall, (30e-12, 6e-12, 0.0), (30e-12, 10e-12, 0.0), drive="differential", time_limit=20.0
+    )
     assert not plan.solved and plan.is_connected and plan.planner == "Lattice"
     assert "the lattice of 16 headings has no path; " in plan.status

@@ -43,9 +43,11 @@ def test_a_radian_counts_as_half_a_metre(name: str) -> None:
     states = kind.make()
     kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
     first, second = states.allocState(), states.allocState()
-    still, turned = {0: ((), ()), 1: ((0.0,), (0.4,)), 4: ((0.0, 0.0, 0.0, 1.0), (0.0, np.sin(0.2), 0.0, np.cos(0.2)))}[
-        size - dim
-    ]
+    still, turned = {
+        0: ((), ()),
+        1: ((0.0,), (0.4,)),
+        4: ((0.0, 0.0, 0.0, 1.0), (0.0, np.sin(0.2), 0.0, np.cos(0.2))),
+    }[size - dim]
     kind.write(first, *[1.0] * dim, *still)
     kind.write(second, 4.0, *[1.0] * (dim - 1), *turned)
     assert states.distance(first, second) == pytest.approx(3.0 + 0.5 * (0.4 if turned else 0.0))
@@ -61,5 +63,7 @@ def test_each_space_has_its_own_type_of_states() -> None:
     }
     for name in SPACES:
         assert isinstance(planners.state_space(build_room(name)), types[name])
-    assert build_room("turning").size == build_room("space").size  # the size alone does not determine the space
+    assert (
+        build_room("turning").size == build_room("space").size
+    )  # the size alone does not determine the space
     assert kind_of(build_room("turning")) is not kind_of(build_room("space"))

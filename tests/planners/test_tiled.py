@@ -64,12 +64,16 @@ def test_the_status_tells_if_existence_is_undecided(tmp_path):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=15)
     plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
     assert not plan.solved and not (plan.is_connected or plan.is_disconnected)
-    assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+    assert (
+        plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+    )
 
 
 @pytest.fixture(scope="module")
 def tiled_maze(tmp_path_factory):
-    return cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path_factory.mktemp("maze") / "m", tile=20)
+    return cspace.build(
+        maze(), cspace.Robot.disc(0.25), store=tmp_path_factory.mktemp("maze") / "m", tile=20
+    )
 
 
 def test_a_blocked_goal_on_a_tiled_map_is_refused_with_the_nearest_free_one(tiled_maze):
@@ -114,7 +118,9 @@ def test_tiled_plans_accept_the_options_of_plans_in_memory(options, tmp_path):
     assert plan.certified
     assert "through" in plan.status
     np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
-    edges = local_planner(space, False, options.get("drive", "holonomic"), options.get("turning_radius"))
+    edges = local_planner(
+        space, False, options.get("drive", "holonomic"), options.get("turning_radius")
+    )
     assert edges.are_free(plan.waypoints)
     assert plan.clearance == pytest.approx(edges.clearance(plan.waypoints))
     assert plan.recheck().all() and "found, certified" in repr(plan).replace(plan.status, "found")
@@ -132,7 +138,9 @@ def test_a_car_rotates_in_a_bay(tmp_path):
     walls = np.ones((120, 120), dtype=bool)
     walls[10:20, 10:110] = walls[10:110, 100:110] = walls[5:25, 90:115] = False
     workspace = cspace.Workspace.from_array(walls, 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.rectangle(1.2, 0.4), rotations=16, store=tmp_path / "m", tile=40)
+    tiled = cspace.build(
+        workspace, cspace.Robot.rectangle(1.2, 0.4), rotations=16, store=tmp_path / "m", tile=40
+    )
     for options in ({}, {"planner": "RRTConnect", "time_limit": 1e-4}):
         plan = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
         assert plan.certified

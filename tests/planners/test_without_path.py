@@ -15,18 +15,36 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
-from tests.handmade import MAP_KINDS, components, configurations, fill_boxes, make_map, random_states
+from tests.handmade import (
+    MAP_KINDS,
+    components,
+    configurations,
+    fill_boxes,
+    make_map,
+    random_states,
+)
 from tests.maps import proven_paths
-from tests.planning import SPACES, build_halves, build_room, build_three_rooms, check_failed, options_for
+from tests.planning import (
+    SPACES,
+    build_halves,
+    build_room,
+    build_three_rooms,
+    check_failed,
+    options_for,
+)
 from tests.strategies import seeds
 
-SPACES_WITH_DRIVES = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
+SPACES_WITH_DRIVES = [
+    *((name, "holonomic") for name in SPACES),
+    *(("turning", drive) for drive in DRIVES[1:]),
+]
 
 
-# ---- a path is known -------------------------------------------------------------------------------------------------
+# ---- a path is known -----------------------------------------------------------------------------
 
 UNLUCKY = (46.88055871201929, 41.28320707718364), (12.183013811961223, 15.754237987961671)
-"""Start and goal that RRTConnect does not join within a second, on a map of offices with narrow doors."""
+"""Start and goal that RRTConnect does not join within a second, on a map of offices with narrow
+doors."""
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +56,9 @@ def test_grid_plans_by_default_on_a_real_map(offices: CSpace) -> None:
     plan = planners.plan(offices, *UNLUCKY, time_limit=20.0)
     assert plan.solved and plan.certified and plan.planner == "Grid" and plan.times.planning < 10.0
     assert np.array_equal(plan.path, planners.plan(offices, *UNLUCKY, seed=1, time_limit=20.0).path)
-    late = planners.plan(offices, *UNLUCKY, time_limit=1e-6)  # the grid search gets at least 0.1 s, if that is enough
+    late = planners.plan(
+        offices, *UNLUCKY, time_limit=1e-6
+    )  # the grid search gets at least 0.1 s, if that is enough
     assert late.certified == late.solved and late.is_connected
 
 
@@ -47,8 +67,12 @@ def test_a_named_planner_is_not_replaced_and_the_hint_names_grid(offices: CSpace
         plan = planners.plan(offices, *UNLUCKY, planner="RRTConnect", time_limit=0.01, **options)
         check_failed(offices, plan)
         assert plan.status.endswith("; a path exists")
-        assert plan.hint == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
-    plan = planners.plan(offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance")
+        assert (
+            plan.hint == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
+        )
+    plan = planners.plan(
+        offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance"
+    )
     assert plan.solved or plan.hint.startswith("planner='Grid' without objective, which finds one")
     assert planners.plan(offices, *UNLUCKY, planner="Grid").certified
 
@@ -61,7 +85,7 @@ def test_grid_plans_by_default_on_a_tiled_map(tmp_path: Path) -> None:
         assert plan.solved and plan.certified
 
 
-# ---- no chain of FREE cells ------------------------------------------------------------------------------------------
+# ---- no chain of FREE cells ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "drive"), SPACES_WITH_DRIVES)
@@ -76,7 +100,9 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
     check_failed(space, plan)
     assert not (plan.is_connected or plan.is_disconnected) and plan.times.planning < 60.0
-    assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+    assert (
+        plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+    )
     finer = "a finer spacing" + " or more rotations" * (name in ("turning", "yawing", "floating"))
     assert plan.hint == (finer if drive in CURVES else f"exact=True, or {finer}")
 
@@ -107,9 +133,13 @@ def draw_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any
     dim, grid = space.grid.dim, space.grid
     lower, upper = np.array(grid.lower), np.array(grid.upper)
     positions = rng.uniform(lower, upper, (2, count, dim))
-    positions[1] = np.clip(positions[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper)
+    positions[1] = np.clip(
+        positions[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper
+    )
     corners = lower + np.round((positions - lower) / (grid.spacing / 2.0)) * grid.spacing / 2.0
-    positions = np.where(rng.random(positions.shape) < 0.3, np.clip(corners, lower, upper), positions)
+    positions = np.where(
+        rng.random(positions.shape) < 0.3, np.clip(corners, lower, upper), positions
+    )
     turns = rng.normal(size=(2, count, len(space.rotations.names)))
     turns[1] = np.where(rng.random((count, 1)) < 0.5, turns[0], turns[0] + 0.7 * turns[1])
     q0, q1 = configurations(space, np.concatenate([positions, turns], axis=-1))
@@ -118,7 +148,9 @@ def draw_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from(["free", "blocked"]))
-def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed: int, kind: str, outside: str) -> None:
+def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(
+    seed: int, kind: str, outside: str
+) -> None:
     # Therefore a plan that ends early misses no path.
     rng = np.random.default_rng(seed)
     states = random_states(rng, kind, mixture=(FREE, FREE, FREE, FREE, MIXED))
@@ -126,7 +158,11 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
     joined = components(states == FREE, kind)
     q0, q1 = draw_edges(space, rng, 40)
     cells = [
-        tuple(np.insert(space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations.find_cells(q), axis=1).T)
+        tuple(
+            np.insert(
+                space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations.find_cells(q), axis=1
+            ).T
+        )
         for q in (q0, q1)
     ]
     for drive in DRIVES if kind == "turning" else DRIVES[:1]:
@@ -148,7 +184,10 @@ def test_a_plan_is_solved_exactly_if_free_cells_connect_its_endpoints(seed: int,
     if not len(free):
         return
     first, last = free[rng.integers(len(free), size=2)]
-    q = [np.concatenate([space.grid.center_of(cell[1:]), space.rotations.centers[cell[0]]]) for cell in (first, last)]
+    q = [
+        np.concatenate([space.grid.center_of(cell[1:]), space.rotations.centers[cell[0]]])
+        for cell in (first, last)
+    ]
     plan = planners.plan(space, *q, seed=0)
     assert plan.solved == (joined[tuple(first)] == joined[tuple(last)])
     if plan.solved:
@@ -166,7 +205,7 @@ def test_a_plan_ends_at_once_on_a_real_map(offices: CSpace) -> None:
         assert plan.status.startswith("no chain of FREE cells") and plan.times.planning < 60.0
 
 
-# ---- free yaws -------------------------------------------------------------------------------------------------------
+# ---- free yaws -----------------------------------------------------------------------------------
 
 FREE_YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are proven free")
 
@@ -183,7 +222,9 @@ def free_range(space: CSpace, q: Any, step: float = 1e-3) -> tuple[float, float]
 
 
 @pytest.mark.parametrize("drive", DRIVES[1:])
-def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal(drive: str) -> None:
+def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal(
+    drive: str,
+) -> None:
     occupied = np.ones((60, 60), dtype=bool)
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     occupied[40:57, 15:45] = False  # and a room at its end
@@ -194,7 +235,10 @@ def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal
     found = {name: (float(low), float(high)) for name, low, high in FREE_YAWS.findall(plan.status)}
     for name, q in zip(("start", "goal"), endpoints, strict=True):
         low, high = free_range(space, q)
-        assert found[name] == pytest.approx((low, high), abs=3e-3) and found[name][0] <= q[2] <= found[name][1]
+        assert (
+            found[name] == pytest.approx((low, high), abs=3e-3)
+            and found[name][0] <= q[2] <= found[name][1]
+        )
     assert ("too few to turn around" in plan.status) == (drive not in CURVES)
 
 
@@ -202,10 +246,14 @@ def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal
 @given(seeds)
 def test_the_yaws_in_the_status_equal_look_ups(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    states = rng.choice(np.array([FREE, FREE, MIXED], dtype=np.uint8), (int(rng.integers(3, 9)), 4, 1))
+    states = rng.choice(
+        np.array([FREE, FREE, MIXED], dtype=np.uint8), (int(rng.integers(3, 9)), 4, 1)
+    )
     states[:, 1:3] = FREE
     space, joined = make_map(states, "turning", "blocked"), components(states == FREE, "turning")
-    ends = [np.array([*space.grid.center_of([x, 0]), rng.uniform(-math.pi, math.pi)]) for x in (0, 3)]
+    ends = [
+        np.array([*space.grid.center_of([x, 0]), rng.uniform(-math.pi, math.pi)]) for x in (0, 3)
+    ]
     if not all(space.motion_is_free(q, q) for q in ends):
         return
     plan = planners.plan(space, *ends, drive="differential", planner="RRT", time_limit=1e-6)

@@ -45,7 +45,12 @@ def find_patch(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDAr
 def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     file = animate(
-        turning, TURNING_PATH, tmp_path / "drive.gif", seconds=1, rate=5, progress=lambda *call: calls.append(call)
+        turning,
+        TURNING_PATH,
+        tmp_path / "drive.gif",
+        seconds=1,
+        rate=5,
+        progress=lambda *call: calls.append(call),
     )
     pixels, times, loop = read_frames(file)
     assert len(pixels) == 6
@@ -63,7 +68,7 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
     assert (np.diff(centers[:, 0]) > -1.0).all()
 
 
-# ---- in space, and arms ----------------------------------------------------------------------------------------------
+# ---- in space, and arms --------------------------------------------------------------------------
 
 PURPLE = (0x6A, 0x1B, 0x9A)
 
@@ -94,29 +99,41 @@ def tunnel() -> CSpace:
 def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     path = [(0.6, 1.0, 0.4, 0.0), (0.6, 1.0, 1.5, 1.0), (3.4, 1.0, 1.5, 1.0)]
-    view: dict[str, Any] = {"camera": (0.0, -90.0), "seconds": 1, "progress": lambda *call: calls.append(call)}
+    view: dict[str, Any] = {
+        "camera": (0.0, -90.0),
+        "seconds": 1,
+        "progress": lambda *call: calls.append(call),
+    }
     pixels, times, _ = read_frames(animate(tunnel, path, tmp_path / "fly.gif", rate=4, **view))
-    assert len(pixels) == 5 and calls == [(number, 5) for number in range(1, 6)] and times[-1] == 1200
+    assert (
+        len(pixels) == 5 and calls == [(number, 5) for number in range(1, 6)] and times[-1] == 1200
+    )
     rows, columns = np.array([center(frame) for frame in pixels]).T
     # Seen from the side, the robot moves up, then right; both axes have the same scale.
     up, right = rows[0] - rows[-1], columns[-1] - columns[0]
     assert up / 1.1 == pytest.approx(right / 2.8, rel=0.05) and right > 100
     assert (np.diff(rows) < 1.0).all() and (np.diff(columns) > -1.0).all()
-    assert (np.abs(pixels[0].astype(int) - PURPLE).max(axis=-1) < 30).sum() > 50  # the path keeps its colour
+    assert (
+        np.abs(pixels[0].astype(int) - PURPLE).max(axis=-1) < 30
+    ).sum() > 50  # the path keeps its colour
 
 
 def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
     """Look along x, from behind the wall."""
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
-        file = animate(tunnel, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5)
+        file = animate(
+            tunnel, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5
+        )
         shown = [int(mask_green(frame).sum()) for frame in read_frames(file)[0]]
         assert shown[number] < 0.2 * shown[1 - number]
 
 
 def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
-    arm = build_arm_space({"post": posed_box((0.2, 0.2, 0.6), 1.6, -1.6)}, Arm.from_urdf(planar(tmp_path)))
+    arm = build_arm_space(
+        {"post": posed_box((0.2, 0.2, 0.6), 1.6, -1.6)}, Arm.from_urdf(planar(tmp_path))
+    )
     plan = planners.plan(arm, (0.0, 0.0), (1.5, 0.0), time_limit=20)
     plan.animate(tmp_path / "arm.gif", camera=(90.0, -90.0), seconds=0.8, rate=5)
     pixels = read_frames(tmp_path / "arm.gif")[0]
@@ -140,12 +157,18 @@ def test_animate_draws_plans_and_robots_at_rest(flat: CSpace, tmp_path: Path) ->
 
 
 def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -> None:
-    trajectory = planners.plan(flat, (1.0, 2.5), (7.0, 2.5)).trajectory(max_velocity=100.0, max_acceleration=6.0)
+    trajectory = planners.plan(flat, (1.0, 2.5), (7.0, 2.5)).trajectory(
+        max_velocity=100.0, max_acceleration=6.0
+    )
     pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
     assert trajectory.duration == pytest.approx(2.0) and times == [200] * 10 + [1200]
     centers = np.array([find_patch(frame)[0] for frame in pixels])
-    shares = trajectory.sample(0.2 * np.arange(11))[0][:, 0] / 6.0 - 1.0 / 6.0  # the first half accelerates
-    np.testing.assert_allclose((centers - centers[0]) / (centers[-1] - centers[0]), shares, atol=0.02)
+    shares = (
+        trajectory.sample(0.2 * np.arange(11))[0][:, 0] / 6.0 - 1.0 / 6.0
+    )  # the first half accelerates
+    np.testing.assert_allclose(
+        (centers - centers[0]) / (centers[-1] - centers[0]), shares, atol=0.02
+    )
 
 
 def test_the_robot_moves_over_the_slice_of_its_yaw(turning: CSpace, tmp_path: Path) -> None:
@@ -164,9 +187,14 @@ def test_the_robot_moves_over_the_slice_of_its_yaw(turning: CSpace, tmp_path: Pa
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300), (60, 50)])
 def test_animate_draws_maps_of_any_shape(shape: tuple[int, int], tmp_path: Path) -> None:
     space = build(
-        Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.rectangle(0.02, 0.01), rotations=4, outside="free"
+        Workspace.from_array(np.zeros(shape, bool), 0.1),
+        Robot.rectangle(0.02, 0.01),
+        rotations=4,
+        outside="free",
     )
-    file = animate(space, [(0, 0, 0), (*np.multiply(shape, 0.1), 3)], tmp_path / "a.gif", seconds=0.3)
+    file = animate(
+        space, [(0, 0, 0), (*np.multiply(shape, 0.1), 3)], tmp_path / "a.gif", seconds=0.3
+    )
     pixels, _, _ = read_frames(file)
     assert max(pixels[0].shape) < 1200
     assert min(pixels[0].shape[:2]) > 150

@@ -23,7 +23,9 @@ PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
 @pytest.fixture(scope="module")
 def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
     blocks = {"block": posed_box((0.4, 0.2, 1.0), -0.4, 1.0)}
-    return cspace.build_arm_space(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
+    return cspace.build_arm_space(
+        blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    )
 
 
 def test_axes_of_a_joint_map_are_in_radians(space: cspace.ArmSpace) -> None:
@@ -36,7 +38,9 @@ def collect_polygons(ax: Any, color: str) -> Any:
     (collection,) = ax.collections
     shades, hue = collection._facecolor3d[:, :3], np.array(to_rgb(color))
     bright = shades @ hue / (hue @ hue)
-    return np.asarray(collection._faces)[np.abs(shades - bright[:, np.newaxis] * hue).max(axis=1) < 0.01]
+    return np.asarray(collection._faces)[
+        np.abs(shades - bright[:, np.newaxis] * hue).max(axis=1) < 0.01
+    ]
 
 
 def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
@@ -46,7 +50,9 @@ def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) ->
         [arm.min(axis=0), arm.max(axis=0)], [(-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)], atol=1e-9
     )
     block = collect_polygons(ax, SURFACES["obstacles"][1]).reshape(-1, 3)
-    np.testing.assert_allclose([block.min(axis=0), block.max(axis=0)], [(-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)], atol=1e-9)
+    np.testing.assert_allclose(
+        [block.min(axis=0), block.max(axis=0)], [(-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)], atol=1e-9
+    )
     assert not len(collect_polygons(ax, GHOST_COLOR))
     assert ax.get_figure().get_suptitle() == "small"
 
@@ -57,7 +63,10 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
         collect_polygons(ax, ROBOT_FILL_COLOR).reshape(-1, 3),
         collect_polygons(ax, GHOST_COLOR).reshape(-1, 3),
     )
-    tip_positions = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
+    tip_positions = [
+        np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0])
+        for a, b in PATH_OF_JOINTS
+    ]
     assert np.linalg.norm(shown[:, np.newaxis] - tip_positions[2], axis=-1).min() < 0.08
     for q in interpolate_joints(np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT):
         tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
@@ -71,13 +80,17 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
 
 def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmSpace) -> None:
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
-    assert plan.certified and LOST_COLOR not in [line.get_color() for line in space.plot(path=plan).lines]
+    assert plan.certified and LOST_COLOR not in [
+        line.get_color() for line in space.plot(path=plan).lines
+    ]
     block = posed_box((0.1, 0.1, 0.1), 1.9 * np.cos(0.6), 1.9 * np.sin(0.6))
     again = cspace.build_arm_space({"box": block}, space.arm)
     assert not plan.recheck(again).all()
     ax = again.plot(path=plan)
     assert LOST_COLOR in [line.get_color() for line in ax.lines]
-    assert "path, no longer proven free" in [text.get_text() for text in ax.get_figure().legends[0].get_texts()]
+    assert "path, no longer proven free" in [
+        text.get_text() for text in ax.get_figure().legends[0].get_texts()
+    ]
 
 
 def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:

@@ -25,7 +25,17 @@ from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import outline_rings
 from cspace.view import scene
-from tests.pictures import COLORS, check_cells, check_within, class_of, heading, heading_box, labels, pixel, rendered
+from tests.pictures import (
+    COLORS,
+    check_cells,
+    check_within,
+    class_of,
+    heading,
+    heading_box,
+    labels,
+    pixel,
+    rendered,
+)
 
 # ----------------------------------------------------------------------------------------------- cells
 
@@ -35,7 +45,13 @@ def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, y
     """Compare pictures of slices with single queries."""
     shown = flat if yaw == "none" else turning
     ax = plot(shown, rotation=None if yaw == "none" else yaw)
-    yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.centers[:, 0]]
+    yaws = (
+        [()]
+        if yaw == "none"
+        else [(yaw,)]
+        if yaw is not None
+        else [(q,) for q in turning.rotations.centers[:, 0]]
+    )
     cells = np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2))
     assert len(check_cells(shown, ax, rendered(ax), cells, yaws)) == (5 if yaw is None else 4)
 
@@ -53,13 +69,22 @@ def test_the_title_tells_yaw_and_width(turning: CSpace) -> None:
     assert "over all rotations, 24 rotation cells of 15°" in heading(plot(turning))
     assert heading(plot(turning, rotation=0.0, title="mine")) == "mine"
     boundaries = np.radians([0.0, 90.0, 100.0, 360.0])
-    uneven = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.rectangle(0.2, 0.1), rotations=boundaries)
+    uneven = build(
+        Workspace.from_array(np.eye(9, dtype=bool), 0.1),
+        Robot.rectangle(0.2, 0.1),
+        rotations=boundaries,
+    )
     assert "3 rotation cells of 10° to 260°" in heading(plot(uneven))
 
 
 def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
     assert labels(plot(flat)) == ["obstacle", "C-obstacle (BLOCKED)", "undecided (MIXED)", "free"]
-    assert labels(plot(flat, path=[(1, 1), (1, 4), (7, 4)]))[4:] == ["path", "robot", "start", "goal"]
+    assert labels(plot(flat, path=[(1, 1), (1, 4), (7, 4)]))[4:] == [
+        "path",
+        "robot",
+        "start",
+        "goal",
+    ]
     assert labels(plot(flat, legend=False)) == []
     assert labels(plot(turning)) == [
         *(
@@ -75,23 +100,33 @@ def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
 @pytest.mark.parametrize("outside", ["free", "blocked"])
 def test_exterior_of_the_grid_is_hatched(outside: str) -> None:
     """Compare the hatching with colours of classes."""
-    space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside)
+    space = build(
+        Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside
+    )
     ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
     assert ax.get_xlim()[0] == pytest.approx(-1.1)
     image = rendered(ax)
-    shown = {pixel(ax, image, x, y) for x in np.linspace(-1.0, -0.1, 40) for y in np.linspace(0.6, 1.9, 40)}
+    shown = {
+        pixel(ax, image, x, y)
+        for x in np.linspace(-1.0, -0.1, 40)
+        for y in np.linspace(0.6, 1.9, 40)
+    }
     assert len(shown) > 1
     assert not shown & set(COLORS.values())
     assert "outside the grid" in labels(ax)
     assert "outside the grid" not in labels(plot(space))
-    high = build(Workspace.from_array(np.zeros((5, 5, 5), bool), 0.1), Robot.ball(0.1), outside=outside)
+    high = build(
+        Workspace.from_array(np.zeros((5, 5, 5), bool), 0.1), Robot.ball(0.1), outside=outside
+    )
     assert "outside the grid" in labels(plot(high, start=(-1.0, 0.2, 0.2)))
 
 
 def test_obstacles_free_for_the_reference_point_have_their_own_colour() -> None:
     occupied = np.zeros((60, 20), bool)
     occupied[20:24] = True
-    space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3, center=(2.0, 0.0)), outside="free")
+    space = build(
+        Workspace.from_array(occupied, 0.1), Robot.disc(0.3, center=(2.0, 0.0)), outside="free"
+    )
     assert (space.cell_states[20:24] == FREE).all()
     ax = plot(space)
     assert pixel(ax, rendered(ax), 2.2, 1.0) == COLORS["obstacle, free for the reference point"]
@@ -101,11 +136,16 @@ def test_colors_differ_even_in_grey() -> None:
     # Perceived lightness L* of CIELAB, 0 to 100.
     lightness = {}
     for label, name in CLASSES:
-        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in to_rgb(name)]
+        linear = [
+            part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+            for part in to_rgb(name)
+        ]
         lightness[label] = 116 * float(np.dot([0.2126, 0.7152, 0.0722], linear)) ** (1 / 3) - 16
     assert np.diff(sorted(lightness.values())).min() > 7
     rare = ("reference", "some", "taken as free")
-    main = sorted(value for label, value in lightness.items() if not any(word in label for word in rare))
+    main = sorted(
+        value for label, value in lightness.items() if not any(word in label for word in rare)
+    )
     assert np.diff(main).min() > 15
     colors = [color for _, color in CLASSES] + [
         artists.PATH_COLOR,
@@ -113,7 +153,11 @@ def test_colors_differ_even_in_grey() -> None:
         artists.GOAL_COLOR,
         artists.OUTSIDE_STYLE["facecolor"],
     ]
-    apart = [np.abs(np.subtract(to_rgb(one), to_rgb(two))).max() for i, one in enumerate(colors) for two in colors[:i]]
+    apart = [
+        np.abs(np.subtract(to_rgb(one), to_rgb(two))).max()
+        for i, one in enumerate(colors)
+        for two in colors[:i]
+    ]
     assert min(apart) > 0.04
 
 
@@ -121,7 +165,10 @@ def to_lab(color: Any) -> Any:
     """Convert sRGB to CIELAB; 2 is just noticeable."""
     given = np.array(to_rgb(color))
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
-    xyz = np.array([(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]) @ linear
+    xyz = (
+        np.array([(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)])
+        @ linear
+    )
     x, y, z = np.cbrt(xyz / (0.9505, 1.0, 1.089))
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
@@ -145,11 +192,15 @@ def test_path_colors_differ_from_map_colors() -> None:
 def test_repr_tells_shares_of_occupied_and_unknown_cells(data: Path) -> None:
     sandbox = data / "maps/tb3_sandbox.yaml"
     image = np.asarray(Image.open(sandbox.with_suffix(".pgm")))
-    occupied, unknown = (100.0 * np.count_nonzero(image == value) / image.size for value in (0, 205))
+    occupied, unknown = (
+        100.0 * np.count_nonzero(image == value) / image.size for value in (0, 205)
+    )
     shares = f"{occupied:.3g} % occupied, {unknown:.3g} % unknown"
     assert f" m, {shares}, taken as occupied)" in repr(Workspace.from_ros_map(sandbox))
     assert f" m, {shares}, taken as free)" in repr(Workspace.from_ros_map(sandbox, "free"))
-    assert repr(Workspace.from_array(np.eye(2, dtype=bool), 0.1)).endswith("2 x 2 cells of 0.1 m, 50 % occupied)")
+    assert repr(Workspace.from_array(np.eye(2, dtype=bool), 0.1)).endswith(
+        "2 x 2 cells of 0.1 m, 50 % occupied)"
+    )
 
 
 @pytest.mark.parametrize("taken", ["free", "occupied"])
@@ -165,7 +216,11 @@ def test_unknown_cells_have_their_own_colours(taken: str) -> None:
         image, count = rendered(ax), 0
         for cell in np.ndindex(30, 20):
             state = int(space.cell_states[cell]) if mapped else FREE
-            plain = class_of(space, {state}, bool(outer[cell])) if mapped else ["free", "obstacle"][int(outer[cell])]
+            plain = (
+                class_of(space, {state}, bool(outer[cell]))
+                if mapped
+                else ["free", "obstacle"][int(outer[cell])]
+            )
             apart = bool(unknown[cell]) and plain in ("free", "obstacle")
             assert pixel(ax, image, *space.grid.center_of(cell)) == COLORS[word if apart else plain]
             count += apart
@@ -188,7 +243,11 @@ def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
 
 
 def collect_drawn(ax: Any) -> dict[str, list[list[float]]]:
-    return {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_label()[0] != "_"}
+    return {
+        line.get_label(): line.get_xydata().tolist()
+        for line in ax.lines
+        if line.get_label()[0] != "_"
+    }
 
 
 def collect_boxes(ax: Any, number: int = 0) -> list[Any]:
@@ -218,12 +277,22 @@ def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpac
     assert 5 < len(collect_boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
     assert len(collect_boxes(plot(flat, path=[(1.0, 1.0)]))) == 2
     # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
-    drawn = collect_boxes(plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0))
+    drawn = collect_boxes(
+        plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0)
+    )
     expected = [(1.8, 2.2, y - 0.3, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
-    np.testing.assert_allclose([(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9)
-    assert 4 <= len(collect_boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a rotation in place
-    center = collect_boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
-    np.testing.assert_allclose((center.x0, center.x1, center.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
+    np.testing.assert_allclose(
+        [(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9
+    )
+    assert (
+        4 <= len(collect_boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20
+    )  # a rotation in place
+    center = collect_boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[
+        0
+    ]  # the shorter way round
+    np.testing.assert_allclose(
+        (center.x0, center.x1, center.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])
@@ -258,21 +327,31 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape: tuple[int, in
 
 def test_holes_of_the_robot_stay_open() -> None:
     ring = shapely.box(-1.0, -1.0, 1.0, 1.0) - shapely.box(-0.8, -0.8, 0.8, 0.8)
-    space = build(Workspace.from_array(np.zeros((60, 60), bool), 0.1, lower=(-3.0, -3.0)), Robot.polygon(ring))
+    space = build(
+        Workspace.from_array(np.zeros((60, 60), bool), 0.1, lower=(-3.0, -3.0)), Robot.polygon(ring)
+    )
     ax = plot(space, start=(0.3, 0.2))
     image = rendered(ax)
     assert pixel(ax, image, 0.3, 0.9) == COLORS["free"]
     assert pixel(ax, image, 0.3, 1.1) != COLORS["free"]
-    square, hole = shapely.box(0, 0, 3, 3).exterior, [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
+    square, hole = (
+        shapely.box(0, 0, 3, 3).exterior,
+        [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)],
+    )
     for inside in (hole, hole[::-1]):
-        turns = [shapely.LinearRing(each).is_ccw for each in outline_rings(shapely.Polygon(square, [inside]))]
+        turns = [
+            shapely.LinearRing(each).is_ccw
+            for each in outline_rings(shapely.Polygon(square, [inside]))
+        ]
         assert turns == [True, False]
 
 
 # ----------------------------------------------------------------------------------------------- figures
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (2, 3), (300, 10), (60, 24, 5), (8, 8, 60), (1, 1, 300)])
+@pytest.mark.parametrize(
+    "shape", [(1, 1), (1, 300), (2, 3), (300, 10), (60, 24, 5), (8, 8, 60), (1, 1, 300)]
+)
 def test_text_and_panels_fit_the_figure_without_overlap(shape: tuple[int, ...]) -> None:
     robot = Robot.ball(0.01) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
     space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), robot, outside="free")
@@ -290,10 +369,20 @@ def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSp
     path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
     ax = plot(turning, rotation=0.0, zoom=4.0, center=(4.5, 2.5), path=path)
     assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
-    check_cells(turning, ax, rendered(ax), np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)), [(0.0,)])
-    assert not {"start", "outside the grid"} & set(labels(ax)) and {"path", "robot"} <= set(labels(ax))
+    check_cells(
+        turning,
+        ax,
+        rendered(ax),
+        np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)),
+        [(0.0,)],
+    )
+    assert not {"start", "outside the grid"} & set(labels(ax)) and {"path", "robot"} <= set(
+        labels(ax)
+    )
     # By default it is at the middle of the path, and ends at the map's border.
-    assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
+    assert np.mean(
+        plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()
+    ) == pytest.approx(2.0)
     assert plot(turning, zoom=4.0, center=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
     assert len(plot(turning, zoom=1e9, center=(4.51, 2.51)).images[0].get_extent()) == 4
     path = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
@@ -304,8 +393,12 @@ def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSp
         np.testing.assert_allclose(limits, sorted([sides[right], sides[up]]))
     solid = plot(hall, view="3d", path=path, zoom=3.0, center=(3.0, 1.2, 1.0))
     np.testing.assert_allclose([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()], sides)
-    line = next(np.transpose(one.get_data_3d()) for one in solid.lines if one.get_label().startswith("path"))
-    np.testing.assert_allclose([np.nanmin(line, axis=0)[0], np.nanmax(line, axis=0)[0]], sides[0], atol=0.02)
+    line = next(
+        np.transpose(one.get_data_3d()) for one in solid.lines if one.get_label().startswith("path")
+    )
+    np.testing.assert_allclose(
+        [np.nanmin(line, axis=0)[0], np.nanmax(line, axis=0)[0]], sides[0], atol=0.02
+    )
     assert "goal" not in labels(solid)
 
 
@@ -332,5 +425,7 @@ def test_pictures_need_no_window_and_no_display(tmp_path: Path) -> None:
     environment = {"PATH": "", "PYTHONPATH": root, "MPLBACKEND": "tkagg", "HOME": str(tmp_path)}
     environment |= {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
     environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # which knows the fonts
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr

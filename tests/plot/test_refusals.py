@@ -39,7 +39,11 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ("flat", {"view": "panels"}, "it must be plane"),
     ("flat", {"view": "rotations"}, "view is 'rotations'"),
     ("flat", {"center": (1, 1, 1), "zoom": 2.0}, "center has shape (3,); it must be (2,)"),
-    ("flat", {"center": (1, 1)}, "center is given without zoom; the whole map is drawn; add e.g. zoom=8"),
+    (
+        "flat",
+        {"center": (1, 1)},
+        "center is given without zoom; the whole map is drawn; add e.g. zoom=8",
+    ),
     ("flat", {"zoom": 0.5}, "zoom is 0.5; it must be at least 1 (the whole map)"),
     ("flat", {"zoom": math.nan}, "zoom is nan"),
     ("flat", {"zoom": 2.0, "center": (9.0, 1.0)}, "center is (9, 1); the grid is from (0, 0)"),
@@ -68,7 +72,11 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ("hall", {"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
     ("hall", {"start": (1.0, 2.0)}, "pass (x, y, z)"),
     ("hall", {"center": (1.0, 2.0)}, "center has shape (2,)"),
-    ("hall", {"center": (1.0, 2.0, 9.0)}, "center is (1, 2, 9); the grid is from (0, 0, 0) to (6, 4, 2.4)"),
+    (
+        "hall",
+        {"center": (1.0, 2.0, 9.0)},
+        "center is (1, 2, 9); the grid is from (0, 0, 0) to (6, 4, 2.4)",
+    ),
     ("hall", {"center": (1.0, float("nan"), 0.0)}, "center[1] is nan"),
     ("hall", {"view": "plane"}, "it must be sections or 3d"),
     ("hall", {"rotation": 0.0}, "the map has no rotations"),
@@ -95,7 +103,9 @@ def test_save_plot_refuses_invalid_options(
     *[("flat", {"ax": wrong}, r"ax is a .*matplotlib axes") for wrong in (3, "x", [1, 2])],
     ("hall", {**SOLID, "ax": Figure().add_subplot()}, "ax has two dimensions"),
 )
-def test_plot_refuses_axes(maps: dict[str, CSpace], name: str, options: dict[str, Any], message: str) -> None:
+def test_plot_refuses_axes(
+    maps: dict[str, CSpace], name: str, options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         plot(maps[name], **options)
 
@@ -118,7 +128,12 @@ def test_plot_refuses_axes(maps: dict[str, CSpace], name: str, options: dict[str
     ("hall", [(1, 1, 1)], {"camera": (120, 0)}, "camera is"),
 )
 def test_animate_refuses(
-    maps: dict[str, CSpace], tmp_path: Path, name: str, path: Any, options: dict[str, Any], message: str
+    maps: dict[str, CSpace],
+    tmp_path: Path,
+    name: str,
+    path: Any,
+    options: dict[str, Any],
+    message: str,
 ) -> None:
     rest = {key: value for key, value in options.items() if key != "file"}
     with pytest.raises(InputError) as caught:
@@ -128,7 +143,9 @@ def test_animate_refuses(
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".jpg", ".gif"])
-def test_pictures_replace_no_file_unasked_and_make_no_folder(flat: CSpace, tmp_path: Path, suffix: str) -> None:
+def test_pictures_replace_no_file_unasked_and_make_no_folder(
+    flat: CSpace, tmp_path: Path, suffix: str
+) -> None:
     def write(file: Path, **options: Any) -> None:
         if suffix == ".gif":
             animate(flat, [(1, 1), (1, 2)], file, seconds=0.2, **options)
@@ -141,7 +158,13 @@ def test_pictures_replace_no_file_unasked_and_make_no_folder(flat: CSpace, tmp_p
         write(file)
     assert file.read_text() == "precious"
     write(file, overwrite=True)
-    begin = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml", ".jpg": b"\xff\xd8", ".gif": b"GIF89a"}[suffix]
+    begin = {
+        ".png": b"\x89PNG",
+        ".pdf": b"%PDF",
+        ".svg": b"<?xml",
+        ".jpg": b"\xff\xd8",
+        ".gif": b"GIF89a",
+    }[suffix]
     assert file.read_bytes().startswith(begin)
     assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
     with pytest.raises(FileError, match="folder"):

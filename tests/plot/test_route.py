@@ -17,10 +17,14 @@ number = st.floats(-5, 5)
 
 
 @pytest.mark.parametrize(
-    ("dim", "rotations"), [(2, NONE), (3, NONE), (2, YAW), (3, YAW), (3, QUATERNION)], ids=lambda each: str(each)
+    ("dim", "rotations"),
+    [(2, NONE), (3, NONE), (2, YAW), (3, YAW), (3, QUATERNION)],
+    ids=lambda each: str(each),
 )
 @given(data=st.data())
-def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
+def test_interpolation_has_even_speed_along_the_path(
+    dim: int, rotations: Rotations, data: st.DataObject
+) -> None:
     body = Body(ROBOTS[dim], rotations)
     turn = (
         st.tuples(*[number] * 3, st.floats(1, 5))
@@ -29,12 +33,17 @@ def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotati
     )
     drawn = data.draw(st.lists(st.tuples(st.tuples(*[number] * dim), turn), min_size=1, max_size=6))
     path = np.array(
-        [(*position, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0)) for position, rest in drawn]
+        [
+            (*position, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0))
+            for position, rest in drawn
+        ]
     )
     lengths = body.path_lengths(path)
     assert (np.diff(lengths) >= 0).all()
     stations = body.interpolate(path, np.linspace(0.0, 1.0, 7))
-    np.testing.assert_allclose(rotations.steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
+    np.testing.assert_allclose(
+        rotations.steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7
+    )
     # The speed is even, so the path between two stations has the same length.
     assert (np.diff(body.path_lengths(stations)) <= lengths[-1] / 6 + 1e-7).all()
 
@@ -50,17 +59,23 @@ def test_body_transforms_points_and_outlines() -> None:
     points, half = np.array([(1.0, 0.0, 0.5)]), math.sqrt(0.5)
     box, turning, free = (Body(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
     np.testing.assert_allclose(box.transform(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])
-    np.testing.assert_allclose(turning.transform(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)])
+    np.testing.assert_allclose(
+        turning.transform(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)]
+    )
     np.testing.assert_allclose(
         free.transform(points, np.array([2.0, 3.0, 4.0, 0.0, half, 0.0, half])), [(2.5, 3.0, 3.0)]
     )
     flat = Body(ROBOTS[2], YAW)
-    np.testing.assert_allclose(flat.transform(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)])
+    np.testing.assert_allclose(
+        flat.transform(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)]
+    )
     np.testing.assert_allclose(
         turning.extent(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
     )
     side = turning.outlines(np.array([0.0, 0.0, 0.0, math.pi / 2]), (0, 2))
-    np.testing.assert_allclose([side[0].min(axis=0), side[0].max(axis=0)], [(-0.1, -0.3), (0.1, 0.3)], atol=1e-6)
+    np.testing.assert_allclose(
+        [side[0].min(axis=0), side[0].max(axis=0)], [(-0.1, -0.3), (0.1, 0.3)], atol=1e-6
+    )
     on_its_side = free.outlines(np.array([0.0, 0.0, 0.0, half, 0.0, 0.0, half]), (0, 1))
     np.testing.assert_allclose([np.ptp(on_its_side[0], axis=0)], [(0.4, 0.6)], atol=1e-6)
 
@@ -75,6 +90,8 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
-@pytest.mark.parametrize("robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=lambda robot: robot.name)
+@pytest.mark.parametrize(
+    "robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=lambda robot: robot.name
+)
 def test_a_body_without_a_hole_has_one_outline(robot: Robot, pair: tuple[int, int]) -> None:
     assert len(Body(robot, NONE).outlines(np.zeros(3), pair)) == 1

@@ -18,7 +18,9 @@ SECTION_PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.
 
 def expect_class(space: CSpace, cell: NDArray[np.int64]) -> str:
     """Return the expected class of a cell."""
-    return class_of(space, {int(space.cell_states[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)]))
+    return class_of(
+        space, {int(space.cell_states[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)])
+    )
 
 
 def read_axis_pairs(figure: Any) -> list[tuple[int, int]]:
@@ -76,7 +78,9 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
     scale = plan.get_window_extent().width / 6.0
     for panel, pair in zip(plan.figure.axes, read_axis_pairs(plan.figure), strict=True):
         upper = np.array([6.0, 4.0, 2.4])[list(pair)]
-        np.testing.assert_allclose([panel.get_xlim(), panel.get_ylim()], [(0, upper[0]), (0, upper[1])])
+        np.testing.assert_allclose(
+            [panel.get_xlim(), panel.get_ylim()], [(0, upper[0]), (0, upper[1])]
+        )
         np.testing.assert_allclose(panel.get_window_extent().size, scale * upper)
     assert front.get_window_extent().x0 == pytest.approx(plan.get_window_extent().x0)
     assert front.get_window_extent().y0 > plan.get_window_extent().y1
@@ -97,9 +101,13 @@ def test_sections_show_traces_of_the_others(hall: CSpace) -> None:
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
     """Draw the path faintly outside the robot's reach."""
     ax = plot(hall, path=SECTION_PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
-    for panel, pair, across in zip(ax.figure.axes, read_axis_pairs(ax.figure), (2, 1, 0), strict=True):
+    for panel, pair, across in zip(
+        ax.figure.axes, read_axis_pairs(ax.figure), (2, 1, 0), strict=True
+    ):
         drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
-        np.testing.assert_array_equal(drawn["path, away from the section"], np.array(SECTION_PATH)[:, pair])
+        np.testing.assert_array_equal(
+            drawn["path, away from the section"], np.array(SECTION_PATH)[:, pair]
+        )
         np.testing.assert_array_equal(drawn["start"], [np.array(SECTION_PATH[0])[list(pair)]])
         np.testing.assert_array_equal(drawn["goal"], [np.array(SECTION_PATH[-1])[list(pair)]])
         half = np.array([0.25, 0.2, 0.15])
@@ -114,7 +122,9 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
             assert (np.abs(here[:, across] - at[across]) <= half[across] + 0.01).any()
         assert len(near) > 5
         boxes = [outline.get_extents() for outline in panel.collections[0].get_paths()]
-        np.testing.assert_allclose([(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes))
+        np.testing.assert_allclose(
+            [(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes)
+        )
     side = ax.figure.axes[2].collections[0].get_paths()
     assert 1 <= len(side) < len(ax.figure.axes[1].collections[0].get_paths())
     assert labels(ax)[-5:] == ["path", "path, away from the section", "robot", "start", "goal"]
@@ -127,7 +137,9 @@ def draw_sections(ax: Any) -> list[float]:
 def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
     """Test paths, starts, goals and grid centers."""
     assert draw_sections(plot(hall, center=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
-    points = draw_sections(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
+    points = draw_sections(
+        plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)])
+    )
     assert points == [1.0, 2.5, 0.5]
     assert draw_sections(plot(hall, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
     assert draw_sections(plot(hall, goal=(5.0, 1.0, 1.0))) == [5.0, 1.0, 1.0]
@@ -161,5 +173,7 @@ def test_sections_show_one_rotation_or_all() -> None:
             assert tuple(image[row, column]) == COLORS[name]
     ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), center=at)
     spans = [panel.collections[0].get_paths()[0].get_extents() for panel in ax.figure.axes]
-    np.testing.assert_allclose([(box.width, box.height) for box in spans[:2]], [(0.4, 1.6), (0.4, 0.8)], atol=1e-6)
+    np.testing.assert_allclose(
+        [(box.width, box.height) for box in spans[:2]], [(0.4, 1.6), (0.4, 0.8)], atol=1e-6
+    )
     assert "over all rotations" in heading(ax)

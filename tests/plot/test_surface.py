@@ -25,13 +25,19 @@ directions = st.tuples(*[st.sampled_from([-1.0, -0.4, 0.0, 0.3, 1.0])] * 3).filt
 
 @settings(max_examples=100, deadline=None)
 @given(levels_of_cells, directions, st.booleans())
-def test_border_faces_face_the_camera(levels: NDArray[np.uint8], towards: tuple[float, ...], is_cut: bool) -> None:
+def test_border_faces_face_the_camera(
+    levels: NDArray[np.uint8], towards: tuple[float, ...], is_cut: bool
+) -> None:
     """Compare with each cell and the cell before it, without walls in front."""
     faces, kinds = border_faces(levels, np.array(towards), is_cut)
     inside = [list(range(n)) for n in levels.shape]
     for axis in range(2 if is_cut else 3):
         order = inside[axis][:: -1 if towards[axis] > 0.0 else 1]
-        wall = list(itertools.takewhile(lambda k, axis=axis: (levels.take(k, axis) > 0).mean() >= 0.8, order))
+        wall = list(
+            itertools.takewhile(
+                lambda k, axis=axis: (levels.take(k, axis) > 0).mean() >= 0.8, order
+            )
+        )
         if towards[axis] and 2 * len(wall) < len(order):
             inside[axis] = [k for k in inside[axis] if k not in wall]
     expected = {}
@@ -44,7 +50,10 @@ def test_border_faces_face_the_camera(levels: NDArray[np.uint8], towards: tuple[
                 expected[(*center.tolist(), axis)] = levels[cell]
     centers = np.rint(2.0 * faces.mean(axis=1)).astype(int)
     axes = np.ptp(faces, axis=1).argmin(axis=1)
-    found = {(*center.tolist(), int(axis)): kind for center, axis, kind in zip(centers, axes, kinds, strict=True)}
+    found = {
+        (*center.tolist(), int(axis)): kind
+        for center, axis, kind in zip(centers, axes, kinds, strict=True)
+    }
     assert found == expected and len(faces) == len(expected)
     # Successive corners differ along one axis.
     assert ((np.diff(faces, axis=1) != 0).sum(axis=2) == 1).all()
@@ -61,7 +70,9 @@ def test_merged_blocks_cover_all_solid_cells(monkeypatch: pytest.MonkeyPatch, mo
     assert (corners >= 0).all() and (corners <= solid.shape).all()
     low, high = corners.min(axis=1), corners.max(axis=1)
     for center in np.argwhere(solid) + 0.5:
-        assert (((low <= center) & (center <= high))[:, :2].all(axis=1) & (low[:, 2] >= center[2])).any()
+        assert (
+            ((low <= center) & (center <= high))[:, :2].all(axis=1) & (low[:, 2] >= center[2])
+        ).any()
 
 
 def collect_polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -122,7 +133,9 @@ def test_unknown_cells_have_their_own_colour_in_3d() -> None:
 def test_the_cut_is_above_the_path(hall: CSpace) -> None:
     corners, _ = collect_polygons(plot(hall, view="3d", path=SURFACE_PATH))
     assert corners[..., 2].max() == pytest.approx(1.4)
-    assert collect_polygons(plot(hall, view="3d", path=SURFACE_PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
+    assert collect_polygons(plot(hall, view="3d", path=SURFACE_PATH, cut=2.4))[0][
+        ..., 2
+    ].max() == pytest.approx(2.4)
     assert collect_polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
 
 
@@ -148,6 +161,8 @@ def test_surface_uses_given_axes_and_draws_empty_maps(hall: CSpace) -> None:
     ax = Figure().add_subplot(projection="3d")
     assert plot(hall, view="3d", ax=ax) is ax
     assert ax.get_title() == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
-    empty = build(Workspace.from_array(np.zeros((4, 4, 4), bool), 0.1), Robot.ball(0.01), outside="free")
+    empty = build(
+        Workspace.from_array(np.zeros((4, 4, 4), bool), 0.1), Robot.ball(0.01), outside="free"
+    )
     rendered(plot(empty, view="3d"))
     assert labels(plot(empty, view="3d", start=(0.2, 0.2, 0.2))) == ["robot", "start"]

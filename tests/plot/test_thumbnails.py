@@ -27,7 +27,9 @@ def read_thumbnail(subject: Any) -> Any:
 
 def build_space(kind: str) -> CSpace:
     if kind == "space":
-        return build(Workspace.from_array(np.repeat(OCCUPIED[..., None], 5, axis=2), 0.1), Robot.ball(0.12))
+        return build(
+            Workspace.from_array(np.repeat(OCCUPIED[..., None], 5, axis=2), 0.1), Robot.ball(0.12)
+        )
     workspace = Workspace.from_array(OCCUPIED, 0.1)
     if kind == "plane":
         return build(workspace, Robot.disc(0.12))
@@ -37,13 +39,16 @@ def build_space(kind: str) -> CSpace:
 @pytest.mark.parametrize("kind", ["plane", "turning", "space"])
 def test_maps_and_workspaces_show_their_cells(kind: str) -> None:
     space = build_space(kind)
-    layer = (slice(None),) * (space.grid.dim - (kind == "space")) + ((2,) if kind == "space" else ())
+    layer = (slice(None),) * (space.grid.dim - (kind == "space")) + (
+        (2,) if kind == "space" else ()
+    )
     states = space.cell_states.reshape(-1, *space.grid.shape)[(slice(None), *layer)]
     for subject in (space, space.workspace):
         pixels = read_thumbnail(subject)
         for i, j in np.ndindex(40, 30):
             row, column = (
-                int((k + 0.5) / n * size) for k, n, size in zip((j, i), (30, 40), pixels.shape, strict=False)
+                int((k + 0.5) / n * size)
+                for k, n, size in zip((j, i), (30, 40), pixels.shape, strict=False)
             )
             name = class_of(space, set(states[:, i, j].tolist()), bool(OCCUPIED[i, j]))
             if subject is space.workspace:
@@ -52,7 +57,11 @@ def test_maps_and_workspaces_show_their_cells(kind: str) -> None:
 
 
 def test_robots_show_their_outline() -> None:
-    for robot, wide in ((Robot.rectangle(1.0, 0.4), 2.5), (Robot.box((1.0, 0.4, 0.1)), 2.5), (Robot.disc(0.3), 1.0)):
+    for robot, wide in (
+        (Robot.rectangle(1.0, 0.4), 2.5),
+        (Robot.box((1.0, 0.4, 0.1)), 2.5),
+        (Robot.disc(0.3), 1.0),
+    ):
         pixels = read_thumbnail(robot).astype(int)
         rows, columns = np.nonzero(pixels[..., 0] < pixels[..., 1] - 8)
         assert np.ptp(columns) / np.ptp(rows) == pytest.approx(wide, rel=0.1)

@@ -62,7 +62,12 @@ def test_segments_in_metres_are_the_grid_coordinates_to_the_last_bit(cells: np.n
 def test_one_cell_becomes_its_offsets() -> None:
     cells = np.zeros((3, 2), dtype=bool)
     cells[2, 1] = True
-    expected = [[14.0, 24.0, 14.0, 22.0], [16.0, 22.0, 16.0, 24.0], [14.0, 22.0, 16.0, 22.0], [16.0, 24.0, 14.0, 24.0]]
+    expected = [
+        [14.0, 24.0, 14.0, 22.0],
+        [16.0, 22.0, 16.0, 24.0],
+        [14.0, 22.0, 16.0, 22.0],
+        [16.0, 24.0, 14.0, 24.0],
+    ]
     assert boundary_segments(cells, 2.0, (10.0, 20.0)).tolist() == expected
 
 
@@ -94,7 +99,10 @@ def test_faces_of_cells_are_their_boundary(seed: int) -> None:
     for triangle in triangles:  # each face separates a set cell from another
         axis = int(np.argmin(np.ptp(triangle, axis=0)))
         point = triangle.T @ (0.52, 0.27, 0.21)
-        sides = [padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)] for sign in (-1, 1)]
+        sides = [
+            padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)]
+            for sign in (-1, 1)
+        ]
         assert sides[0] != sides[1]
     rebuilt = np.zeros(cells.shape, dtype=int)
     for (x0, y0, z0), (x1, y1, z1) in zip(

@@ -43,7 +43,9 @@ def sum_outer(parts):
     """Sum parts (boxes, n) over axes to (boxes, *shape)."""
     total = 0
     for axis, part in enumerate(parts):
-        total = total + part.reshape(len(part), *(-1 if a == axis else 1 for a in range(len(parts))))
+        total = total + part.reshape(
+            len(part), *(-1 if a == axis else 1 for a in range(len(parts)))
+        )
     return total
 
 
@@ -57,12 +59,17 @@ class Definition:
         self.lows, self.highs, self.radii = to_integers(lows), to_integers(highs), radii
         self.edge = to_integers(EDGE * spacing)
         dims = range(len(shape))
-        self.sides = [[compute_cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
+        self.sides = [
+            [compute_cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)]
+            for a in dims
+        ]
 
     def squares(self, low, high):
         """Return squared distances of boxes along each axis."""
         gaps = [
-            np.maximum(np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0)
+            np.maximum(
+                np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0
+            )
             for a in range(len(low))
         ]
         return [gap**2 for gap in gaps]
@@ -85,11 +92,14 @@ class Definition:
     def covered(self):
         """Return True if disjoint boxes contain the cubes."""
         parts = [
-            np.minimum(self.highs[:, a, None], side + self.edge) - np.maximum(self.lows[:, a, None], side - self.edge)
+            np.minimum(self.highs[:, a, None], side + self.edge)
+            - np.maximum(self.lows[:, a, None], side - self.edge)
             for a, (side, _) in enumerate(self.sides)
         ]
         parts = [np.maximum(part, 0) for part in parts]
-        volume = parts[0][:, :, None, None] * parts[1][:, None, :, None] * parts[2][:, None, None, :]
+        volume = (
+            parts[0][:, :, None, None] * parts[1][:, None, :, None] * parts[2][:, None, None, :]
+        )
         return (volume.sum(axis=0) == (2 * self.edge) ** 3).astype(bool)
 
 
@@ -105,9 +115,12 @@ def spread(raster, reach):
     if raster.cells.size:
         assert min(raster.lower) >= -reach
         assert max(raster.upper) <= reach
-        out[tuple(slice(a + reach, b + reach + 1) for a, b in zip(raster.lower, raster.upper, strict=True))] = (
-            raster.cells
-        )
+        out[
+            tuple(
+                slice(a + reach, b + reach + 1)
+                for a, b in zip(raster.lower, raster.upper, strict=True)
+            )
+        ] = raster.cells
     return out
 
 
@@ -180,7 +193,9 @@ def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
     st.sampled_from([0.3, 0.7, 1.0]),
     st.sampled_from([0.0, 2e-3, -2e-3, 1e-7, -1e-7]),
 )
-def test_rasters_of_voxel_robots_agree_with_arithmetic(data, seed, spacing, margin, ratio, density, shift):
+def test_rasters_of_voxel_robots_agree_with_arithmetic(
+    data, seed, spacing, margin, ratio, density, shift
+):
     occupied = np.random.default_rng(seed).random((3, 2, 4)) < density
     occupied[-1, -1, -1] = True
     lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing
@@ -244,7 +259,10 @@ def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, di
         spans = [(np.ceil(a / ratio - 1 - 1e-9), np.floor((a + 1) / ratio + 1e-9) + 1) for a in low]
         touched = [slice(max(0, int(first)), max(0, int(stop))) for first, stop in spans]
         assert outer[cell] == occupied[tuple(touched)].any()
-        over = [range(int(np.floor(a / ratio - 1e-9)), int(np.floor((a + 1) / ratio + 1e-9)) + 1) for a in low]
+        over = [
+            range(int(np.floor(a / ratio - 1e-9)), int(np.floor((a + 1) / ratio + 1e-9)) + 1)
+            for a in low
+        ]
         held = all(
             all(0 <= i < n for i, n in zip(index, occupied.shape, strict=True)) and occupied[index]
             for index in product(*over)
@@ -292,7 +310,9 @@ def test_balls_of_a_cloud_agree_with_a_tree(radius):
     grid = Grid((0.0, 0.0, 0.0), 0.1, (40, 30, 50))
     points = rng.uniform(0.0, 5.0, (3000, 3))
     outer, inner = Balls(points, np.full(len(points), radius)).cells(grid)
-    middles = np.stack(np.meshgrid(*(grid.centers(axis) for axis in range(3)), indexing="ij"), axis=-1)
+    middles = np.stack(
+        np.meshgrid(*(grid.centers(axis) for axis in range(3)), indexing="ij"), axis=-1
+    )
     distance, _ = cKDTree(points).query(middles)
     corner = grid.spacing * np.sqrt(3) / 2
     assert outer[distance <= radius].all()

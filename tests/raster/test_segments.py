@@ -26,12 +26,22 @@ def check_between(cells, low, high):
 @example(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]), 0.25, 0.0)
 @example(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]), 0.25, 0.25)
 def test_polygon_rasters_are_exact_in_their_direction(vertices, spacing, margin):
-    outer, inner = (oracles.raster_offsets(raster) for raster in Robot.polygon(vertices).rasters(spacing, margin))
+    outer, inner = (
+        oracles.raster_offsets(raster)
+        for raster in Robot.polygon(vertices).rasters(spacing, margin)
+    )
     reach = int(1.2 / spacing) + 2
-    check_between(outer, *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + ORACLE_BAND), reach))
+    check_between(
+        outer,
+        *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + ORACLE_BAND), reach),
+    )
     within = oracles.polygon_inner_offsets(vertices, spacing, reach)
     shape = shapely.Polygon(vertices)
-    deep = {m for m in within if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > ORACLE_BAND}
+    deep = {
+        m
+        for m in within
+        if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > ORACLE_BAND
+    }
     check_between(inner, deep, within)
 
 
@@ -45,12 +55,23 @@ def test_polygon_rasters_are_exact_in_their_direction(vertices, spacing, margin)
 @example((0.0, 0.0), 1.0, 0.25, 0.0)
 @example((0.0, 0.0), 0.5, 0.1, 0.0)
 def test_disc_rasters_are_exact_in_their_direction(center, radius, spacing, margin):
-    outer, inner = (oracles.raster_offsets(raster) for raster in Robot.disc(radius, center).rasters(spacing, margin))
+    outer, inner = (
+        oracles.raster_offsets(raster)
+        for raster in Robot.disc(radius, center).rasters(spacing, margin)
+    )
     reach = int(2.0 / spacing) + 2
     touching = oracles.disc_outer_offsets(center, radius, spacing, margin, reach)
-    check_between(outer, touching, oracles.disc_outer_offsets(center, radius, spacing, margin + ORACLE_BAND, reach))
+    check_between(
+        outer,
+        touching,
+        oracles.disc_outer_offsets(center, radius, spacing, margin + ORACLE_BAND, reach),
+    )
     within = oracles.disc_inner_offsets(center, radius, spacing, reach)
-    check_between(inner, oracles.disc_inner_offsets(center, max(radius - ORACLE_BAND, 0.0), spacing, reach), within)
+    check_between(
+        inner,
+        oracles.disc_inner_offsets(center, max(radius - ORACLE_BAND, 0.0), spacing, reach),
+        within,
+    )
 
 
 @settings(max_examples=40)
@@ -93,7 +114,9 @@ def test_obstacle_cells_agree_with_shapely(seed, spacing):
     rng = np.random.default_rng(seed)
     shapes = [
         shapely.box(*np.round(rng.uniform(-3, 0, 2), 1), *np.round(rng.uniform(0.5, 3, 2), 1)),
-        shapely.Point(rng.uniform(-2, 2, 2)).buffer(0.8).difference(shapely.Point(0, 0).buffer(0.5)),
+        shapely.Point(rng.uniform(-2, 2, 2))
+        .buffer(0.8)
+        .difference(shapely.Point(0, 0).buffer(0.5)),
         shapely.MultiPolygon([shapely.box(1, 1, 1.5, 1.7), shapely.box(-2.5, 1, -2.1, 2.9)]),
         shapely.LineString(rng.uniform(-3, 3, (4, 2))),
         shapely.Point(rng.uniform(-2, 2, 2)),
@@ -102,14 +125,24 @@ def test_obstacle_cells_agree_with_shapely(seed, spacing):
     chosen = [shapes[i] for i in rng.permutation(len(shapes))[: rng.integers(1, 6)]]
     grid = Grid((-2.0, -1.5), spacing, (int(4 / spacing), int(3 / spacing)))
     outer, inner = Polygons(chosen).cells(grid)
-    corners = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1) * spacing + grid.lower
-    cells = shapely.box(corners[..., 0], corners[..., 1], corners[..., 0] + spacing, corners[..., 1] + spacing)
+    corners = (
+        np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1) * spacing
+        + grid.lower
+    )
+    cells = shapely.box(
+        corners[..., 0], corners[..., 1], corners[..., 0] + spacing, corners[..., 1] + spacing
+    )
     gap = np.min([shapely.distance(cells, shape) for shape in chosen], axis=0)
     assert outer[gap == 0].all()
     assert not outer[gap > ORACLE_BAND].any()
     covered = np.any([shapely.covers(shape, cells) for shape in chosen], axis=0)
-    deep = np.any([shapely.contains(shape.buffer(-ORACLE_BAND), cells) for shape in chosen if shape.area], axis=0)
-    assert not inner[~covered & ~shapely.contains(shapely.union_all(chosen).buffer(ORACLE_BAND), cells)].any()
+    deep = np.any(
+        [shapely.contains(shape.buffer(-ORACLE_BAND), cells) for shape in chosen if shape.area],
+        axis=0,
+    )
+    assert not inner[
+        ~covered & ~shapely.contains(shapely.union_all(chosen).buffer(ORACLE_BAND), cells)
+    ].any()
     assert inner[deep].all()
     assert not (inner & ~outer).any()
 
@@ -123,7 +156,9 @@ def test_a_robot_500_cells_across_costs_its_boundary():
     """Compare marked boundary cells with the diameter."""
     marked = []
     for across in (125, 250, 500):
-        outer, inner = Robot.polygon(shapely.Point(0, 0).buffer(across / 2, quad_segs=64)).rasters(1.0)
+        outer, inner = Robot.polygon(shapely.Point(0, 0).buffer(across / 2, quad_segs=64)).rasters(
+            1.0
+        )
         assert max(outer.cells.shape) == pytest.approx(across, abs=4)
         marked.append(outer.count - inner.count)
     assert marked[2] / marked[0] == pytest.approx(4.0, rel=0.1)

@@ -30,12 +30,21 @@ def meets(triangle, low, high):
 
     Separating axes are exact for integers.
     """
-    edges = [tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True)) for i in range(3)]
+    edges = [
+        tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True))
+        for i in range(3)
+    ]
     units = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    axes = [*units, cross(edges[0], edges[1]), *(cross(edge, unit) for edge in edges for unit in units)]
+    axes = [
+        *units,
+        cross(edges[0], edges[1]),
+        *(cross(edge, unit) for edge in edges for unit in units),
+    ]
     for axis in axes:
         along = [dot(axis, corner) for corner in triangle]
-        first = sum(min(a * start, a * stop) for a, start, stop in zip(axis, low, high, strict=True))
+        first = sum(
+            min(a * start, a * stop) for a, start, stop in zip(axis, low, high, strict=True)
+        )
         last = sum(max(a * start, a * stop) for a, start, stop in zip(axis, low, high, strict=True))
         if max(along) < first or min(along) > last:
             return False
@@ -64,7 +73,9 @@ def draw_small_mesh(rng, kind):
     if kind == "sliver":
         start, along = rng.uniform(-1, 6, (n, 1, 3)), rng.normal(size=(n, 1, 3)) * 3
         bend = rng.normal(size=(n, 1, 3)) * 10.0 ** rng.uniform(-12, -3, (n, 1, 1))
-        return np.concatenate([start, start + along, start + along * rng.uniform(0, 1, (n, 1, 1)) + bend], axis=1)
+        return np.concatenate(
+            [start, start + along, start + along * rng.uniform(0, 1, (n, 1, 1)) + bend], axis=1
+        )
     if kind == "touching":
         triangles = rng.uniform(0, 5, (n, 3, 3))
         triangles[:, :, int(rng.integers(3))] = rng.integers(0, 6, (n, 1))
@@ -72,7 +83,9 @@ def draw_small_mesh(rng, kind):
     if kind == "lattice":
         return rng.integers(-1, 7, (n, 3, 3)).astype(float)
     if kind == "degenerate":
-        triangles = rng.choice([rng.uniform(0, 5, (n, 3, 3)), rng.integers(0, 6, (n, 3, 3)).astype(float)])
+        triangles = rng.choice(
+            [rng.uniform(0, 5, (n, 3, 3)), rng.integers(0, 6, (n, 3, 3)).astype(float)]
+        )
         triangles[:, 2] = triangles[:, int(rng.integers(2))]
         if rng.random() < 0.3:
             triangles[:, 1] = triangles[:, 0]
@@ -105,8 +118,12 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
         h, corner = [(1.0, 0.0), (0.05, 3.0), (1.0, 2.0**21 - 10)][number % 3]
         grid = Grid((corner,) * 3, h, (5, 5, 5))
         if kind == "boxes":
-            lows = rng.choice([rng.integers(-1, 4, (2, 3)).astype(float), rng.uniform(-1, 4, (2, 3))])
-            vertices, faces = join_meshes(*(make_box(low, low + rng.integers(1, 4, 3)) for low in lows))
+            lows = rng.choice(
+                [rng.integers(-1, 4, (2, 3)).astype(float), rng.uniform(-1, 4, (2, 3))]
+            )
+            vertices, faces = join_meshes(
+                *(make_box(low, low + rng.integers(1, 4, 3)) for low in lows)
+            )
         else:
             vertices, faces = make_soup(draw_small_mesh(rng, kind))
         mesh = Mesh.of((corner + h * vertices, faces), "surface")
@@ -133,7 +150,9 @@ def test_touching_cells_obey_their_laws(seed, kind):
     if kind in ("lattice", "touching"):
         shift = rng.integers(-1000, 1000, 3)
         exact = np.round(triangles * 64) / 64
-        assert (touched(exact) == touched(exact + shift, Grid(shift.astype(float), 1.0, (6, 6, 6)))).all()
+        assert (
+            touched(exact) == touched(exact + shift, Grid(shift.astype(float), 1.0, (6, 6, 6)))
+        ).all()
         turned = np.stack([6.0 - exact[..., 1], exact[..., 0], exact[..., 2]], axis=-1)
         assert (touched(turned) == touched(exact).transpose(1, 0, 2)[::-1]).all()
         swapped = exact[..., [2, 0, 1]]
@@ -155,10 +174,17 @@ def test_a_grid_inside_a_mesh_is_full_and_one_outside_is_empty():
 
 def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
     mesh = Mesh.of(
-        join_meshes(make_box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)), make_box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True))
+        join_meshes(
+            make_box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)),
+            make_box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True),
+        )
     )
     whole = mesh.cells(Grid((0, 0, 0), 0.5, (20, 20, 20)))
-    for start, stop in (((2, 2, 2), (9, 20, 20)), ((4, 4, 4), (8, 8, 8)), ((11, 0, 3), (12, 20, 4))):
+    for start, stop in (
+        ((2, 2, 2), (9, 20, 20)),
+        ((4, 4, 4), (8, 8, 8)),
+        ((11, 0, 3), (12, 20, 4)),
+    ):
         part = Grid(np.multiply(start, 0.5), 0.5, tuple(np.subtract(stop, start).tolist()))
         window = tuple(slice(a, b) for a, b in zip(start, stop, strict=True))
         for cells, all_cells in zip(mesh.cells(part), whole, strict=True):
@@ -186,7 +212,9 @@ def find_touched(boxes, side):
     for low, high in boxes:
         meet = [(cells <= b) & (cells + 1 >= a) for a, b in zip(low, high, strict=True)]
         within = [(cells > a) & (cells + 1 < b) for a, b in zip(low, high, strict=True)]
-        outer, inner = (x[:, None, None] & y[None, :, None] & z[None, None, :] for x, y, z in (meet, within))
+        outer, inner = (
+            x[:, None, None] & y[None, :, None] & z[None, None, :] for x, y, z in (meet, within)
+        )
         touched |= outer & ~inner
     return touched
 
@@ -215,7 +243,11 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     # Skip boxes that face inward and may be cavities of others.
     nested = np.zeros_like(outer)
     for a, b in product(range(count), repeat=2):
-        if inward[a] != inward[b] and (lows[a] < lows[b]).all() and (boxes[b][1] < boxes[a][1]).all():
+        if (
+            inward[a] != inward[b]
+            and (lows[a] < lows[b]).all()
+            and (boxes[b][1] < boxes[a][1]).all()
+        ):
             nested |= find_covered([boxes[b]], side)[0]
     assert not (inner & ~lying).any()
     assert outer[meeting & ~nested].all()
@@ -231,7 +263,9 @@ def test_doubled_faces_change_nothing():
         double = mesh.cells(Grid((0, 0, 0), 1.0, (16,) * 3))
         assert all((a == b).all() for a, b in zip(single, double, strict=True))
     for inward in (False, True):
-        both, numbers = join_meshes((vertices, faces), make_box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
+        both, numbers = join_meshes(
+            (vertices, faces), make_box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward)
+        )
         with warnings.catch_warnings():
             # Boxes of one size that face opposite ways have no winding number together.
             warnings.simplefilter("ignore" if inward else "error", MeshWarning)
@@ -252,7 +286,9 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     assert not surface[0][4, 4, 4]
     # Half a face is missing, so the interior is open; one warning says so.
     filled = Mesh.of(open_box, "fill")
-    with pytest.warns(MeshWarning, match="mesh is open and encloses no cell of 1 m.*; close its gaps") as caught:
+    with pytest.warns(
+        MeshWarning, match="mesh is open and encloses no cell of 1 m.*; close its gaps"
+    ) as caught:
         assert all((a == b).all() for a, b in zip(filled.cells(grid), surface, strict=True))
         assert not filled.cells(grid)[1].any()
     assert len(caught) == 1
@@ -288,7 +324,9 @@ def measure_torus_distance(points, major=2.0, minor=0.8):
 def test_round_solids_agree_with_their_formulas():
     """Test cells well inside and well outside."""
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=2.5)
-    torus = trimesh.creation.torus(major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80)
+    torus = trimesh.creation.torus(
+        major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80
+    )
     for solid, distance, sag in (
         (sphere, lambda p: np.linalg.norm(p, axis=-1) - 2.5, 0.01),
         (torus, measure_torus_distance, 0.01),
@@ -305,8 +343,13 @@ def test_round_solids_agree_with_their_formulas():
         assert mesh.contains(centers)[depth < -sag].all()
         assert not mesh.contains(centers)[depth > 0].any()
         a_out, a_in = mesh.rasters(0.15)
-        for raster, must, may in ((a_out, 0.15 - sag, 0.15 * math.sqrt(3) + ORACLE_BAND), (a_in, -sag, 0.0)):
-            points = np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
+        for raster, must, may in (
+            (a_out, 0.15 - sag, 0.15 * math.sqrt(3) + ORACLE_BAND),
+            (a_in, -sag, 0.0),
+        ):
+            points = (
+                np.moveaxis(np.indices(np.array(raster.cells.shape) + 4), 0, -1) - 2 + raster.lower
+            )
             cells = np.pad(raster.cells, 2)
             depth = distance(points * 0.15)
             assert cells[depth < must].all()
@@ -328,7 +371,8 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
     depth = np.minimum(points * spacing - low, high - points * spacing).min(axis=-1)
     for raster, must, may in (
         (outer, gap <= margin, gap <= margin + 1e-5),
-        # Lattice points on the boundary itself are skipped, because rounding may put them on either side.
+        # Lattice points on the boundary itself are skipped, because rounding may put them on either
+        # side.
         (inner, depth > ORACLE_BAND, depth > 1e-9),
     ):
         cells = np.zeros((48,) * 3, dtype=bool)
@@ -352,7 +396,9 @@ def measure_cube_distance(triangle, center, half):
 def test_margins_agree_with_minimum_distances():
     rng = np.random.default_rng(11)
     for number in range(60):
-        triangles = draw_small_mesh(rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5])[:2]
+        triangles = draw_small_mesh(
+            rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5]
+        )[:2]
         radius = float(rng.choice([0.3, 1.0, 1.7]))
         outer, inner = Mesh.of(make_soup(triangles), "surface").rasters(0.5, radius * 0.5)
         assert not inner.count
@@ -361,10 +407,16 @@ def test_margins_agree_with_minimum_distances():
         excess = 2.0**-12 * 30 if number % 5 >= 3 else 1e-5
         chosen = cells[rng.permutation(len(cells))[:250]]
         centers = chosen - 1.0 + outer.lower
-        for cell, center, middle in zip(chosen, centers, distance_to_triangles(centers, triangles * 2.0), strict=True):
-            gap = max(0.0, middle - 1.0)  # bounded above by a ball in the cube, and below by a ball around it
+        for cell, center, middle in zip(
+            chosen, centers, distance_to_triangles(centers, triangles * 2.0), strict=True
+        ):
+            gap = max(
+                0.0, middle - 1.0
+            )  # bounded above by a ball in the cube, and below by a ball around it
             if gap > radius - 1e-9 and middle - math.sqrt(3.0) <= radius + excess:
-                gap = min(measure_cube_distance(triangle * 2.0, center, 1.0) for triangle in triangles)
+                gap = min(
+                    measure_cube_distance(triangle * 2.0, center, 1.0) for triangle in triangles
+                )
             if gap <= radius - 1e-9:
                 assert outer_cells[tuple(cell)], (number, cell, gap, radius)
             if gap > radius + excess:
@@ -441,9 +493,9 @@ def test_a_thin_robot_is_never_too_small():
         outer, _ = mesh.rasters(0.25, 0.4)
         points = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
         along = np.linspace(0, 1, 4001)[:, None] * np.array([3, 1, 0.5]) / 0.25
-        gaps = np.array([np.linalg.norm(np.maximum(np.abs(points - p) - 1, 0), axis=-1) for p in along[::40]]).min(
-            axis=0
-        )
+        gaps = np.array(
+            [np.linalg.norm(np.maximum(np.abs(points - p) - 1, 0), axis=-1) for p in along[::40]]
+        ).min(axis=0)
         assert outer.cells[gaps <= 1.6].all()
         assert not outer.cells[gaps > 1.6 + 0.1].any()
 

@@ -18,7 +18,9 @@ from tests.strategies import robots, seeds
 
 
 def yaw_turn(yaw, covering_angle=0.0, dim=2):
-    return RotationCell(Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True)
+    return RotationCell(
+        Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True
+    )
 
 
 def list_positions(raster):
@@ -29,7 +31,7 @@ def make_rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
     return [list_positions(raster) for raster in robot.rasters(spacing, margin, turn)]
 
 
-# ---- the plane -------------------------------------------------------------------------------------------------------
+# ---- the plane -----------------------------------------------------------------------------------
 
 
 def make_boxes(offsets, spacing):
@@ -44,7 +46,9 @@ def measure_distances(robot, turn, geometries):
         centers = shapely.points(shape.centers @ turn.matrix.T)
         each = shapely.distance(np.asarray(geometries)[:, None], centers) - shape.radii
         return np.maximum(each.min(axis=1), 0.0)
-    return shapely.distance(geometries, shapely.transform(shape.outline, lambda points: points @ turn.matrix.T))
+    return shapely.distance(
+        geometries, shapely.transform(shape.outline, lambda points: points @ turn.matrix.T)
+    )
 
 
 @settings(max_examples=30)
@@ -53,7 +57,9 @@ def test_a_rotated_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
     h, rotation = 0.25, yaw_turn(yaw)
     outer, inner = make_rasters(robot, h, margin, rotation)
     around = sorted((i, j) for i in range(-16, 17) for j in range(-16, 17))
-    for offset, distance in zip(around, measure_distances(robot, rotation, make_boxes(around, h)), strict=True):
+    for offset, distance in zip(
+        around, measure_distances(robot, rotation, make_boxes(around, h)), strict=True
+    ):
         if abs(distance - margin) > 1e-7:
             assert (offset in outer) == (distance < margin), offset
         elif distance <= margin - 1e-12:
@@ -79,15 +85,19 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
 def test_growth_increases_with_the_distance_from_the_reference_point(robot):
     """Compare both ends of a robot."""
     outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
-    width = {x: len({offset[1] for offset in list_positions(outer) if offset[0] == x}) for x in (0, 38)}
+    width = {
+        x: len({offset[1] for offset in list_positions(outer) if offset[0] == x}) for x in (0, 38)
+    }
     assert width[0] <= 5
     assert width[38] >= 9
 
 
-# ---- space -----------------------------------------------------------------------------------------------------------
+# ---- space ---------------------------------------------------------------------------------------
 
 TORUS = trimesh.creation.torus(0.4, 0.15, major_sections=16, minor_sections=8)
-CAVITY = trimesh.util.concatenate([trimesh.creation.box((1.0, 0.8, 0.6)), trimesh.creation.box((0.6, 0.5, 0.3))])
+CAVITY = trimesh.util.concatenate(
+    [trimesh.creation.box((1.0, 0.8, 0.6)), trimesh.creation.box((0.6, 0.5, 0.3))]
+)
 CAVITY.faces[12:] = CAVITY.faces[12:, ::-1]
 BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
 
@@ -102,7 +112,9 @@ SOLID = {
 
 
 def draw_rotation(rng, about_z, angle=0.0):
-    rotation = Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
+    rotation = (
+        Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
+    )
     return RotationCell(rotation.as_matrix(), angle, about_z)
 
 
@@ -156,7 +168,11 @@ def test_rotated_boxes_agree_with_separating_axes(seed, about_z, spacing):
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
     rotation = draw_rotation(rng, about_z)
     outer, inner = box.rasters(spacing, 0.0, rotation)
-    points = np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3) - 2 + outer.lower
+    points = (
+        np.moveaxis(np.indices(np.array(outer.cells.shape) + 4), 0, -1).reshape(-1, 3)
+        - 2
+        + outer.lower
+    )
     gap = separate((points - 1) * spacing, (points + 1) * spacing, box.bounds, rotation.matrix)
     met, held = list_positions(outer), list_positions(inner)
     answers = np.array([tuple(point) in met for point in points.tolist()])
@@ -178,7 +194,9 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
     side, lower, rotation = 0.2, rng.uniform(-0.5, 0.2, 3), draw_rotation(rng, about_z)
     outer, inner = make_rasters(Voxels(occupied, side, lower), 0.07, margin, rotation)
     parts = [
-        make_rasters(Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, rotation)
+        make_rasters(
+            Box(np.full(3, side), lower + side * (np.array(cell) + 0.5)), 0.07, margin, rotation
+        )
         for cell in np.argwhere(occupied)
     ]
     assert outer == set().union(*(part[0] for part in parts))
@@ -186,13 +204,20 @@ def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
 
 
 @settings(max_examples=15)
-@given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
+@given(
+    seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1])
+)
 def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, margin):
     rng = np.random.default_rng(seed)
-    vertices, rotation = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), draw_rotation(rng, about_z)
+    vertices, rotation = (
+        np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3),
+        draw_rotation(rng, about_z),
+    )
     turned = Mesh.of((vertices @ rotation.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
     for mine, there in zip(
-        Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, rotation), turned, strict=True
+        Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, rotation),
+        turned,
+        strict=True,
     ):
         assert list_positions(mine) == list_positions(there)
 

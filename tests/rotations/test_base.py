@@ -51,7 +51,9 @@ def test_matrices_agree_with_scipy(name: str) -> None:
     q = draw(name, 3, 5)
     result = find_kind(name).rotation_matrices(q)
     assert result.shape == (3, 5, dim, dim)
-    np.testing.assert_allclose(result.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13)
+    np.testing.assert_allclose(
+        result.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13
+    )
 
 
 @EVERY
@@ -64,7 +66,9 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
     np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
     for share in (0.0, 0.3, 1.0):
         there = kind.add_steps(q0, share * steps)
-        np.testing.assert_allclose(there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12)
+        np.testing.assert_allclose(
+            there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12
+        )
         # A share of the angle is from one end, and the rest from the other.
         for end, part in ((q0, share), (q1, 1.0 - share)):
             apart = (to_scipy(name, end).inv() * to_scipy(name, there)).magnitude()
@@ -74,7 +78,9 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
 
 def test_steps_of_half_a_turn_and_none_are_exact() -> None:
     kind, still = QUATERNION, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    assert not kind.steps_between(still, -still).any() and not kind.steps_between(still, still).any()
+    assert (
+        not kind.steps_between(still, -still).any() and not kind.steps_between(still, still).any()
+    )
     half = kind.steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
     np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
     tiny = kind.add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
@@ -85,8 +91,12 @@ def test_steps_of_half_a_turn_and_none_are_exact() -> None:
 def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> None:
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
-    result = kind.make_canonical(q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)")))
-    assert np.array_equal(kind.make_canonical(result), result) and np.array_equal(result[:, :dim], q[:, :dim])
+    result = kind.make_canonical(
+        q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)"))
+    )
+    assert np.array_equal(kind.make_canonical(result), result) and np.array_equal(
+        result[:, :dim], q[:, :dim]
+    )
     assert ((to_scipy(name, q).inv() * to_scipy(name, result)).magnitude() < 1e-9).all()
     if name == "SE(3)":
         np.testing.assert_allclose(np.linalg.norm(result[:, 3:], axis=1), 1.0, atol=4e-16)
@@ -96,14 +106,18 @@ def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> N
 def test_sample_near_stays_within_its_angle(name: str) -> None:
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q, numbers = kind.make_canonical(draw(name, 30)), iter(RNG.random(400).tolist())
-    near = np.array([[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
+    near = np.array(
+        [[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q]
+    )
     apart = np.linalg.norm(kind.steps_between(q, near)[:, dim:], axis=1)
     assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
     np.testing.assert_allclose(kind.make_canonical(near), near, atol=1e-15)
 
 
 def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
-    angles = np.concatenate([np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]])
+    angles = np.concatenate(
+        [np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]]
+    )
     yaws = wrapped(angles)
     assert ((yaws >= -math.pi) & (yaws < math.pi)).all()
     inside = (angles >= -math.pi) & (angles < math.pi)

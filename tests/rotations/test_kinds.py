@@ -62,7 +62,9 @@ class PitchRotations(YawRotations):
     def make_shape_cells(self, dim: int) -> list[RotationCell]:
         return [
             RotationCell(matrix, angle)
-            for matrix, angle in zip(self.make_matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
+            for matrix, angle in zip(
+                self.make_matrices(self.centers, dim), self.covering_angles.tolist(), strict=True
+            )
         ]
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
@@ -94,10 +96,15 @@ def collides(space: CSpace, q: Floats) -> Bools:
     """Return True for configurations with a colliding sample point."""
     axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-    occupied, answers = np.pad(space.workspace.outer, 1, constant_values=True), np.empty(len(q), dtype=np.bool_)
+    occupied, answers = (
+        np.pad(space.workspace.outer, 1, constant_values=True),
+        np.empty(len(q), dtype=np.bool_),
+    )
     for k, turn in enumerate(Rotation.from_euler("y", q[:, 3:]).as_matrix()):
         cells = np.floor((turn @ points.T + q[k, :3, None]) / 0.1).astype(int) + 1
-        answers[k] = occupied[tuple(np.clip(cells, 0, np.reshape(occupied.shape, (3, 1)) - 1))].any()
+        answers[k] = occupied[
+            tuple(np.clip(cells, 0, np.reshape(occupied.shape, (3, 1)) - 1))
+        ].any()
     return answers
 
 
@@ -114,7 +121,9 @@ def test_states_agree_with_samples_of_the_robot(space: CSpace) -> None:
 
 
 def test_messages_name_the_rotation(space: CSpace) -> None:
-    with pytest.raises(InputError, match=r"space has the axes x y z pitch; planners take .*space.find_path"):
+    with pytest.raises(
+        InputError, match=r"space has the axes x y z pitch; planners take .*space.find_path"
+    ):
         planners.plan(space, *space.sample_free(2, np.random.default_rng(1)))
     with pytest.raises(InputError, match="a pitch small enough"):
         space.classify([0.5, 0.5, 0.5, np.inf])

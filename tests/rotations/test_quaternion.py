@@ -59,9 +59,14 @@ def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
     centers = Rotation.from_quat(cells.centers)
     for number in range(60):
         position = (
-            np.array(np.unravel_index(number, (2, 2, 2))) if number < 8 else rng.choice([0, 0.5, 1], 3) * rng.random()
+            np.array(np.unravel_index(number, (2, 2, 2)))
+            if number < 8
+            else rng.choice([0, 0.5, 1], 3) * rng.random()
         )
-        low, high = boundaries[charts[1:]] - QUOTIENT_SLACK, boundaries[charts[1:] + 1] + QUOTIENT_SLACK
+        low, high = (
+            boundaries[charts[1:]] - QUOTIENT_SLACK,
+            boundaries[charts[1:] + 1] + QUOTIENT_SLACK,
+        )
         quotients = low + np.broadcast_to(position, (len(cells), 3)).T * (high - low)
         q = np.ones((len(cells), 4))
         for axis in range(4):
@@ -87,7 +92,9 @@ def test_volumes_and_samples_agree_with_uniform_rotations():
     for q in (drawn, from_few_cells):
         expected = len(q) * cells.volumes
         bins = np.bincount(cells.cell_of(q), minlength=len(cells))
-        assert (np.square(bins - expected) / expected).sum() < len(cells) + 5.0 * math.sqrt(2.0 * len(cells))
+        assert (np.square(bins - expected) / expected).sum() < len(cells) + 5.0 * math.sqrt(
+            2.0 * len(cells)
+        )
     chosen = rng.integers(0, len(cells), 5000)
     np.testing.assert_array_equal(cells.cell_of(cells.sample(chosen, 2.0**-20, rng)), chosen)
 
@@ -98,7 +105,10 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     q = Rotation.random(300_000, random_state=n).as_quat()
     steps = q + 2e-2 * rng.normal(size=q.shape)
-    here, there = cells.cell_of(q), cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+    here, there = (
+        cells.cell_of(q),
+        cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True)),
+    )
     pairs, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
     met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
     near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
@@ -124,8 +134,12 @@ def test_cells_share_slices_if_a_half_turn_maps_the_robot_to_itself(robot, axes,
     q = Rotation.random(500, random_state=2)
     for axis in axes:
         turned = q * Rotation.from_rotvec(math.pi * np.eye(3)[axis])
-        np.testing.assert_array_equal(slice_of[cells.cell_of(q.as_quat())], slice_of[cells.cell_of(turned.as_quat())])
-    assert [turn.covering_angle for turn in cells.make_shape_cells(3)] == cells.covering_angles.tolist()
+        np.testing.assert_array_equal(
+            slice_of[cells.cell_of(q.as_quat())], slice_of[cells.cell_of(turned.as_quat())]
+        )
+    assert [
+        turn.covering_angle for turn in cells.make_shape_cells(3)
+    ] == cells.covering_angles.tolist()
     matrices = np.array([turn.matrix for turn in cells.make_shape_cells(3)])
     np.testing.assert_allclose(matrices, Rotation.from_quat(cells.centers).as_matrix(), atol=1e-14)
     one = rng.normal(size=4)
@@ -142,7 +156,11 @@ def test_invalid_numbers_of_parts_are_refused(n):
 
 def test_invalid_quaternions_are_refused():
     cells = Rotations.quaternions(2)
-    for wrong, message in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
+    for wrong, message in (
+        ((0, 0, 0, 1.01), "norm of 1.01"),
+        ((0, 0, 0, 0), "norm of 0"),
+        ((0, 0, 1), "four numbers"),
+    ):
         with pytest.raises(InputError, match=message):
             cells.cell_of(wrong)
     assert cells.cell_of((0, 0, 0, 1.0 + 5e-7)) == cells.cell_of((0, 0, 0, -1))

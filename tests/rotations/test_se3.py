@@ -29,14 +29,16 @@ def draw_map(rng, n, free=0.8, shape=(2, 1, 2)):
     return map_of(states, cells, ALL_FREE, 1.0), states
 
 
-# ---- queries ---------------------------------------------------------------------------------------------------------
+# ---- queries -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
 def test_compiled_queries_use_the_cells_of_the_definition(n):
     """Draw quaternions near boundaries, of any accepted norm."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
-    space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0)
+    space = map_of(
+        rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0
+    )
     q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
     expected = space._seen[cells.cell_of(q[:, 3:]), 0, 0, 0]
     np.testing.assert_array_equal(space.classify(q), expected)
@@ -45,11 +47,15 @@ def test_compiled_queries_use_the_cells_of_the_definition(n):
     assert [check(*one) for one in q[:300].tolist()] == (expected[:300] == FREE).tolist()
     longer = q.copy()
     longer[:, 3:] *= 2.0**-21 + 1.0
-    np.testing.assert_array_equal(space.classify(longer), space._seen[cells.cell_of(longer[:, 3:]), 0, 0, 0])
+    np.testing.assert_array_equal(
+        space.classify(longer), space._seen[cells.cell_of(longer[:, 3:]), 0, 0, 0]
+    )
 
 
 @pytest.mark.parametrize("name", [*NAMES, "nearest_free"])
-@pytest.mark.parametrize("wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)])
+@pytest.mark.parametrize(
+    "wrong", [(0, 0, 0, 1.00001), (0, 0, 0, 0), (0, 0, 0, math.nan), (math.inf, 0, 0, 0)]
+)
 def test_queries_refuse_invalid_quaternions(name, wrong):
     space, _ = draw_map(np.random.default_rng(0), 1)
     with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
@@ -65,7 +71,7 @@ def test_queries_refuse_invalid_quaternions(name, wrong):
             space.motion_is_free(q, q[:1])
 
 
-# ---- edges -----------------------------------------------------------------------------------------------------------
+# ---- edges ---------------------------------------------------------------------------------------
 
 
 def interpolate(q0, q1, number):
@@ -87,7 +93,9 @@ def test_interpolation_agrees_with_ompl(seed, kind):
     rng = np.random.default_rng(seed)
     q0, q1 = rng.normal(size=(2, 7))
     if kind == "near":
-        q1[3:] = rng.choice([-1.0, 1.0]) * q0[3:] + 10.0 ** rng.uniform(-9.0, 0.0) * rng.normal(size=4)
+        q1[3:] = rng.choice([-1.0, 1.0]) * q0[3:] + 10.0 ** rng.uniform(-9.0, 0.0) * rng.normal(
+            size=4
+        )
     elif kind == "half":
         q1[3:] = np.array([q0[6], q0[5], -q0[4], -q0[3]]) + rng.choice([-1e-10, 1e-10]) * q0[3:]
     for q in (q0, q1):
@@ -98,7 +106,9 @@ def test_interpolation_agrees_with_ompl(seed, kind):
         one.x, one.y, one.z, one.w = q[3:].tolist()
     for point, t in zip(interpolate(q0, q1, 9), np.linspace(0.0, 1.0, 9).tolist(), strict=True):
         space.interpolate(first, second, t, state)
-        np.testing.assert_allclose(point[3:], [state.x, state.y, state.z, state.w], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(
+            point[3:], [state.x, state.y, state.z, state.w], rtol=0.0, atol=1e-12
+        )
 
 
 def drop_near_boundaries(cells, q):
@@ -114,12 +124,17 @@ def edges(draw):
     rng, n = np.random.default_rng(draw(seeds)), 40
     cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
     q0, q1 = (
-        np.column_stack([rng.uniform(0.1, 0.9, (n, 3)) * (2, 1, 2), draw_quaternions(cells, rng, n)]) for _ in "ab"
+        np.column_stack(
+            [rng.uniform(0.1, 0.9, (n, 3)) * (2, 1, 2), draw_quaternions(cells, rng, n)]
+        )
+        for _ in "ab"
     )
     kind = draw(st.sampled_from(["any", "small", "none", "half", "antipode"]))
     a = Rotation.from_quat(q0[:, 3:])
     if kind == "small":
-        q1[:, 3:] = (a * Rotation.from_rotvec(rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-7, 0, (n, 1)))).as_quat()
+        q1[:, 3:] = (
+            a * Rotation.from_rotvec(rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-7, 0, (n, 1)))
+        ).as_quat()
     if kind in ("none", "antipode"):
         q1[:, 3:] = q0[:, 3:] * (1 if kind == "none" else -1)
     if kind == "half":  # exactly about lattice axes
@@ -137,16 +152,23 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
     space, _ = draw_map(rng, n)
     answers = space.motion_is_free(q0, q1)
     check = space.edge_checker()
-    assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == answers.tolist()
+    assert [
+        check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)
+    ] == answers.tolist()
     other = q1 * ([1] * 3 + [-1] * 4)
     np.testing.assert_array_equal(space.motion_is_free(q0, other), answers)
     for a, b, free in zip(q0, q1, answers.tolist(), strict=True):
         half = abs(a[3:] @ b[3:]) < 1e-9
-        tilts = [away * np.append([0.0, 0.0, 0.0], a[3:]) for away in ((-1e-10, 1e-10) if half else (0.0,))]
+        tilts = [
+            away * np.append([0.0, 0.0, 0.0], a[3:])
+            for away in ((-1e-10, 1e-10) if half else (0.0,))
+        ]
         q = np.concatenate([interpolate(a, b + tilt, 300) for tilt in tilts])
         if free:
             assert space.is_free(drop_near_boundaries(space.rotations, q)).all()
-        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all():  # OMPL does not rotate between nearer ones
+        elif (
+            abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all()
+        ):  # OMPL does not rotate between nearer ones
             near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
             near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
             assert not space.is_free(near).all()
@@ -160,7 +182,9 @@ def test_edges_find_every_cell_on_their_way(n):
     for _ in range(15):
         a, b = draw_quaternions(cells, rng, 2)
         q0, q1 = np.array([0.5, 0.5, 0.5, *a]), np.array([0.5, 0.5, 0.5, *b])
-        passed = np.unique(cells.cell_of(drop_near_boundaries(cells, interpolate(q0, q1, 2000))[:, 3:]))
+        passed = np.unique(
+            cells.cell_of(drop_near_boundaries(cells, interpolate(q0, q1, 2000))[:, 3:])
+        )
         for cell in passed[:: max(1, len(passed) // 4)]:
             states[...] = FREE
             states[cell] = MIXED
@@ -175,9 +199,12 @@ def test_edges_find_every_cell_on_their_way(n):
 def test_positions_and_rotations_advance_together():
     """Block a cell at one rotation of the edge."""
     cells = Rotations.quaternions(4)
-    half = math.pi / 4 / 4  # from the center of a cell through its boundary at a quarter of the path
+    half = (
+        math.pi / 4 / 4
+    )  # from the center of a cell through its boundary at a quarter of the path
     edge = [
-        np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()]) for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
+        np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()])
+        for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
     ]
     for cell in range(8):
         states = np.zeros((len(cells), 8, 1, 1), dtype=np.uint8)
@@ -194,7 +221,9 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
     """Test nearly equal quaternions, between which OMPL does not rotate."""
     cells = Rotations.quaternions(1)
     states = np.zeros((len(cells), 4, 1, 1), dtype=np.uint8)
-    angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the boundary at a yaw of 90 degrees
+    angles = (
+        math.pi / 4 + np.array([-0.5, 0.5]) * angle
+    )  # to either side of the boundary at a yaw of 90 degrees
     q0, q1 = (
         np.array([x, 0.5, 0.5, 0.0, 0.0, norm * math.sin(a), norm * math.cos(a)])
         for x, a in zip((0.5, 3.5), angles, strict=True)
@@ -204,7 +233,7 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
     assert space.motion_is_free(q0, q1) <= space.is_free(interpolate(q0, q1, 300)).all()
 
 
-# ---- boxes -----------------------------------------------------------------------------------------------------------
+# ---- boxes ---------------------------------------------------------------------------------------
 
 
 @settings(max_examples=20)
@@ -212,15 +241,21 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
 def test_all_rotations_in_a_free_box_are_free(seed, n, angle):
     rng = np.random.default_rng(seed)
     space, _ = draw_map(rng, n, 0.995 if n > 2 else 0.8)
-    q = np.column_stack([rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)])
+    q = np.column_stack(
+        [rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)]
+    )
     free = q[space.is_free_around(q, 0.0, angle)]
     assert space.is_free(free).all()
     axes = rng.normal(size=(len(free), 200, 3))
     axes *= (
-        angle * rng.choice([1.0, 0.999, 0.5], axes.shape[:2])[..., None] / np.linalg.norm(axes, axis=2, keepdims=True)
+        angle
+        * rng.choice([1.0, 0.999, 0.5], axes.shape[:2])[..., None]
+        / np.linalg.norm(axes, axis=2, keepdims=True)
     )
     near = np.repeat(free, 200, axis=0)
-    near[:, 3:] = (Rotation.from_rotvec(axes.reshape(-1, 3)) * Rotation.from_quat(near[:, 3:])).as_quat()
+    near[:, 3:] = (
+        Rotation.from_rotvec(axes.reshape(-1, 3)) * Rotation.from_quat(near[:, 3:])
+    ).as_quat()
     assert space.is_free(near).all()
 
 
@@ -229,9 +264,14 @@ def test_search_boxes_ignore_the_norm_of_quaternions():
     cells = Rotations.quaternions(8)
     states = np.zeros((len(cells), 1, 1, 1), dtype=np.uint8)
     states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
-    space, smallest = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the boundary of that cell
+    space, smallest = (
+        map_of(states, cells, ALL_FREE, 1.0),
+        3 * math.pi / 8,
+    )  # the boundary of that cell
     q = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0 + 9e-7]
-    assert space.is_free_around(q, 0.0, smallest - 2e-8) and not space.is_free_around(q, 0.0, smallest + 2e-8)
+    assert space.is_free_around(q, 0.0, smallest - 2e-8) and not space.is_free_around(
+        q, 0.0, smallest + 2e-8
+    )
 
 
 def test_search_boxes_are_no_larger_than_necessary():
@@ -245,7 +285,7 @@ def test_search_boxes_are_no_larger_than_necessary():
     assert free[away > 2.0 * cells.covering_angles.max() + 0.2].all() and not free[100]
 
 
-# ---- geometry --------------------------------------------------------------------------------------------------------
+# ---- geometry ------------------------------------------------------------------------------------
 
 
 def compute_depths(extents, middle, q, lows):
@@ -256,7 +296,10 @@ def compute_depths(extents, middle, q, lows):
     turns = Rotation.from_quat(q[:, 3:]).as_matrix()
     centers = q[:, :3] + turns @ middle
     depth = np.full(len(q), -np.inf)
-    axes = [np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(q))).transpose(2, 0, 1), turns.transpose(0, 2, 1)]
+    axes = [
+        np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(q))).transpose(2, 0, 1),
+        turns.transpose(0, 2, 1),
+    ]
     axes.append(np.cross(axes[0][:, :, None], axes[1][:, None]).reshape(len(q), 9, 3))
     axes = np.concatenate(axes, axis=1)
     length = np.linalg.norm(axes, axis=2, keepdims=True)
@@ -279,11 +322,18 @@ def test_states_of_rotating_boxes_agree_with_geometry(seed, n, as_mesh, outside)
     extents, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
     box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(center))
     robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, center)
-    space = cspace.build(Workspace.from_array(occupied, H), robot, rotations=Rotations.quaternions(n), outside=outside)
+    space = cspace.build(
+        Workspace.from_array(occupied, H),
+        robot,
+        rotations=Rotations.quaternions(n),
+        outside=outside,
+    )
     q = draw_configurations(space, rng, 600)
     states, depth = space.classify(q), compute_depths(extents, center, q, H * np.argwhere(occupied))
     corners = center + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
-    placed = q[:, None, :3] + np.einsum("nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners)
+    placed = q[:, None, :3] + np.einsum(
+        "nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners
+    )
     if outside == "blocked":
         depth = np.maximum(depth, np.maximum(-placed, placed - space.grid.upper).max(axis=(1, 2)))
     assert (depth[states == FREE] <= 1e-9).all()
@@ -298,19 +348,29 @@ def test_maps_of_all_rotations_agree_with_maps_of_yaw():
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.2, 0.1))
     space = cspace.build(workspace, robot, rotations=Rotations.quaternions(4))
     flat = cspace.build(workspace, robot, rotations=32)
-    q = np.column_stack([rng.uniform(0, 1, (20_000, 3)) * space.grid.upper, rng.uniform(-3, 3, 20_000)])
-    turned = np.column_stack([q[:, :3], Rotation.from_rotvec(np.outer(q[:, 3], [0, 0, 1])).as_quat()])
+    q = np.column_stack(
+        [rng.uniform(0, 1, (20_000, 3)) * space.grid.upper, rng.uniform(-3, 3, 20_000)]
+    )
+    turned = np.column_stack(
+        [q[:, :3], Rotation.from_rotvec(np.outer(q[:, 3], [0, 0, 1])).as_quat()]
+    )
     pairs = set(zip(space.classify(turned).tolist(), flat.classify(q).tolist(), strict=True))
-    assert {(FREE, FREE), (BLOCKED, BLOCKED)} < pairs and not {(FREE, BLOCKED), (BLOCKED, FREE)} & pairs
+    assert {(FREE, FREE), (BLOCKED, BLOCKED)} < pairs and not {
+        (FREE, BLOCKED),
+        (BLOCKED, FREE),
+    } & pairs
     samples = space.sample_free(500, rng)
     assert space.is_free(samples).all() and space.is_connected(samples[0], samples[0])
     space.clearance(samples)
     space.update(np.ones((2, 2, 9), dtype=bool), (3, 4, 0))
-    again = cspace.build(Workspace.from_array(space.workspace.outer, 0.1), robot, rotations=Rotations.quaternions(4))
+    again = cspace.build(
+        Workspace.from_array(space.workspace.outer, 0.1), robot, rotations=Rotations.quaternions(4)
+    )
     np.testing.assert_array_equal(space.cell_states, again.cell_states)
     np.testing.assert_array_equal(space.clearance(samples), again.clearance(samples))
     np.testing.assert_array_equal(
-        proven_paths(space, samples[:-1], samples[1:]), proven_paths(again, samples[:-1], samples[1:])
+        proven_paths(space, samples[:-1], samples[1:]),
+        proven_paths(again, samples[:-1], samples[1:]),
     )
 
 
@@ -319,8 +379,13 @@ def test_disconnection_is_proven_in_six_dimensions():
     occupied = np.zeros((20, 11, 11), dtype=bool)
     occupied[9:11] = True
     occupied[9:11, 3:8, 3:8] = False
-    workspace, (left, right) = Workspace.from_array(occupied, 0.1), ((0.45, 0.55, 0.55), (1.55, 0.55, 0.55))
+    workspace, (left, right) = (
+        Workspace.from_array(occupied, 0.1),
+        ((0.45, 0.55, 0.55), (1.55, 0.55, 0.55)),
+    )
     for side, answer in ((0.7, False), (0.1, True)):
-        space = cspace.build(workspace, Robot.box((side, side, side)), rotations=Rotations.quaternions(4))
+        space = cspace.build(
+            workspace, Robot.box((side, side, side)), rotations=Rotations.quaternions(4)
+        )
         turn = (0.0, 0.0, 0.0, 1.0)
         assert proven_paths(space, (*left, *turn), (*right, *turn)) is answer

@@ -19,9 +19,13 @@ from tests.strategies import rotation_cells, seeds
 def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert len(cells) == count == len(cells.centers[:, 0])
-    assert wrapped(cells.centers[:, 0] - TWO_PI / count * np.arange(count)) == pytest.approx(np.zeros(count), abs=1e-12)
+    assert wrapped(cells.centers[:, 0] - TWO_PI / count * np.arange(count)) == pytest.approx(
+        np.zeros(count), abs=1e-12
+    )
     assert (cells.centers[:, 0] >= -math.pi).all() and (cells.centers[:, 0] < math.pi).all()
-    assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
+    assert cells.covering_angles == pytest.approx(
+        np.full(count, math.pi / count), abs=2 * ANGLE_SLACK
+    )
     assert cells.is_uniform()
 
 
@@ -39,7 +43,9 @@ def test_cells_cover_the_circle_without_overlap(value):
     assert (np.diff(boundaries) > 0).all() and boundaries[-1] == boundaries[0] + TWO_PI
     if np.ndim(value):
         assert boundaries == pytest.approx(value, abs=1e-9)
-    middles = cells.centers[:, 0] + TWO_PI * np.floor((boundaries[1:] - cells.centers[:, 0]) / TWO_PI)
+    middles = cells.centers[:, 0] + TWO_PI * np.floor(
+        (boundaries[1:] - cells.centers[:, 0]) / TWO_PI
+    )
     assert (boundaries[:-1] < middles).all() and (middles < boundaries[1:]).all()
     reach = np.stack([boundaries[1:] - middles, middles - boundaries[:-1]])
     assert (cells.covering_angles >= reach).all()

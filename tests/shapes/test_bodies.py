@@ -20,7 +20,9 @@ def fan(radius, low, high, count=24):
     turn = 2 * np.pi * np.arange(count) / count
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     first, second = np.broadcast_to(radius, 2)
-    rings = [np.column_stack([r * circle, np.full(count, z)]) for r, z in ((first, low), (second, high))]
+    rings = [
+        np.column_stack([r * circle, np.full(count, z)]) for r, z in ((first, low), (second, high))
+    ]
     vertices = np.concatenate([*rings, [[0, 0, low], [0, 0, high]]])
     i, j, n = np.arange(count), np.roll(np.arange(count), -1), np.full(count, count)
     sides = [np.stack([i, j, j + n], axis=-1), np.stack([i, j + n, i + n], axis=-1)]
@@ -69,7 +71,10 @@ SHARING = {
         [make_box((0, 0, 0), (4, 4, 4)), make_box((0, 0, 0), (4, 4, 8))],
         [(1.9, 2.1, 2), (2, 2.2, 6)],
     ),
-    "cones on one base": ([fan((4, 0.5), 0, 4), fan((4, 0.5), 0, 8)], [(0.1, 0.2, 1), (0.1, 0.2, 5)]),
+    "cones on one base": (
+        [fan((4, 0.5), 0, 4), fan((4, 0.5), 0, 8)],
+        [(0.1, 0.2, 1), (0.1, 0.2, 5)],
+    ),
     "coaxial cylinders": ([fan(3, 0, 4), fan(3, 0, 8)], [(0.1, 0.2, 2), (0.1, 0.2, 6)]),
     "cylinder on cylinder": ([fan(3, 0, 4), fan(3, 4, 8)], [(0.1, 0.2, 2), (0.1, 0.2, 6)]),
     "three levels": (
@@ -98,7 +103,10 @@ def lattice_box(low, high, diagonal):
                 for b in range(low[v], high[v]):
                     square = np.zeros((4, 3))
                     square[:, axis] = (low, high)[side][axis]
-                    square[:, u], square[:, v] = a + np.array([0, 1, 1, 0]), b + np.array([0, 0, 1, 1])
+                    square[:, u], square[:, v] = (
+                        a + np.array([0, 1, 1, 0]),
+                        b + np.array([0, 0, 1, 1]),
+                    )
                     square = np.roll(square[:: 1 if side else -1], diagonal(), axis=0)
                     triangles += [square[[0, 1, 2]], square[[0, 2, 3]]]
     return np.concatenate(triangles), np.arange(3 * len(triangles)).reshape(-1, 3)
@@ -133,7 +141,10 @@ def test_bodies_agree_with_their_winding_numbers(seed, count):
     parts = []
     for _ in range(count):
         ball = trimesh.creation.icosphere(subdivisions=1, radius=rng.uniform(0.3, 1.5))
-        part = np.array(ball.vertices) + rng.normal(0, 0.6, 3), np.array(ball.faces)[:, :: rng.choice([-1, 1])]
+        part = (
+            np.array(ball.vertices) + rng.normal(0, 0.6, 3),
+            np.array(ball.faces)[:, :: rng.choice([-1, 1])],
+        )
         parts.append(reverse_triangles(part, *rng.integers(0, len(part[1]), rng.integers(0, 3))))
     vertices, faces = join_meshes(*parts)
     points = rng.uniform(-2.5, 2.5, (200, 3))
@@ -145,11 +156,14 @@ def test_bodies_agree_with_their_winding_numbers(seed, count):
         turned = np.where(body.turns[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1])
         numbers += winding_numbers(points, vertices[turned])
     assert (Mesh.of((vertices, faces)).contains(points) == (numbers != 0)).all()
-    # Inward bodies have all corners in outward bodies, so every point outside the cavities is solid.
+    # Inward bodies have all corners in outward bodies, so every point outside the cavities is
+    # solid.
     solid, hollow = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for body in bodies:
         turned = np.where(body.turns[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1])
-        (hollow if body.volume < 0 else solid)[winding_numbers(points, vertices[turned]) != 0] = True
+        (hollow if body.volume < 0 else solid)[winding_numbers(points, vertices[turned]) != 0] = (
+            True
+        )
     assert (numbers != 0)[solid & ~hollow].all()
 
 
@@ -158,7 +172,9 @@ def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
     t, a = np.linspace(0, 2 * np.pi * turns, along), 2 * np.pi * np.arange(around) / around
     out = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
     center = radius * out + np.array([0, 0, 0.25]) * t[:, None] / (2 * np.pi)
-    ring = thickness * (np.cos(a)[:, None] * out[:, None] + np.sin(a)[:, None] * np.array([0, 0, 1]))
+    ring = thickness * (
+        np.cos(a)[:, None] * out[:, None] + np.sin(a)[:, None] * np.array([0, 0, 1])
+    )
     vertices = np.concatenate([(center[:, None] + ring).reshape(-1, 3), center[:1], center[-1:]])
     p = np.arange((along - 1) * around)
     q = p - p % around + (p + 1) % around
@@ -173,7 +189,9 @@ def prism(polygon, low, high):
     """Make a closed prism over a polygon that may intersect itself."""
     polygon, n = np.asarray(polygon, dtype=float), len(polygon)
     caps = [np.column_stack([polygon, np.full(n, z)]) for z in (low, high)]
-    vertices = np.concatenate([*caps, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]])
+    vertices = np.concatenate(
+        [*caps, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]]
+    )
     i, j, k = np.arange(n), np.roll(np.arange(n), -1), np.full(n, 2 * n)
     faces = [(i, j, j + n), (i, j + n, i + n), (j, i, k), (i + n, j + n, k + 1)]
     return vertices, np.concatenate([np.stack(face, axis=-1) for face in faces])
@@ -192,11 +210,18 @@ def test_a_reversed_triangle_is_corrected():
 def test_pockets_with_cancelling_windings_are_hollow():
     # The winding numbers of overlapping lobes with opposite orientation cancel.
     lobes = [(0, 0), (6, 0), (6, 6), (0, 6), (0, 0.01), (3, 3), (3, 9), (9, 9), (9, 3), (3, 3.01)]
-    assert inside(prism(lobes, 0, 4), [(5, 5.2, 2), (1, 4.5, 2), (8, 8, 2), (1, 8, 2)]) == [False, True, True, False]
+    assert inside(prism(lobes, 0, 4), [(5, 5.2, 2), (1, 4.5, 2), (8, 8, 2), (1, 8, 2)]) == [
+        False,
+        True,
+        True,
+        False,
+    ]
     # The winding number in the pocket of a spindle torus is two.
     spindle = trimesh.creation.torus(1.0, 2.5)
     numbers = winding_numbers(np.array([(0.05, 0.05, 0.05)]), spindle.triangles)
-    answers = inside((spindle.vertices, spindle.faces), [(0.05, 0.05, 0.05), (2, 0, 0), (0, 0, 2.45)])
+    answers = inside(
+        (spindle.vertices, spindle.faces), [(0.05, 0.05, 0.05), (2, 0, 0), (0, 0, 2.45)]
+    )
     assert answers == [numbers[0] != 0, True, False]
 
 
@@ -209,7 +234,9 @@ def test_a_box_drawn_twice_stays_solid_with_other_diagonals(soup):
     assert inside(shaped(join_meshes((vertices, faces), mirrored)), point) == [True]
     # A box drawn once for each side cancels, with a warning.
     with pytest.warns(MeshWarning, match="cancel"):
-        assert inside(shaped(join_meshes((vertices, faces), (mirrored[0], faces))), point) == [False]
+        assert inside(shaped(join_meshes((vertices, faces), (mirrored[0], faces))), point) == [
+            False
+        ]
     with pytest.warns(MeshWarning, match="are open"):
         inside(shaped(join_meshes((vertices, faces), reverse_triangles(mirrored, 0))), point)
 
@@ -235,7 +262,9 @@ def test_a_surface_with_one_side_has_no_inside(name):
         z = 0.7 * (np.sin(u / 2) * np.sin(w) + np.cos(u / 2) * np.sin(2 * w))
         vertices = np.stack([r * np.cos(u), r * np.sin(u), z], axis=-1)
     quads = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)]
-    faces = np.concatenate([np.stack([quads[a] for a in t], axis=-1).reshape(-1, 3) for t in ((0, 1, 2), (0, 2, 3))])
+    faces = np.concatenate(
+        [np.stack([quads[a] for a in t], axis=-1).reshape(-1, 3) for t in ((0, 1, 2), (0, 2, 3))]
+    )
     with pytest.warns(MeshWarning, match="1 of 1 bodies"):
         mesh = Mesh.of((vertices.reshape(-1, 3), faces))
     assert not mesh.encloses
@@ -273,7 +302,11 @@ def test_a_hollow_with_a_bent_exit_is_outside(flip):
     part = bent_hollow(flip)
     mesh = Mesh.of(part)
     assert len(mesh.bodies) == 1
-    assert inside(part, [(4.25, 4.25, 4.25), (3.1, 3.2, 3.3), (1.5, 1.5, 1.5)]) == [False, False, True]
+    assert inside(part, [(4.25, 4.25, 4.25), (3.1, 3.2, 3.3), (1.5, 1.5, 1.5)]) == [
+        False,
+        False,
+        True,
+    ]
 
 
 def inward(part):
@@ -296,8 +329,14 @@ NESTED = {
     "all inward": ([inward(OUTER), inward(MIDDLE)], True),
     "inward": ([inward(OUTER)], True),
     "inward room with furniture": ([inward(OUTER), MIDDLE], True),
-    "overlapping cavities": ([OUTER, make_box((2,) * 3, (7,) * 3, True), make_box((4,) * 3, (10,) * 3, True)], True),
-    "column through the wall of a cavity": ([OUTER, inward(MIDDLE), make_box((5, 5, 1), (7, 7, 7))], True),
+    "overlapping cavities": (
+        [OUTER, make_box((2,) * 3, (7,) * 3, True), make_box((4,) * 3, (10,) * 3, True)],
+        True,
+    ),
+    "column through the wall of a cavity": (
+        [OUTER, inward(MIDDLE), make_box((5, 5, 1), (7, 7, 7))],
+        True,
+    ),
     "cavity with a reversed triangle": ([OUTER, reverse_triangles(inward(MIDDLE), 0)], True),
     "wall with a reversed triangle": ([reverse_triangles(OUTER, 0), inward(MIDDLE)], False),
     "cavity in a cavity": ([OUTER, make_box((2,) * 3, (10,) * 3, True), inward(MIDDLE)], True),
@@ -315,7 +354,10 @@ def test_bodies_within_bodies_are_cavities_and_islands(name, soup):
     # Winding numbers add up; an inward body is a cavity only inside an outward body.
     parts, expected = NESTED[name]
     mesh = join_meshes(*parts)
-    assert inside(separate_triangles(mesh) if soup else mesh, [IN_WALL, AT_CENTER]) == [True, expected]
+    assert inside(separate_triangles(mesh) if soup else mesh, [IN_WALL, AT_CENTER]) == [
+        True,
+        expected,
+    ]
 
 
 @pytest.mark.parametrize("soup", [False, True])
@@ -326,13 +368,24 @@ def test_a_room_of_slabs_is_free(soup):
         unit = np.eye(3, dtype=int)[axis]
         slabs += [make_box(low, high - 6 * unit), make_box(low + 6 * unit, high)]
     room = join_meshes(*slabs)
-    assert inside(separate_triangles(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]) == [False, True]
+    assert inside(
+        separate_triangles(room) if soup else room, [(4.1, 4.2, 4.3), (1.1, 4.2, 4.3)]
+    ) == [False, True]
 
 
 def test_crossing_bars_of_opposite_orientation_are_solid_together():
     # The edges of bars of equal height meet in points and pierce no face, at inexact rotations.
     for seed in range(20):
-        turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
-        vertices, faces = join_meshes(make_box((-3, -1, -1), (3, 1, 1)), make_box((-1, -3, -1), (1, 3, 1), inward=True))
+        turn = trimesh.transformations.random_rotation_matrix(
+            np.random.default_rng(seed).random(3)
+        )[:3, :3]
+        vertices, faces = join_meshes(
+            make_box((-3, -1, -1), (3, 1, 1)), make_box((-1, -3, -1), (1, 3, 1), inward=True)
+        )
         points = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)]) @ turn.T
-        assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [True, True, True, False]
+        assert Mesh.of((vertices @ turn.T, faces)).contains(points).tolist() == [
+            True,
+            True,
+            True,
+            False,
+        ]

@@ -30,7 +30,10 @@ def in_cylinder(points, wider=0.0):
 
 def in_capsule(points, wider=0.0):
     height = np.clip(points[..., 2], -LENGTH / 2, LENGTH / 2)
-    return np.linalg.norm(points - np.stack([0 * height, 0 * height, height], axis=-1), axis=-1) <= RADIUS + wider
+    return (
+        np.linalg.norm(points - np.stack([0 * height, 0 * height, height], axis=-1), axis=-1)
+        <= RADIUS + wider
+    )
 
 
 ROUND_SOLIDS = {"cylinder": (Robot.cylinder, in_cylinder), "capsule": (Robot.capsule, in_capsule)}
@@ -52,10 +55,17 @@ def test_rasters_bound_the_exact_shape(kind, angle, spacing):
     make, inside = kind
     rng = np.random.default_rng(3)
     middle = Rotation.random(rng=rng)
-    outer, inner = make(RADIUS, LENGTH).rasters(spacing, 0.0, RotationCell(middle.as_matrix(), angle))
+    outer, inner = make(RADIUS, LENGTH).rasters(
+        spacing, 0.0, RotationCell(middle.as_matrix(), angle)
+    )
     for _ in range(4):
         axis = rng.normal(size=3)
-        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.choice([angle, angle * rng.random()])) * middle
+        turn = (
+            Rotation.from_rotvec(
+                axis / np.linalg.norm(axis) * rng.choice([angle, angle * rng.random()])
+            )
+            * middle
+        )
         points = turn.apply(points_within(inside, rng)) / spacing
         for corner in np.ndindex(2, 2, 2):
             offsets = np.floor(points).astype(int) + corner - outer.lower
@@ -77,7 +87,17 @@ def test_outer_and_inner_bounds_are_as_close_as_stated(kind):
 
 
 ONE_SIDED_ATTRIBUTES = (
-    *("boundary", "bounds", "boxes", "contains", "encloses", "_facts", "inscribed_radius", "is_boxes", "measure"),
+    *(
+        "boundary",
+        "bounds",
+        "boxes",
+        "contains",
+        "encloses",
+        "_facts",
+        "inscribed_radius",
+        "is_boxes",
+        "measure",
+    ),
     *("outline", "regions", "surface"),
 )
 
@@ -123,7 +143,10 @@ def test_an_ellipse_lies_between_its_polygons_in_rational_arithmetic(a, b, cente
         """Scale the corners so that the ellipse becomes the unit circle."""
         points = np.asarray(side.geometries[0].exterior.coords)[:-1]
         return [
-            tuple((Fraction(x) - Fraction(c)) / Fraction(r) for x, c, r in zip(p, center, (a, b), strict=True))
+            tuple(
+                (Fraction(x) - Fraction(c)) / Fraction(r)
+                for x, c, r in zip(p, center, (a, b), strict=True)
+            )
             for p in points.tolist()
         ]
 
@@ -147,7 +170,9 @@ def test_an_ellipse_has_two_mirror_axes():
 @pytest.mark.parametrize("rotations", [None, 12])
 def test_maps_of_an_ellipse_agree_with_its_equation(rotations):
     a, b = 0.43, 0.18
-    workspace = Workspace.from_points(np.random.default_rng(0).uniform(0, 3, (12, 2)), 0.05, (0, 0, 3, 3))
+    workspace = Workspace.from_points(
+        np.random.default_rng(0).uniform(0, 3, (12, 2)), 0.05, (0, 0, 3, 3)
+    )
     points = workspace.shapes[0].centers
     space = cspace.build(workspace, Robot.ellipse(a, b), rotations=rotations, outside="free")
     q = np.random.default_rng(1).uniform(0, 3, (4000, 2))
@@ -166,14 +191,20 @@ def test_maps_of_an_ellipse_agree_with_its_equation(rotations):
 def test_costs_are_positive_within_the_inflation_radius(kind, radius):
     make, _ = kind
     space = cspace.build(
-        Workspace.from_array(np.eye(40, dtype=bool), 0.1), make(radius, 1.0).footprint(), outside="free"
+        Workspace.from_array(np.eye(40, dtype=bool), 0.1),
+        make(radius, 1.0).footprint(),
+        outside="free",
     )
     middles = space.grid.center_of(np.indices((40, 40)).reshape(2, -1).T)
     occupied = middles[np.eye(40, dtype=bool).ravel()]
     gaps = np.maximum(np.abs(middles[:, None] - occupied) - 0.05, 0.0)
     apart = np.linalg.norm(gaps, axis=-1).min(axis=1).reshape(40, 40)
     for reach in (0.5, 0.7, 1.0):
-        costs = np.array(space.to_costmap(inflation_radius=reach, cost_scaling_factor=1.0).data).reshape(40, 40).T
+        costs = (
+            np.array(space.to_costmap(inflation_radius=reach, cost_scaling_factor=1.0).data)
+            .reshape(40, 40)
+            .T
+        )
         assert (apart[costs == 0] > reach).all()
         assert (costs == 0).any()
 
@@ -195,10 +226,16 @@ def test_bounds_of_a_decomposition_hold_for_the_exact_shape(kind, side, way):
     else:
         assert ((cdist(points, balls.centers) - balls.radii).min(axis=1) <= 0.0).all()
         way_out = rng.normal(size=(300, 1, 3))
-        rim = balls.centers + balls.radii[:, None] * way_out / np.linalg.norm(way_out, axis=-1, keepdims=True)
+        rim = balls.centers + balls.radii[:, None] * way_out / np.linalg.norm(
+            way_out, axis=-1, keepdims=True
+        )
         across, along = np.linalg.norm(rim[..., :2], axis=-1), np.abs(rim[..., 2])
         up = np.maximum(along - LENGTH / 2, 0.0)
-        gaps = np.hypot(np.maximum(across - RADIUS, 0.0), up) if not ends else np.hypot(across, up) - RADIUS
+        gaps = (
+            np.hypot(np.maximum(across - RADIUS, 0.0), up)
+            if not ends
+            else np.hypot(across, up) - RADIUS
+        )
         gap = float(gaps.max())
     assert gap <= balls.hausdorff.upper
     assert balls.hausdorff.lower <= gap + 0.05
@@ -210,16 +247,22 @@ OBSTACLE_BOXES = (((1.0, 0.8, 0.6), (0.9, 0.8, 0.4)), ((0.3, 1.2, 1.5), (2.0, 1.
 
 
 def workspace():
-    mesh = trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in OBSTACLE_BOXES])
+    mesh = trimesh.util.concatenate(
+        [trimesh.creation.box(size).apply_translation(at) for size, at in OBSTACLE_BOXES]
+    )
     return Workspace.from_mesh(mesh, 0.08, bounds=(0, 0, 0, 2.6, 2.2, 2.0))
 
 
-@pytest.mark.parametrize("rotations", [None, 8, Rotations.quaternions(1)], ids=["still", "yaw", "quaternions"])
+@pytest.mark.parametrize(
+    "rotations", [None, 8, Rotations.quaternions(1)], ids=["still", "yaw", "quaternions"]
+)
 def test_maps_agree_with_fcl(kind, rotations):
     make, _ = kind
     space = cspace.build(workspace(), make(RADIUS, LENGTH), rotations=rotations, outside="free")
     rng = np.random.default_rng(5)
-    q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.size - 3))])
+    q = np.column_stack(
+        [rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.size - 3))]
+    )
     if space.size == 7:
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
     boxes = [solids.box(*each) for each in OBSTACLE_BOXES]
@@ -227,7 +270,9 @@ def test_maps_agree_with_fcl(kind, rotations):
     states = space.classify(q)
     assert min(np.bincount(states, minlength=3)) > 40
     for state, one in zip(states.tolist(), q, strict=True):
-        placed = fcl.CollisionObject(robot, fcl.Transform(solids.rotation_of(one).as_matrix(), one[:3]))
+        placed = fcl.CollisionObject(
+            robot, fcl.Transform(solids.rotation_of(one).as_matrix(), one[:3])
+        )
         hit = any(solids.meet(placed, each) for each in boxes)
         assert state == cspace.MIXED or hit == (state == cspace.BLOCKED)
 
@@ -239,7 +284,10 @@ def test_an_upright_solid_needs_one_slice_unless_off_its_axis(kind):
     assert (half_turns(one.shape), half_turns(above.shape)) == ((0, 1, 2), (2,))
     assert make(0.2, 0.3, (0.1, 0, 0)).shape.symmetry == 1
     again = Robot.from_spec(one.spec)
-    assert (again.shape.symmetry, again.shape.outer.bounds[0].tolist()) == (0, one.shape.outer.bounds[0].tolist())
+    assert (again.shape.symmetry, again.shape.outer.bounds[0].tolist()) == (
+        0,
+        one.shape.outer.bounds[0].tolist(),
+    )
 
 
 def test_inner_balls_lie_in_the_exact_shape(kind):
@@ -253,8 +301,13 @@ def test_inner_balls_lie_in_the_exact_shape(kind):
 def test_exact_queries_use_the_outer_shape(kind):
     # The walls are hardly farther apart than the shape is wide.
     make, _ = kind
-    walls = [trimesh.creation.box((0.2, 2, 2)).apply_translation((x, 0, 0)) for x in (-0.1 - 0.003, 2 * RADIUS + 0.103)]
-    around = Workspace.from_mesh(trimesh.util.concatenate(walls), 0.1, bounds=(-0.2, -1, -1, 0.8, 1, 1))
+    walls = [
+        trimesh.creation.box((0.2, 2, 2)).apply_translation((x, 0, 0))
+        for x in (-0.1 - 0.003, 2 * RADIUS + 0.103)
+    ]
+    around = Workspace.from_mesh(
+        trimesh.util.concatenate(walls), 0.1, bounds=(-0.2, -1, -1, 0.8, 1, 1)
+    )
     space = cspace.build(around, make(RADIUS, LENGTH), outside="free")
     assert space.classify((RADIUS, 0.0, 0.0)) == cspace.MIXED
     assert space.is_free((RADIUS, 0.0, 0.0), exact=True)

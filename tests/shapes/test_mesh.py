@@ -43,7 +43,9 @@ def test_every_format_restores_the_mesh(tmp_path, name):
     mesh = Mesh.of(write(tmp_path, name))
     assert mesh.source == name
     assert len(mesh.faces) == len(SPHERE.faces)
-    assert np.allclose(np.sort(mesh.triangles, axis=None), np.sort(SPHERE.triangles, axis=None), atol=1e-6)
+    assert np.allclose(
+        np.sort(mesh.triangles, axis=None), np.sort(SPHERE.triangles, axis=None), atol=1e-6
+    )
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(SPHERE.volume, rel=1e-5)
 
@@ -89,12 +91,19 @@ def test_parts_of_a_scene_are_placed_and_joined():
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
     mirror[0, 3] = 10.0
     scene.add_geometry(SPHERE, node_name="a")
-    scene.add_geometry(SPHERE, node_name="b", transform=trimesh.transformations.translation_matrix((5, 0, 0)))
+    scene.add_geometry(
+        SPHERE, node_name="b", transform=trimesh.transformations.translation_matrix((5, 0, 0))
+    )
     scene.add_geometry(SPHERE, node_name="c", transform=mirror)
     mesh = Mesh.of(scene)
     assert len(mesh.bodies) == 3
     assert mesh.volume == pytest.approx(3 * SPHERE.volume)
-    assert mesh.contains([(0, 0, 0), (5, 0, 0), (10, 0, 0), (2.5, 0, 0)]).tolist() == [True, True, True, False]
+    assert mesh.contains([(0, 0, 0), (5, 0, 0), (10, 0, 0), (2.5, 0, 0)]).tolist() == [
+        True,
+        True,
+        True,
+        False,
+    ]
     scene.add_geometry(trimesh.PointCloud(np.eye(3)))
     with pytest.raises(GeometryError, match="cloud of points"):
         Mesh.of(scene)
@@ -110,7 +119,11 @@ def test_parts_of_a_scene_are_placed_and_joined():
     ((TETRA_VERTICES[:, :2], TETRA_FACES), GeometryError, r"\(V, 3\)"),
     ((TETRA_VERTICES * np.nan, TETRA_FACES), InputError, "nan"),
     ((TETRA_VERTICES * (1 + 1j), TETRA_FACES), InputError, "complex"),
-    ((TETRA_VERTICES, np.ma.masked_equal(TETRA_FACES, 3)), InputError, "faces of mesh has 3 masked"),
+    (
+        (TETRA_VERTICES, np.ma.masked_equal(TETRA_FACES, 3)),
+        InputError,
+        "faces of mesh has 3 masked",
+    ),
     ((TETRA_VERTICES * 1e200, TETRA_FACES), GeometryError, "units"),
     (42, InputError, "int"),
     (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
@@ -130,7 +143,9 @@ def test_open_bodies_warn_once_and_only_with_auto():
         np.concatenate([SPHERE.vertices, TETRA_VERTICES + 5]),
         np.concatenate([SPHERE.faces, TETRA_FACES[1:] + 162]),
     )
-    with pytest.warns(MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill") as caught:
+    with pytest.warns(
+        MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill"
+    ) as caught:
         mesh = Mesh.of(shape)
     assert len(caught) == 1
     assert caught[0].filename == __file__
@@ -166,7 +181,9 @@ def test_a_mesh_warns_once_when_it_is_used():
 def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
     separate = (TETRA_VERTICES[TETRA_FACES].reshape(-1, 3), np.arange(12).reshape(4, 3))
     assert Mesh.of(separate).is_watertight
-    zeros = np.where(separate[0] == 0.0, np.where(np.arange(12)[:, None] % 2, -0.0, 0.0), separate[0])
+    zeros = np.where(
+        separate[0] == 0.0, np.where(np.arange(12)[:, None] % 2, -0.0, 0.0), separate[0]
+    )
     assert Mesh.of((zeros, separate[1])).is_watertight
     for extra in ([[0, 0, 1]], [[2, 2, 2]]):
         mesh = Mesh.of((TETRA_VERTICES, np.concatenate([TETRA_FACES, extra])))
@@ -176,7 +193,9 @@ def test_coincident_vertices_and_empty_triangles_do_not_open_a_body():
     vertices = np.vstack([TETRA_VERTICES, [0.5, 0, 0]])
     assert Mesh.of((vertices, np.concatenate([TETRA_FACES, [[0, 4, 1]]]))).is_watertight
     halves = [[0, 4, 3], [4, 1, 3]]
-    assert not Mesh.of((vertices, np.concatenate([TETRA_FACES[[0, 2, 3]], halves])), "surface").is_watertight
+    assert not Mesh.of(
+        (vertices, np.concatenate([TETRA_FACES[[0, 2, 3]], halves])), "surface"
+    ).is_watertight
     mended = Mesh.of((vertices, np.concatenate([TETRA_FACES[[0, 2, 3]], halves, [[0, 1, 4]]])))
     assert mended.is_watertight
     assert mended.volume == pytest.approx(1 / 6)
@@ -192,7 +211,9 @@ def test_bodies_that_touch_along_an_edge_are_separate():
     assert beside.contains([(0, 0, 0), (2, 2, 0), (0, 2, 0)]).tolist() == [True, True, False]
     # An open part attached to a closed body leaves the body closed.
     with pytest.warns(MeshWarning, match=r"1 of 2 bodies .*\(1 of 13 triangles\)"):
-        fin = Mesh.of((np.vstack([vertices, [3, 3, 3]]), np.vstack([faces, [faces[0, 0], faces[0, 1], 8]])))
+        fin = Mesh.of(
+            (np.vstack([vertices, [3, 3, 3]]), np.vstack([faces, [faces[0, 0], faces[0, 1], 8]]))
+        )
     assert fin.contains((0, 0, 0))
     # An inward body that shares an edge with the outward body around it is no cavity.
     inner = vertices * (0.5, 0.5, 1) - (0.5, 0.5, 0)
@@ -215,7 +236,9 @@ def test_triangles_of_a_body_get_one_direction():
         (body,) = Mesh.of((TETRA_VERTICES, faces)).bodies
         assert body.closed
         assert body.volume == pytest.approx(1 / 6)
-        assert Mesh.of((TETRA_VERTICES, faces)).contains([(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]).tolist() == [True, False]
+        assert Mesh.of((TETRA_VERTICES, faces)).contains(
+            [(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]
+        ).tolist() == [True, False]
 
 
 def test_a_body_that_overlaps_itself_is_solid_throughout():
@@ -247,7 +270,10 @@ def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
     triangles = mesh.triangles
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     proper = np.linalg.norm(normals, axis=1) > 1e-9
-    normals, starts = normals[proper] / np.linalg.norm(normals[proper], axis=1)[:, None], triangles[proper, 0]
+    normals, starts = (
+        normals[proper] / np.linalg.norm(normals[proper], axis=1)[:, None],
+        triangles[proper, 0],
+    )
     outward = np.sign(((starts - triangles.mean(axis=(0, 1))) * normals).sum(axis=1))
     height = ((points[..., None, :] - starts) * normals).sum(axis=-1) * outward
     inside, outside = (height < -1e-9).all(axis=-1), (height > 1e-9).any(axis=-1)
@@ -298,13 +324,17 @@ def test_a_mesh_copies_its_arrays():
 @given(seeds, st.integers(0, 4))
 def test_a_footprint_contains_triangles_seen_edge_on(seed, count):
     rng = np.random.default_rng(seed)
-    triangles = np.concatenate([rng.uniform(-1, 1, (count + 1, 3, 3)), rng.uniform(-3, 3, (6, 3, 3))])
+    triangles = np.concatenate(
+        [rng.uniform(-1, 1, (count + 1, 3, 3)), rng.uniform(-3, 3, (6, 3, 3))]
+    )
     edge_on = triangles[count + 1 :]
     edge_on[:2, 2, :2] = edge_on[:2, 0, :2]
     edge_on[2:4, 2, :2] = edge_on[2:4, :2, :2].mean(axis=1)
     edge_on[4, 1:, :2] = edge_on[4, :1, :2]
     edge_on[5, 2, :2] = edge_on[5, 0, :2] + rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(-17, -5)
-    mesh = Mesh.of((triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)), "surface")
+    mesh = Mesh.of(
+        (triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)), "surface"
+    )
     flat = mesh.project_to_plane()
     weights = rng.dirichlet(np.ones(3), (len(triangles), 200))
     points = (weights @ triangles)[..., :2].reshape(-1, 2)
@@ -319,7 +349,9 @@ def test_a_footprint_contains_triangles_seen_edge_on(seed, count):
 @pytest.mark.parametrize("make", [Robot.capsule, Robot.cylinder])
 def test_a_footprint_has_no_cracks(make):
     flat = make(1.0, 1.0).footprint().shape
-    assert [len(ring.interiors) for side in (flat.outer, flat.inner) for ring in side.geometries] == [0, 0]
+    assert [
+        len(ring.interiors) for side in (flat.outer, flat.inner) for ring in side.geometries
+    ] == [0, 0]
 
 
 @pytest.mark.parametrize("folder", ["ZTunnel", "LTunnel"])

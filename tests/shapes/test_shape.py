@@ -24,12 +24,16 @@ SHAPE_BUILDERS = {
             shapely.Point(1.1, -0.9),
         ]
     ),
-    "robot of two parts": lambda: Polygons.of([shapely.box(-1, -0.2, 0, 0.3), shapely.box(-0.3, 0.1, 0.7, 0.5)]),
+    "robot of two parts": lambda: Polygons.of(
+        [shapely.box(-1, -0.2, 0, 0.3), shapely.box(-0.3, 0.1, 0.7, 0.5)]
+    ),
     "discs": lambda: Balls.of([(0.3, 0.1), (-0.4, 0.2)], [0.3, 0.5]),
     "cells of the plane": lambda: Voxels.of(BITS[..., 0], 0.31, (-0.7, -0.6)),
     "balls": lambda: Balls.of([(0.3, 0.1, 0.0), (-0.4, 0.2, 0.1)], [0.3, 0.5]),
     "points": lambda: Balls.of(np.random.default_rng(1).uniform(-1, 1, (20, 3)), 0.0),
-    "many radii": lambda: Balls.of(np.random.default_rng(1).uniform(-1, 1, (12, 3)), np.linspace(0.1, 0.4, 12)),
+    "many radii": lambda: Balls.of(
+        np.random.default_rng(1).uniform(-1, 1, (12, 3)), np.linspace(0.1, 0.4, 12)
+    ),
     "box": lambda: Box.of((1.1, 0.7, 0.5), (0.2, -0.1, 0.15)),
     "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
     "mesh": lambda: Mesh.of((TORUS_MESH.vertices, TORUS_MESH.faces)),
@@ -47,7 +51,9 @@ def shape(request):
 def grid_around(shape, spacing=0.09):
     lower, upper = shape.outer.bounds
     lower = lower - 2.3 * spacing
-    return Grid(lower, spacing, tuple((np.ceil((upper - lower) / spacing) + 3).astype(int).tolist()))
+    return Grid(
+        lower, spacing, tuple((np.ceil((upper - lower) / spacing) + 3).astype(int).tolist())
+    )
 
 
 def draw_boundary_points(shape, rng, count=2000):
@@ -107,7 +113,9 @@ def test_the_raster_of_a_robot_equals_the_outer_cells_around_each_offset(shape):
         expected[tuple(slice(c, c + 2 * reach) for c in corner)] |= outer
     raster = np.zeros_like(expected)
     start = np.add(robot.lower, reach)
-    raster[tuple(slice(a, a + n) for a, n in zip(start, robot.cells.shape, strict=True))] = robot.cells
+    raster[tuple(slice(a, a + n) for a, n in zip(start, robot.cells.shape, strict=True))] = (
+        robot.cells
+    )
     assert (raster == expected).all()
 
 
@@ -152,7 +160,13 @@ def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
         (Mesh.of(trimesh.creation.box((1, 1, 1))), 1, True),
         (Mesh.of(trimesh.creation.box((1, 1, 1)), "surface"), 1, False),
         (Mesh.of(trimesh.creation.box((1, 0.5, 1))), 2, False),
-        (Mesh.of((trimesh.creation.icosahedron().vertices, trimesh.creation.icosahedron().faces)), 1, False),
+        (
+            Mesh.of(
+                (trimesh.creation.icosahedron().vertices, trimesh.creation.icosahedron().faces)
+            ),
+            1,
+            False,
+        ),
     ],
 )
 def test_quarter_turns_map_symmetric_solids_to_themselves(shape, axis, same):
@@ -185,5 +199,7 @@ def test_a_workspace_knows_its_obstacles():
     assert len(polygons.obstacles[0].geometries) == 2
     cells = Workspace.from_array(BITS, 0.2, (1.0, 2.0, 3.0))
     (voxels,) = cells.obstacles
-    assert (voxels.contains(cells.grid.center_of(np.moveaxis(np.indices(BITS.shape), 0, -1))) == BITS).all()
+    assert (
+        voxels.contains(cells.grid.center_of(np.moveaxis(np.indices(BITS.shape), 0, -1))) == BITS
+    ).all()
     assert Workspace.from_array(np.zeros((3, 3), bool), 0.1).obstacles == ()

@@ -22,13 +22,19 @@ FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "curves": lambda report, seed, checks: curves.check(report, seed, few_edges(report, checks)),
     "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),
     "exact": lambda report, seed, checks: maps.check_exact(report, seed, few_edges(report, checks)),
-    "arms": lambda report, seed, checks: arms.check(report, seed, max(1000, checks // 10), few_edges(report, checks)),
-    "frequency": lambda report, seed, _: frequency.check(report, seed, PAIR_PLACEMENTS // (50 if report.quick else 1)),
+    "arms": lambda report, seed, checks: arms.check(
+        report, seed, max(1000, checks // 10), few_edges(report, checks)
+    ),
+    "frequency": lambda report, seed, _: frequency.check(
+        report, seed, PAIR_PLACEMENTS // (50 if report.quick else 1)
+    ),
     "band": lambda report, seed, _: band.check(report, seed, 20 if report.quick else 200),
     "lengths": lambda report, seed, _: lengths.check(
         report, seed, lengths.QUICK_WORLDS if report.quick else lengths.MAX_WORLDS
     ),
-    "files": lambda report, seed, _: files.check(report, seed, 100 if report.quick else files.MUTANTS),
+    "files": lambda report, seed, _: files.check(
+        report, seed, 100 if report.quick else files.MUTANTS
+    ),
     "examples": lambda report, seed, _: None if report.quick else check_examples(report, seed),
     "use": lambda report, seed, _: use.check(report, seed, *((5, 0.05) if report.quick else ())),
 }
@@ -63,10 +69,14 @@ def main() -> int:
         "and use maps in threads and processes. Each run draws new cases; --seed repeats those of an earlier run. "
         'See "Tests" in docs/install.md for how to turn a failing case into a test.',
     )
-    parser.add_argument("names", metavar="NAME", nargs="*", help=f"of {', '.join(FAMILIES)} (default all)")
+    parser.add_argument(
+        "names", metavar="NAME", nargs="*", help=f"of {', '.join(FAMILIES)} (default all)"
+    )
     parser.add_argument("--quick", action="store_true", help="a few minutes instead of hours")
     parser.add_argument("--seed", type=int, help="seed of everything random (default: a new one)")
-    parser.add_argument("--checks", type=int, help="checks of FREE and BLOCKED (default 10^6, with --quick 50,000)")
+    parser.add_argument(
+        "--checks", type=int, help="checks of FREE and BLOCKED (default 10^6, with --quick 50,000)"
+    )
     options = parser.parse_args()
     if unknown := sorted({*options.names} - {*FAMILIES}):
         parser.error(f"unknown {', '.join(unknown)}; choose from {', '.join(FAMILIES)}")

@@ -1,7 +1,7 @@
 """Proofs of arms, against pinocchio and coal.
 
-They include the arms of the data folder in their planning problems, near starts and goals, and small random
-arms with all kinds of joints and solids.
+They include the arms of the data folder in their planning problems, near starts and goals, and
+small random arms with all kinds of joints and solids.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
     for name, draw in kinds.items():
         counts = Counter[str]()
 
-        def check_case(tally: Tally, number: int, draw: Any = draw, counts: Counter[str] = counts) -> None:
+        def check_case(
+            tally: Tally, number: int, draw: Any = draw, counts: Counter[str] = counts
+        ) -> None:
             with suppress(ConfigurationError):  # something touches a link at every configuration
                 _check(tally, counts, draw(seed, number), np.random.default_rng([seed, number, 8]))
 
@@ -77,15 +79,23 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
 
         draw_until(report, name, seed, enough, check_case)
         # Coal misses some open meshes that reach into a box, and obstacles inside a mesh.
-        report.note(f"BLOCKED: {counts['BLOCKED']} checks, {counts['BLOCKED clear']} without a collision by coal")
-        report.note(f"MIXED: {counts['MIXED']} configurations, {counts['MIXED clear']} without a collision by coal")
-        report.note(f"{counts['refused']} motions not proven, {counts['missed']} of them without a collision by coal")
+        report.note(
+            f"BLOCKED: {counts['BLOCKED']} checks, {counts['BLOCKED clear']} without a collision by coal"
+        )
+        report.note(
+            f"MIXED: {counts['MIXED']} configurations, {counts['MIXED clear']} without a collision by coal"
+        )
+        report.note(
+            f"{counts['refused']} motions not proven, {counts['missed']} of them without a collision by coal"
+        )
 
 
 def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
     """Check configurations and motions of one scene."""
     arm, meshes = scene.space.arm, scene.meshes
-    q = _draw_near(scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng)
+    q = _draw_near(
+        scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng
+    )
     counts["points"] += len(q)
     states = np.asarray(scene.space.classify(q))
     free = q[states == FREE]
@@ -123,7 +133,9 @@ def draw_problem(problems: list[ArmProblem], seed: int, number: int) -> Scene:
     problem = problems[np.random.default_rng([seed, number, 7]).integers(len(problems))]
     name = f"{problem.folder.robot}, {problem.name} {problem.row['index']}"
     about = np.vstack([problem.start, problem.goals])
-    return Scene(name, name, ("problem", problem.folder.robot), problem.space(), problem.meshes(), about)
+    return Scene(
+        name, name, ("problem", problem.folder.robot), problem.space(), problem.meshes(), about
+    )
 
 
 def draw_small_arm(seed: int, number: int) -> Scene:
@@ -141,7 +153,9 @@ def draw_small_arm(seed: int, number: int) -> Scene:
             solids.append((f"block{number}", kind, pose, sizes))
         allowed = [(link.name, name) for link in arm.links if not link.body for name, *_ in solids]
         space = build_arm_space(our_solids(solids), arm, allowed_collisions=allowed)
-        meshes = Meshes(path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed_collisions))
+        meshes = Meshes(
+            path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed_collisions)
+        )
     return Scene(
         "arm",
         f"draw_small_arm({seed}, {number})",
@@ -164,13 +178,29 @@ def _write_arm(folder: Path, rng: Rng) -> Path:
     parts = [_link("l0", rng)]
     for number in range(int(rng.integers(2, 8))):
         parent = number if rng.random() < 0.8 else rng.integers(number + 1)
-        kind = "revolute" if number == 0 else rng.choice(["revolute", "revolute", "prismatic", "continuous", "fixed"])
+        kind = (
+            "revolute"
+            if number == 0
+            else rng.choice(["revolute", "revolute", "prismatic", "continuous", "fixed"])
+        )
         limits = {"prismatic": (-0.4, 0.6), "revolute": (-2.5, 2.0)}.get(str(kind))
         axis, at, rpy = rng.normal(size=3), rng.uniform(-0.5, 0.5, 3), rng.uniform(-2.0, 2.0, 3)
         mimics = number and kind == "revolute" and rng.random() < 0.3
         mimic = '<mimic joint="j0" multiplier="-0.5" offset="0.2"/>' if mimics else ""
         axis /= np.linalg.norm(axis)
-        parts.append(joint(f"j{number}", f"l{parent}", f"l{number + 1}", at, axis, str(kind), limits, rpy, mimic))
+        parts.append(
+            joint(
+                f"j{number}",
+                f"l{parent}",
+                f"l{number + 1}",
+                at,
+                axis,
+                str(kind),
+                limits,
+                rpy,
+                mimic,
+            )
+        )
         parts.append(_link(f"l{number + 1}", rng))
     return write_urdf(folder, *parts)
 

@@ -46,7 +46,9 @@ def check(report: Report, seed: int, edges: int) -> None:
     tally = draw_until(report, f"curves at {POINTS_PER_EDGE} points each", seed, enough, check_case)
     for name in CURVES:
         followed = tally.checks[name] // POINTS_PER_EDGE
-        report.note(f"{others[name]} of {followed} {name} edges differ from OMPL's; their pieces were driven instead")
+        report.note(
+            f"{others[name]} of {followed} {name} edges differ from OMPL's; their pieces were driven instead"
+        )
 
 
 def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng: Rng) -> None:
@@ -65,10 +67,18 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     if not len(pairs):
         return
     lengths = np.array([planner.metres(*pair) for pair in pairs])
-    few = np.stack([planner.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
+    few = np.stack(
+        [
+            planner.points(a, b, np.linspace(0.0, c, 30))
+            for (a, b), c in zip(pairs, lengths, strict=True)
+        ]
+    )
     picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), N_FOLLOWED, rng)
     oracle = _Oracle(planner)
-    q, missed = np.empty((len(picked), POINTS_PER_EDGE, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
+    q, missed = (
+        np.empty((len(picked), POINTS_PER_EDGE, 3)),
+        np.zeros((len(picked), 1), dtype=np.bool_),
+    )
     for k, edge in enumerate(picked):
         q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))
         others[name] += other
@@ -83,12 +93,16 @@ def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, 
     snapped = rng.random(N_CURVES) < 0.3
     starts[snapped] = snap_nearly(case.space, starts[snapped], rng, away=0.0)
     turns = rng.integers(-1, 2, (N_CURVES, 3))
-    lengths = spacing * rng.choice([1.0, 4.0, 15.0], (N_CURVES, 1)) * rng.exponential(size=(N_CURVES, 3))
+    lengths = (
+        spacing * rng.choice([1.0, 4.0, 15.0], (N_CURVES, 1)) * rng.exponential(size=(N_CURVES, 3))
+    )
     if name != "dubins":
         lengths *= rng.choice([-1.0, 1.0], lengths.shape)
     goals = drive(starts, turns, lengths, radius)
     near = rng.random(N_CURVES) < 0.2
-    goals[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(size=(int(near.sum()), 2))
+    goals[near, :2] = starts[near, :2] + spacing * rng.choice([1.0, 10.0]) * rng.normal(
+        size=(int(near.sum()), 2)
+    )
     goals[near, 2] = rng.uniform(-np.pi, np.pi, int(near.sum()))
     snapped = rng.random(N_CURVES) < 0.1
     goals[snapped] = snap_nearly(case.space, goals[snapped], rng, away=0.0)
@@ -98,8 +112,8 @@ def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, 
 def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
     """Drive cars from configurations (n, 3) along circles and lines.
 
-    ``turns`` and ``lengths`` have shape (n, pieces): 1 (left), -1 (right) or 0 (straight), and metres, negative in
-    reverse.
+    ``turns`` and ``lengths`` have shape (n, pieces): 1 (left), -1 (right) or 0 (straight), and
+    metres, negative in reverse.
     """
     x, y, yaw = q.T.copy()
     for turn, length in zip(np.transpose(turns), lengths.T, strict=True):
@@ -128,7 +142,13 @@ class _Oracle:
             if _largest_distance(theirs, ours, radius) <= OFF:
                 return theirs, False, False
         driven = self._driven(first, last, length)
-        missed = max(_largest_distance(driven, ours, radius), _largest_distance(driven[-1:], last[None], radius)) > OFF
+        missed = (
+            max(
+                _largest_distance(driven, ours, radius),
+                _largest_distance(driven[-1:], last[None], radius),
+            )
+            > OFF
+        )
         return driven, missed, True
 
     def _theirs(self, ours: Floats) -> Floats:
@@ -143,12 +163,19 @@ class _Oracle:
 
     def _driven(self, first: Floats, last: Floats, length: float) -> Floats:
         radius = self._way.radius
-        turns, lengths, _ = shortest_word(self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist()))
+        turns, lengths, _ = shortest_word(
+            self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist())
+        )
         whole = radius * lengths
         begin = np.cumsum(np.abs(whole)) - np.abs(whole)
-        parts = np.clip(np.linspace(0.0, length, POINTS_PER_EDGE)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
+        parts = np.clip(
+            np.linspace(0.0, length, POINTS_PER_EDGE)[:, None] - begin, 0.0, np.abs(whole)
+        ) * np.sign(whole)
         return drive(
-            np.repeat(first[None], POINTS_PER_EDGE, axis=0), np.broadcast_to(turns, parts.shape), parts, radius
+            np.repeat(first[None], POINTS_PER_EDGE, axis=0),
+            np.broadcast_to(turns, parts.shape),
+            parts,
+            radius,
         )
 
 

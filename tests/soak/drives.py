@@ -41,14 +41,22 @@ def check(report: Report, seed: int, queries: int) -> None:
         graph = join_eight_headings(space, drive) if radius is None else None
         certified = solved = joined = longer = 0
         for pair in pairs:
-            plan = planners.plan(space, *pair, planner="Lattice", drive=drive, turning_radius=radius, time_limit=20.0)
+            plan = planners.plan(
+                space, *pair, planner="Lattice", drive=drive, turning_radius=radius, time_limit=20.0
+            )
             certified, solved = certified + plan.certified, solved + plan.solved
             if graph is not None and math.isfinite(best := shortest_length(space, graph, pair)):
                 joined += 1
                 longer += not plan.certified or weighted_length(plan) > 1.15 * best + 1e-9
-        report.check(certified == solved, f"{drive}: {certified} of {solved} paths certified, {queries} queries")
+        report.check(
+            certified == solved,
+            f"{drive}: {certified} of {solved} paths certified, {queries} queries",
+        )
         if graph is not None:
-            report.check(not longer, f"{drive}: {longer} of {joined} more than 15 % longer than along eight headings")
+            report.check(
+                not longer,
+                f"{drive}: {longer} of {joined} more than 15 % longer than along eight headings",
+            )
 
 
 def build_office(workspace: Workspace) -> CSpace:
@@ -73,17 +81,23 @@ def draw_query(space: CSpace, rng: Rng) -> Floats:
 
 
 def join_eight_headings(space: CSpace, drive: str) -> csr_array:
-    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight headings."""
+    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight
+    headings."""
     free = np.asarray(space.cell_states) == FREE
     index = np.arange(free.size).reshape(free.shape)
-    edges = [(index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)]) for k in range(len(free))]
+    edges = [
+        (index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)])
+        for k in range(len(free))
+    ]
     turn = math.pi / len(free)  # half a metre for each radian
     parts = [(a[m], b[m], np.full(m.sum(), turn)) for a, b, m in edges]
     parts += [(b, a, cost) for a, b, cost in parts]
     for dx, dy in HEADINGS:
         k = int(space.rotations.cell_of(math.atan2(dy, dx)))
         ahead = np.roll(np.pad(free[k], 1), (-dx, -dy), (0, 1))[1:-1, 1:-1]
-        beside = [np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))]
+        beside = [
+            np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))
+        ]
         may = free[k] & ahead & beside[0] & beside[1]
         a = index[k][may]
         b = a + dx * free.shape[2] + dy
@@ -95,8 +109,12 @@ def join_eight_headings(space: CSpace, drive: str) -> csr_array:
 
 def shortest_length(space: CSpace, graph: csr_array, query: Floats) -> float:
     """Return the length of the shortest path in a graph of cells, infinite without one."""
-    cells = np.column_stack([space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])])
-    first, last = np.ravel_multi_index(tuple(cells.T), (len(space.rotations), *space.grid.shape)).tolist()
+    cells = np.column_stack(
+        [space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])]
+    )
+    first, last = np.ravel_multi_index(
+        tuple(cells.T), (len(space.rotations), *space.grid.shape)
+    ).tolist()
     return float(dijkstra(graph, indices=first)[last])
 
 

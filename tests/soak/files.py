@@ -1,8 +1,8 @@
 """Damaged and forged files, which open or are refused.
 
-Separate processes, limited to 20 seconds and 2 GB, open mutants of one small file of each family: flipped bits and
-bytes, swaps, truncation, extreme numbers, spliced pieces. A changed store must be refused. A "forged" map has digests
-that agree with the change, as an attacker would write them.
+Separate processes, limited to 20 seconds and 2 GB, open mutants of one small file of each family:
+flipped bits and bytes, swaps, truncation, extreme numbers, spliced pieces. A changed store must be
+refused. A "forged" map has digests that agree with the change, as an attacker would write them.
 """
 
 from __future__ import annotations
@@ -60,16 +60,26 @@ def write_families(folder: Path) -> dict[str, Path]:
     plane.export(folder / "map.yaml", rotation=0.0)
     for name in ("saved.zarr", "forged.zarr"):
         plane.save(folder / name)
-    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4).compute_components()
-    zarr.create_array(str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True})
+    cspace.build(
+        plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4
+    ).compute_components()
+    zarr.create_array(
+        str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True}
+    )
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
     put("grid.map", "type octile\nheight 3\nwidth 4\nmap\n.@@.\n....\nT.GW\n")
     put("voxels.3dmap", "voxel 4 3 2\n0 0 0\n1 2 1\n3 0 1\n")
-    shapes = [shapely.box(0, 0, 1, 1), shapely.LineString([(2, 0), (3, 1)]), shapely.Point(2, 2).buffer(0.3)]
+    shapes = [
+        shapely.box(0, 0, 1, 1),
+        shapely.LineString([(2, 0), (3, 1)]),
+        shapely.Point(2, 2).buffer(0.3),
+    ]
     put(
         "shapes.geojson",
-        json.dumps({"type": "GeometryCollection", "geometries": [s.__geo_interface__ for s in shapes]}),
+        json.dumps(
+            {"type": "GeometryCollection", "geometries": [s.__geo_interface__ for s in shapes]}
+        ),
     )
     put("shapes.wkt", "\n".join(shape.wkt for shape in shapes))
     box = trimesh.creation.box((1.0, 2.0, 3.0))
@@ -79,7 +89,9 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("box.gltf", gltf["model.gltf"])
     put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
     put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
-    corners, faces = (" ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces))
+    corners, faces = (
+        " ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces)
+    )
     put(
         "box.dae",
         f'<COLLADA><asset><unit meter="1"/></asset><library_geometries><geometry id="g"><mesh><source id="s">'
@@ -96,15 +108,24 @@ def write_families(folder: Path) -> dict[str, Path]:
         '<mesh filename="box.stl" scale="1 1 0.5"/>',
     )
     parts = "".join(
-        f'<collision><origin xyz="0.5 0 0" rpy="0 0.3 0"/><geometry>{solid}</geometry></collision>' for solid in solids
+        f'<collision><origin xyz="0.5 0 0" rpy="0 0.3 0"/><geometry>{solid}</geometry></collision>'
+        for solid in solids
     )
     joint = '<joint name="j" type="fixed"><origin xyz="0 0 1"/><parent link="base"/><child link="top"/></joint>'
-    put("robot.urdf", f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>')
+    put(
+        "robot.urdf",
+        f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>',
+    )
     costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"\n    footprint_padding: 0.02\n'
     put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
     put("scene.yaml", _write_scene())
     put("request.yaml", _write_request())
-    put("tree.bt", b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n" + b"\3\0" * 15 + b"\x55\xaa")
+    put(
+        "tree.bt",
+        b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n"
+        + b"\3\0" * 15
+        + b"\x55\xaa",
+    )
     inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
     nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
     put("tree.ot", b"# Octomap OcTree file\nid OcTree\nsize 18\nres 0.1\ndata\n" + nodes)
@@ -115,7 +136,9 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("points.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes())
     np.save(folder / "points.npy", points)
     np.save(folder / "cells.npy", cells)
-    balls = BallDecomposition([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3))
+    balls = BallDecomposition(
+        [(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3)
+    )
     for suffix in ("yaml", "json"):
         balls.save(folder / f"balls.{suffix}")
     return {path.name: path for path in sorted(folder.iterdir())}
@@ -125,7 +148,10 @@ def _write_scene() -> str:
     """Write a planning scene with all that one may have, as JSON, which is YAML."""
     pose = {"position": [0.1, 0, 0.5], "orientation": {"x": 0, "y": 0, "z": 0.6, "w": 0.8}}
     kinds = {"box": [1, 2, 3], "sphere": [0.5], "cylinder": [2, 0.5], "cone": [2, 0.5]}
-    mesh = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "triangles": [[0, 2, 1], [0, 1, 3], [1, 2, 3]]}
+    mesh = {
+        "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "triangles": [[0, 2, 1], [0, 1, 3], [1, 2, 3]],
+    }
     one = {
         "id": "all",
         "header": {"frame_id": "shelf"},
@@ -136,16 +162,28 @@ def _write_scene() -> str:
         "mesh_poses": [pose] * 2,
     }
     ball = {"type": 2, "dimensions": [0.1]}
-    mug = {"id": "mug", "header": {"frame_id": "tool"}, "primitives": [ball], "primitive_poses": [pose]}
+    mug = {
+        "id": "mug",
+        "header": {"frame_id": "tool"},
+        "primitives": [ball],
+        "primitive_poses": [pose],
+    }
     still = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1]}
     scene = {
         "world": {"collision_objects": [one]},
-        "fixed_frame_transforms": [{"header": {"frame_id": "shelf"}, "child_frame_id": "world", "transform": still}],
+        "fixed_frame_transforms": [
+            {"header": {"frame_id": "shelf"}, "child_frame_id": "world", "transform": still}
+        ],
         "robot_state": {
             "joint_state": {"name": ["a", "b"], "position": [0.5, 1]},
-            "attached_collision_objects": [{"link_name": "tool", "object": mug, "touch_links": ["hand"]}],
+            "attached_collision_objects": [
+                {"link_name": "tool", "object": mug, "touch_links": ["hand"]}
+            ],
         },
-        "allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[False, True], [True, False]]},
+        "allowed_collision_matrix": {
+            "entry_names": ["a", "b"],
+            "entry_values": [[False, True], [True, False]],
+        },
         "link_padding": [{"link_name": "tool", "padding": 0.0}],
     }
     return json.dumps(scene)
@@ -157,15 +195,28 @@ def _write_request() -> str:
     place = {"position": [0.1, 0, 0.5], "orientation": [0, 0, 0, 1]}
     region = {"primitives": [{"type": "box", "dimensions": [1, 2, 3]}], "primitive_poses": [place]}
     tolerances = {f"absolute_{axis}_axis_tolerance": 0.1 for axis in "xyz"}
-    joint = {"joint_name": "a", "position": 1, "tolerance_above": 0.1, "tolerance_below": 0.2, "weight": 1}
+    joint = {
+        "joint_name": "a",
+        "position": 1,
+        "tolerance_above": 0.1,
+        "tolerance_below": 0.2,
+        "weight": 1,
+    }
     pose = {
-        "position_constraints": [{**head, "constraint_region": region, "target_point_offset": [0.1, 0, 0]}],
+        "position_constraints": [
+            {**head, "constraint_region": region, "target_point_offset": [0.1, 0, 0]}
+        ],
         "orientation_constraints": [{**head, "orientation": [0, 0.6, 0, 0.8], **tolerances}],
     }
     state = {"joint_state": {"name": ["a", "b"], "position": [0.5, 1]}}
     goals = [{"joint_constraints": [joint]}, pose]
     return json.dumps(
-        {"group_name": "arm", "start_state": state, "goal_constraints": goals, "allowed_planning_time": 5}
+        {
+            "group_name": "arm",
+            "start_state": state,
+            "goal_constraints": goals,
+            "allowed_planning_time": 5,
+        }
     )
 
 
@@ -218,10 +269,18 @@ def _change(kind: str, data: bytearray, other: bytes, rng: Rng) -> bytearray:
         return data[:at] + source[start : start + length] + data[at + drop :]
     if kind == "repeat":  # makes deep nesting and long lines
         return data[:at] + data[at : at + 1] * int(rng.integers(2, 20_000)) + data[at:]
-    numbers = list(re.finditer(rb"-?\d+(\.\d+)?", data)) if kind == "extreme" and rng.random() < 0.7 else []
+    numbers = (
+        list(re.finditer(rb"-?\d+(\.\d+)?", data))
+        if kind == "extreme" and rng.random() < 0.7
+        else []
+    )
     if numbers:
         number = numbers[int(rng.integers(len(numbers)))]
-        return data[: number.start()] + EXTREMES[int(rng.integers(len(EXTREMES)))] + data[number.end() :]
+        return (
+            data[: number.start()]
+            + EXTREMES[int(rng.integers(len(EXTREMES)))]
+            + data[number.end() :]
+        )
     if len(data) >= 4:
         at, other_at = (int(position) for position in rng.integers(len(data) - 3, size=2))
         if kind == "flip":
@@ -288,7 +347,11 @@ Parts = dict[str, bytes]
 
 def read_parts(path: Path) -> Parts:
     if path.is_dir():
-        return {part.relative_to(path).as_posix(): part.read_bytes() for part in path.rglob("*") if part.is_file()}
+        return {
+            part.relative_to(path).as_posix(): part.read_bytes()
+            for part in path.rglob("*")
+            if part.is_file()
+        }
     return {"": path.read_bytes()}
 
 
@@ -310,7 +373,9 @@ def reseal(path: Path, **changes: Any) -> None:
     del attributes["digest"]
     names = []
     for name in attributes.get("arrays", "").split():
-        chunks = [file.relative_to(path) for file in (path / name / "c").rglob("*") if file.is_file()]
+        chunks = [
+            file.relative_to(path) for file in (path / name / "c").rglob("*") if file.is_file()
+        ]
         chunks.sort(key=lambda file: [int(part) for part in file.parts[2:]])
         names += [f"{name}/zarr.json", *map(str, chunks)]
     there = [name for name in names if (path / name).is_file()]
@@ -344,7 +409,9 @@ def _count_in_children(seed: int, every: dict[str, Path], name: str, wanted: int
     context = multiprocessing.get_context("fork")
     for first in range(0, wanted, BATCH):
         queue: Any = context.Queue()
-        child = context.Process(target=_child, args=(queue, seed, every, name, first, min(BATCH, wanted - first)))
+        child = context.Process(
+            target=_child, args=(queue, seed, every, name, first, min(BATCH, wanted - first))
+        )
         child.start()
         try:
             outcomes += queue.get(timeout=BATCH * SECONDS)
@@ -359,7 +426,9 @@ def _count_in_children(seed: int, every: dict[str, Path], name: str, wanted: int
 
 def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
     """Check mutants of every family."""
-    report.section(f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each")
+    report.section(
+        f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each"
+    )
     with tempfile.TemporaryDirectory() as folder:
         names = list(write_families(Path(folder)))
     for name in names:
@@ -368,7 +437,9 @@ def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
             outcomes = _count_in_children(seed, write_families(Path(folder)), name, wanted)
         bad = [result for result in outcomes if result not in ("opened", "refused")]
         opened, refused = outcomes["opened"], outcomes["refused"]
-        report.note(f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - start:.0f} s")
+        report.note(
+            f"{name}: {opened} opened, {refused} refused, {time.perf_counter() - start:.0f} s"
+        )
         for result in bad[:9]:
             report.note(f"  {result}")
         report.check(not bad, f"{name}: every mutant opens or is refused in one line")

@@ -67,7 +67,11 @@ class Body:
     @classmethod
     def of(cls, kind: str, shape: Any, number: int) -> Body:
         """Decompose a body into ``number`` outer and inner balls."""
-        solid = Mesh(shape.reshape(-1, 3), np.arange(len(shape) * 3).reshape(-1, 3)) if _is_solid(shape) else shape
+        solid = (
+            Mesh(shape.reshape(-1, 3), np.arange(len(shape) * 3).reshape(-1, 3))
+            if _is_solid(shape)
+            else shape
+        )
         outer = decompose(solid, kind="outer", number=number)
         try:
             inner = decompose(solid, kind="inner", number=number)
@@ -106,7 +110,11 @@ class PairCase(Drawn):
             matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
             return np.array([yaw]), self.overlap.rotated(matrix), oracle(self.a, self.b, matrix)
         rotation = Rotation.from_quat(rng.normal(size=4))
-        return rotation.as_quat(), self.overlap.rotated(rotation), oracle(self.a, self.b, rotation.as_matrix())
+        return (
+            rotation.as_quat(),
+            self.overlap.rotated(rotation),
+            oracle(self.a, self.b, rotation.as_matrix()),
+        )
 
 
 def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
@@ -116,7 +124,10 @@ def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
         shapely.prepare(others)
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
         return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-    pair = SurfacePair(SolidSurface.of_bodies([a.shape @ matrix.T]), SolidSurface.of_bodies([each.shape for each in b]))
+    pair = SurfacePair(
+        SolidSurface.of_bodies([a.shape @ matrix.T]),
+        SolidSurface.of_bodies([each.shape for each in b]),
+    )
     return lambda ts: pair.within(ts, np.zeros(len(ts)))
 
 
@@ -171,11 +182,15 @@ def compute_overlap(
     if inner and a.inner is not None and all(each.inner is not None for each in b):
         sets += [a.inner, _join_sets([each.inner for each in b if each.inner is not None])]
     swell = share * float(min(np.median(radii) for _, radii in sets[:2]))
-    return FourierOverlap.of_shapes(*sets, swell=swell, classes=classes, bump=bump, tolerance=tolerance)
+    return FourierOverlap.of_shapes(
+        *sets, swell=swell, classes=classes, bump=bump, tolerance=tolerance
+    )
 
 
 def _join_sets(sets: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    return np.concatenate([centers for centers, _ in sets]), np.concatenate([radii for _, radii in sets])
+    return np.concatenate([centers for centers, _ in sets]), np.concatenate(
+        [radii for _, radii in sets]
+    )
 
 
 def draw_rotation_matrix(rng: Rng, dim: int) -> Floats:
@@ -185,13 +200,15 @@ def draw_rotation_matrix(rng: Rng, dim: int) -> Floats:
     return np.asarray(matrix)
 
 
-# ---- bodies around the origin, up to two metres across ---------------------------------------------------------------
+# ---- bodies around the origin, up to two metres across -------------------------------------------
 
 
 def _star(rng: Rng) -> Any:
     corners = int(rng.integers(3, 12))
     turns = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.0, 0.6, corners)) / corners
-    return shapely.Polygon(rng.uniform(0.3, 1.0, (corners, 1)) * np.column_stack([np.cos(turns), np.sin(turns)]))
+    return shapely.Polygon(
+        rng.uniform(0.3, 1.0, (corners, 1)) * np.column_stack([np.cos(turns), np.sin(turns)])
+    )
 
 
 def _ring(rng: Rng) -> Any:
@@ -207,7 +224,9 @@ def _rectangle(rng: Rng) -> Any:
 
 def _ell(rng: Rng) -> Any:
     a, b = rng.uniform(0.2, 0.8, 2)
-    return shapely.Polygon(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, b), (a, b), (a, 1.0), (0.0, 1.0)]) - 0.5)
+    return shapely.Polygon(
+        np.array([(0.0, 0.0), (1.0, 0.0), (1.0, b), (a, b), (a, 1.0), (0.0, 1.0)]) - 0.5
+    )
 
 
 def _hull(rng: Rng) -> Floats:
@@ -221,16 +240,23 @@ def _box(rng: Rng) -> Floats:
 
 
 def _prism(rng: Rng) -> Floats:
-    return np.asarray(trimesh.creation.extrude_polygon(_ell(rng), float(rng.uniform(0.2, 1.0))).triangles)
+    return np.asarray(
+        trimesh.creation.extrude_polygon(_ell(rng), float(rng.uniform(0.2, 1.0))).triangles
+    )
 
 
 BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
     2: {"star": _star, "ring": _ring, "rectangle": _rectangle, "L": _ell},
-    3: {"hull": _hull, "dented ball": partial(draw_dented_ball, max_subdivisions=2), "box": _box, "L": _prism},
+    3: {
+        "hull": _hull,
+        "dented ball": partial(draw_dented_ball, max_subdivisions=2),
+        "box": _box,
+        "L": _prism,
+    },
 }
 
 
-# ---- checks ----------------------------------------------------------------------------------------------------------
+# ---- checks --------------------------------------------------------------------------------------
 
 
 def check(report: Report, seed: int, wanted: int) -> None:
@@ -238,7 +264,10 @@ def check(report: Report, seed: int, wanted: int) -> None:
     for dim, where in ((2, "in the plane"), (3, "in space")):
 
         def check_case(tally: Tally, number: int, dim: int = dim) -> None:
-            case, rng = draw_pair(seed, number, dim), np.random.default_rng([seed, number, 40 + dim])
+            case, rng = (
+                draw_pair(seed, number, dim),
+                np.random.default_rng([seed, number, 40 + dim]),
+            )
             for _ in range(ROTATIONS_PER_PAIR):
                 _check_pose(tally, case, rng)
 
@@ -258,7 +287,9 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
     _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
 
 
-def _judge(tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes) -> None:
+def _judge(
+    tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes
+) -> None:
     q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
     for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
         claimed = verdicts == verdict
@@ -286,5 +317,7 @@ def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) ->
         meets = collide(starts + center[:, None] * directions)
         near, far = np.where(meets, center, near), np.where(meets, far, center)
     picked = rng.integers(len(starts), size=number)
-    off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
+    off = (
+        size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
+    )
     return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])

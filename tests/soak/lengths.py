@@ -27,33 +27,47 @@ MAX_WORLDS = 10_000
 QUICK_WORLDS = 200
 
 Outcome = tuple[float, float, float]
-"""Distance of start and goal, lower bound, and length of a collision-free path, the shortest in plane and space."""
+"""Distance of start and goal, lower bound, and length of a collision-free path, the shortest in
+plane and space."""
 
 
 def check(report: Report, seed: int, worlds: int) -> None:
     """Compare lower bounds in random worlds, equally many of each kind."""
     for number, (kind, draw) in enumerate(WORLDS.items()):
         outcomes = [
-            o for world in range(worlds // len(WORLDS)) for o in draw(np.random.default_rng([seed, number, world]))
+            o
+            for world in range(worlds // len(WORLDS))
+            for o in draw(np.random.default_rng([seed, number, world]))
         ]
         straight, bound, length = np.reshape(outcomes, (-1, 3)).T
-        report.section(f"lower bounds of lengths: {worlds // len(WORLDS)} worlds, {kind}, {len(bound)} pairs of points")
-        report.check(is_between(straight, bound, length), "no bound exceeds a path or is less than the distance")
+        report.section(
+            f"lower bounds of lengths: {worlds // len(WORLDS)} worlds, {kind}, {len(bound)} pairs of points"
+        )
+        report.check(
+            is_between(straight, bound, length),
+            "no bound exceeds a path or is less than the distance",
+        )
         shown = np.isfinite(bound) & np.isfinite(length)
         if shown.any():
             gap = np.median(length[shown] / bound[shown] - 1.0)
-            report.note(f"{(bound > straight * 1.001).mean():.0%} of bounds exceed the distance; median gap {gap:.1%}")
+            report.note(
+                f"{(bound > straight * 1.001).mean():.0%} of bounds exceed the distance; median gap {gap:.1%}"
+            )
 
 
 def is_between(straight: Floats, bound: Floats, length: Floats) -> bool:
     """Return whether all bounds are at least the distance and at most the length."""
-    return bool(np.all((straight * (1.0 - SLACK) - SLACK <= bound) & (bound <= length * (1.0 + SLACK))))
+    return bool(
+        np.all((straight * (1.0 - SLACK) - SLACK <= bound) & (bound <= length * (1.0 + SLACK)))
+    )
 
 
 def draw_plane(rng: Rng) -> list[Outcome]:
     """Draw a rectangle among square blocks; lengths are exact."""
     cells, half, parts, outside = _draw_blocks(rng)
-    workspace = Workspace.from_array(np.kron(cells, np.ones((parts, parts), dtype=np.bool_)), 1.0 / parts)
+    workspace = Workspace.from_array(
+        np.kron(cells, np.ones((parts, parts), dtype=np.bool_)), 1.0 / parts
+    )
     space = cspace.build(workspace, Robot.rectangle(*(2.0 * half)), outside=outside)
     return _compare(space, _grow_boxes(cells, half, outside), rng)
 
@@ -70,11 +84,22 @@ def draw_columns(rng: Rng) -> list[Outcome]:
 def draw_yaws(rng: Rng) -> list[Outcome]:
     """Draw a rectangle that rotates; the path is that of a disc around it."""
     cells, half, parts, outside = _draw_blocks(rng)
-    workspace = Workspace.from_array(np.kron(cells, np.ones((parts, parts), dtype=np.bool_)), 1.0 / parts)
-    space = cspace.build(workspace, Robot.rectangle(*half), rotations=int(rng.integers(4, 9)), outside=outside)
-    radius = 0.51 * math.hypot(*half)  # the buffer's circle of 8 corners a quarter contains a circle of 0.5025
-    grown = [shapely.box(*corner, *(corner + 1.0)).buffer(radius, quad_segs=8) for corner in np.argwhere(cells)]
-    return _compare(space, shapely.union_all([*grown, *_frame(cells, np.full(2, radius), outside)]), rng)
+    workspace = Workspace.from_array(
+        np.kron(cells, np.ones((parts, parts), dtype=np.bool_)), 1.0 / parts
+    )
+    space = cspace.build(
+        workspace, Robot.rectangle(*half), rotations=int(rng.integers(4, 9)), outside=outside
+    )
+    radius = 0.51 * math.hypot(
+        *half
+    )  # the buffer's circle of 8 corners a quarter contains a circle of 0.5025
+    grown = [
+        shapely.box(*corner, *(corner + 1.0)).buffer(radius, quad_segs=8)
+        for corner in np.argwhere(cells)
+    ]
+    return _compare(
+        space, shapely.union_all([*grown, *_frame(cells, np.full(2, radius), outside)]), rng
+    )
 
 
 WORLDS: dict[str, Callable[[Rng], list[Outcome]]] = {
@@ -86,9 +111,15 @@ WORLDS: dict[str, Callable[[Rng], list[Outcome]]] = {
 
 
 def _draw_blocks(rng: Rng) -> tuple[Bools, Floats, int, str]:
-    """Draw blocks of side 1, half the sides of a rectangle, grid cells along a block, and the state outside."""
+    """Draw blocks of side 1, half the sides of a rectangle, grid cells along a block, and the state
+    outside."""
     cells = rng.random(rng.integers(3, 8, 2)) < rng.uniform(0.1, 0.4)
-    return cells, rng.uniform(0.05, 0.6, 2), int(rng.integers(4, 10)), str(rng.choice(["blocked", "free"]))
+    return (
+        cells,
+        rng.uniform(0.05, 0.6, 2),
+        int(rng.integers(4, 10)),
+        str(rng.choice(["blocked", "free"])),
+    )
 
 
 def _grow_boxes(cells: Bools, half: Floats, outside: str) -> shapely.Geometry:
@@ -101,7 +132,10 @@ def _frame(cells: Bools, half: Floats, outside: str) -> list[shapely.Geometry]:
     """Return the reference points at which a rectangle reaches out of the workspace, unless it may."""
     if outside == "free":
         return []
-    return [shapely.box(-9, -9, 99, 99) - shapely.box(*half, *np.maximum(np.array(cells.shape) - half, half))]
+    return [
+        shapely.box(-9, -9, 99, 99)
+        - shapely.box(*half, *np.maximum(np.array(cells.shape) - half, half))
+    ]
 
 
 def _compare(space: CSpace, obstacles: shapely.Geometry, rng: Rng) -> list[Outcome]:
@@ -109,7 +143,9 @@ def _compare(space: CSpace, obstacles: shapely.Geometry, rng: Rng) -> list[Outco
     inner = shapely.box(*space.grid.lower[:2], *space.grid.upper[:2]) - obstacles
     points = rng.uniform(space.grid.lower, space.grid.upper, (20, space.grid.dim))
     points = points[shapely.contains_xy(inner, *points[:, :2].T)][:3]
-    points[:, 2:] = points[:, 2:].clip(0.5 * HEIGHT, 2.0 - 0.5 * HEIGHT)  # clear of floor and ceiling
+    points[:, 2:] = points[:, 2:].clip(
+        0.5 * HEIGHT, 2.0 - 0.5 * HEIGHT
+    )  # clear of floor and ceiling
     yaw = [0.0] * (len(space.axes) - space.grid.dim)
     outcomes = []
     for start, goal in itertools.pairwise(points):
@@ -120,7 +156,8 @@ def _compare(space: CSpace, obstacles: shapely.Geometry, rng: Rng) -> list[Outco
 
 
 def shortest_length(obstacles: shapely.Geometry, start: Floats, goal: Floats) -> float:
-    """Return the length of the shortest path around open polygons, by a visibility graph; infinity if none exists."""
+    """Return the length of the shortest path around open polygons, by a visibility graph; infinity
+    if none exists."""
     parts = shapely.get_parts(obstacles)
     corners = [tuple(start), tuple(goal)]
     for part in parts:

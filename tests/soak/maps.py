@@ -59,7 +59,8 @@ SPACE_CASES: dict[str, tuple[Draw, int]] = {
     "robots that turn in space": (partial(draw_solid_case, turning=True), 10),
     "robots that turn freely in space": (partial(draw_solid_case, freely=True), 10),
 }
-"""How to draw cases, and the divisor of their number, because the oracle is slow for rotating solids."""
+"""How to draw cases, and the divisor of their number, because the oracle is slow for rotating
+solids."""
 
 
 def check(report: Report, seed: int, answers: int, edges: int) -> None:
@@ -73,7 +74,8 @@ def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, e
 
     def enough(tally: Tally) -> bool:
         return (
-            tally.checks["FREE"] + tally.checks["BLOCKED"] >= answers and tally.checks[EDGE] >= edges * POINTS_PER_EDGE
+            tally.checks["FREE"] + tally.checks["BLOCKED"] >= answers
+            and tally.checks[EDGE] >= edges * POINTS_PER_EDGE
         )
 
     def check_case(tally: Tally, number: int) -> None:
@@ -98,10 +100,16 @@ def check_exact(report: Report, seed: int, edges: int) -> None:
 
         wanted = edges * POINTS_PER_EDGE // share
         title = f"exact=True, {name}, edges at {POINTS_PER_EDGE} points each"
-        draw_until(report, title, seed, lambda tally, wanted=wanted: tally.checks[EXACT_EDGE] >= wanted, check_case)
+        draw_until(
+            report,
+            title,
+            seed,
+            lambda tally, wanted=wanted: tally.checks[EXACT_EDGE] >= wanted,
+            check_case,
+        )
 
 
-# ---- checks ----------------------------------------------------------------------------------------------------------
+# ---- checks --------------------------------------------------------------------------------------
 
 
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
@@ -114,12 +122,16 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
         for chosen in (state == claim, (state == claim) & boundary):
             cells = np.flatnonzero(chosen)
             if len(cells):
-                positions = np.stack(np.unravel_index(cells[rng.integers(0, len(cells), number)], state.shape), axis=1)
+                positions = np.stack(
+                    np.unravel_index(cells[rng.integers(0, len(cells), number)], state.shape),
+                    axis=1,
+                )
                 drawn.append(_draw_in_cells(space, positions, rng))
                 claimed.append(np.full(number, claim))
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
-    # A border belongs to both cells, so the states of the drawn cell and of the query must both be right.
+    # A border belongs to both cells, so the states of the drawn cell and of the query must both be
+    # right.
     tally.judge(case, q, claims)
     other = answers != claims
     tally.judge(case, q[other], answers[other])
@@ -137,15 +149,21 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
     starts[snapped] = snap_nearly(space, starts[snapped], rng, away=0.0)
     steps = rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, dim))
     lattice = rng.integers(-9, 10, (CANDIDATES, 1)) * rng.integers(-1, 2, (CANDIDATES, dim))
-    goals = _move(space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng)
+    goals = _move(
+        space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng
+    )
     free = np.flatnonzero(space.motion_is_free(starts, goals))
     few = interpolate_edges(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
     picked = free[pick_close(np.asarray(space.clearance(few)).min(axis=1), FOLLOWED, rng)]
     if not len(picked):
         return
-    q = interpolate_edges(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
+    q = interpolate_edges(
+        space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng
+    )
     wrong, undecided = find_collisions_along(case, q)
-    if len(space.rotations.names) < 4:  # the other cell may prove an edge on the border of quaternion cells
+    if (
+        len(space.rotations.names) < 4
+    ):  # the other cell may prove an edge on the border of quaternion cells
         wrong |= ~np.asarray(space.is_free(q))
     tally.add(EDGE, case, q, wrong, undecided)
 
@@ -153,13 +171,17 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
 def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
     """Check corners and insides of boxes proven free by ``is_free_around``."""
     space, dim = case.space, case.space.grid.dim
-    distance = space.grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
+    distance = (
+        space.grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
+    )
     angle = float(rng.choice([0.0, 0.01, 0.1, 1.0, 4.0]) * rng.uniform(0.5, 1.5))
     centers = space.sample_free(200, rng)
     centers[::4] = snap_nearly(space, centers[::4], rng, away=0.0)
     centers = centers[np.asarray(space.is_free_around(centers, distance, angle))][:20]
     shape = (len(centers), 12, space.size)
-    away = np.where(rng.random(shape) < 0.4, 1.0, rng.random(shape)) * rng.choice([-1.0, 1.0], shape)
+    away = np.where(rng.random(shape) < 0.4, 1.0, rng.random(shape)) * rng.choice(
+        [-1.0, 1.0], shape
+    )
     q = np.repeat(centers[:, None], shape[1], axis=1)
     q[..., :dim] += distance * away[..., :dim]
     q = q.reshape(-1, space.size)
@@ -174,12 +196,16 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     centers = space.sample_free(150, rng)
     far = np.minimum(space.clearance(centers), 100.0 * space.grid.spacing * max(space.grid.shape))
     direction = rng.normal(size=(len(far), dim))
-    direction *= (far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(direction, axis=1))[:, None]
+    direction *= (
+        far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(direction, axis=1)
+    )[:, None]
     q = centers.copy()
     q[:, :dim] += direction
     if space.rotations.names:
         turn = space.rotations.find_cells(centers)
-        q[:, dim:] = _rotations_in_cells(space, turn, np.clip(_draw_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
+        q[:, dim:] = _rotations_in_cells(
+            space, turn, np.clip(_draw_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6)
+        )
     wrong, undecided = find_collisions(case, q)
     tally.add("clearance", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
 
@@ -206,7 +232,9 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
     for _ in range(STEPS if len(first) else 0):
         size, goals = rng.choice([0.0, 0.3, 1.0, 3.0], (len(last), 2)), last.copy()
         goals[:, :dim] += space.grid.spacing * size[:, :1] * rng.normal(size=(len(last), dim))
-        goals[:, dim:] = rotate_by(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
+        goals[:, dim:] = rotate_by(
+            last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng
+        )
         free = np.asarray(space.motion_is_free(last, goals, exact=True))
         last[free] = goals[free]
     tally.add("path", case, last, np.asarray(space.is_disconnected(first, last)))
@@ -224,18 +252,33 @@ def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
     proven, refused = q[free & ~known], q[~free][:EXACT_CANDIDATES]
     tally.add(EXACT_POINT, case, proven, *find_collisions(case, proven))
     if space.workspace.source != "mesh" or space.workspace.shapes:  # a filled mesh has only cells
-        tally.add(LOST, case, refused, ~case.meets(refused, space.margin + PROVABLE_CELLS * space.grid.spacing))
+        tally.add(
+            LOST,
+            case,
+            refused,
+            ~case.meets(refused, space.margin + PROVABLE_CELLS * space.grid.spacing),
+        )
     starts = np.concatenate([proven[:EXACT_CANDIDATES], q[known][: EXACT_CANDIDATES // 4]])
-    steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(size=(len(starts), dim))
+    steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(
+        size=(len(starts), dim)
+    )
     goals = _move(space, starts, steps, (0.0, 1e-5, 0.05, 0.5, 2.0), rng)
     by_geometry = np.asarray(space.motion_is_free(starts, goals, exact=True))
-    edges = rng.permutation(np.flatnonzero(by_geometry & ~np.asarray(space.motion_is_free(starts, goals))))
+    edges = rng.permutation(
+        np.flatnonzero(by_geometry & ~np.asarray(space.motion_is_free(starts, goals)))
+    )
     if not len(edges):
         return
-    few = interpolate_edges(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.size)
-    close = case.meets(few, space.margin + CLOSE_CELLS * space.grid.spacing).reshape(-1, 11).any(axis=1)
+    few = interpolate_edges(
+        space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng
+    ).reshape(-1, space.size)
+    close = (
+        case.meets(few, space.margin + CLOSE_CELLS * space.grid.spacing).reshape(-1, 11).any(axis=1)
+    )
     picked = edges[pick_close((~close).astype(np.float64), EXACT_FOLLOWED, rng)]
-    q = interpolate_edges(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng)
+    q = interpolate_edges(
+        space, starts[picked], goals[picked], np.linspace(0.0, 1.0, POINTS_PER_EDGE), rng
+    )
     wrong, undecided = find_collisions_along(case, q)
     wrong[:, ::QUERY_STEP] |= ~np.asarray(space.is_free(q[:, ::QUERY_STEP], exact=True))
     tally.add(EXACT_EDGE, case, q, wrong, undecided)
@@ -247,10 +290,11 @@ def _has_geometry(case: Case) -> bool:
 
 
 def find_collisions_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Apply :func:`tests.soak.tally.find_collisions` to points of edges, shape (edges, points, size).
+    """Apply :func:`tests.soak.tally.find_collisions` to points of edges, shape (edges, points,
+    size).
 
-    A group of points is free if the robot at its middle is farther from the obstacles than any of its points moves
-    within the group. Other groups are split, at last into single points.
+    A group of points is free if the robot at its middle is farther from the obstacles than any of
+    its points moves within the group. Other groups are split, at last into single points.
     """
     wrong, undecided = np.zeros((2, *q.shape[:2]), dtype=np.bool_)
     open_ = np.ones(q.shape[:2], dtype=np.bool_)
@@ -261,21 +305,25 @@ def find_collisions_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
         members, centers = groups[near], groups[near][:, size // 2]
         apart = members - centers[:, None]
         # A point moves at most by twice its radius times the length of the quaternion's path.
-        moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
+        moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(
+            apart[..., dim:]
+        ).sum(axis=-1)
         near[near] = case.meets(centers, moved.max(axis=1) + case.space.margin + 1e-6)
         open_ = np.repeat(near, size, axis=1)
     wrong[open_], undecided[open_] = find_collisions(case, q[open_])
     return wrong, undecided
 
 
-# ---- configurations --------------------------------------------------------------------------------------------------
+# ---- configurations ------------------------------------------------------------------------------
 
 
 def _draw_anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
     """Draw configurations in and around the grid."""
     space, grid = case.space, case.space.grid
     reach = share * (case.reach + space.margin + grid.spacing)
-    positions = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
+    positions = rng.uniform(
+        np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim)
+    )
     return np.concatenate([positions, draw_rotations(space, number, rng)], axis=1)
 
 
@@ -292,16 +340,24 @@ def snap_nearly(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Floats
     """Move configurations onto or near the lattice."""
     grid = space.grid
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
-    near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
+    near += (
+        away
+        * rng.choice([-1.0, 0.0, 1.0], near.shape)
+        * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
+    )
     snapped = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
     if space.rotations.names:
         boundaries = _borders(space.rotations)
         boundary = rng.choice(boundaries, (len(q), 3 if len(space.rotations.names) == 4 else 1))
         boundary += (
-            away * rng.choice([-1.0, 0.0, 1.0], boundary.shape) * 10.0 ** rng.uniform(-12.0, -3.0, boundary.shape)
+            away
+            * rng.choice([-1.0, 0.0, 1.0], boundary.shape)
+            * 10.0 ** rng.uniform(-12.0, -3.0, boundary.shape)
         )
         if len(space.rotations.names) == 4:  # some of the quotients are on a border
-            quotients = np.where(rng.random(boundary.shape) < 0.5, rng.uniform(-1.0, 1.0, boundary.shape), boundary)
+            quotients = np.where(
+                rng.random(boundary.shape) < 0.5, rng.uniform(-1.0, 1.0, boundary.shape), boundary
+            )
             boundary = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
         snapped[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], boundary)
     return snapped
@@ -313,7 +369,9 @@ def interpolate_edges(space: CSpace, starts: Floats, goals: Floats, t: Floats, r
     steps = goals - starts
     if len(space.rotations.names) == 1:
         turns = (steps[:, dim:] + np.pi) % TWO_PI - np.pi
-        steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
+        steps[:, dim:] = np.where(
+            np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns
+        )
     q = starts[:, None] + t[:, None] * steps[:, None]
     if len(space.rotations.names) == 4:
         q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
@@ -344,7 +402,9 @@ def _rotations_in_cells(space: CSpace, cells: NDArray[np.integer], part: Floats)
     """Return a rotation in each cell, at parts (n, 3)."""
     boundaries = _borders(space.rotations)
     if len(space.rotations.names) == 1:
-        return np.asarray(boundaries[cells] + part[:, 0] * (boundaries[cells + 1] - boundaries[cells]))[:, None]
+        return np.asarray(
+            boundaries[cells] + part[:, 0] * (boundaries[cells + 1] - boundaries[cells])
+        )[:, None]
     n = len(boundaries) - 1
     chart, *parts = np.unravel_index(cells, (4, n, n, n))
     first = np.stack(parts, axis=1)
@@ -375,9 +435,16 @@ def _slerp(first: Floats, second: Floats, t: Floats, rng: Rng) -> Floats:
     dot = (first * second).sum(axis=1)
     either = rng.choice([-1.0, 1.0], len(dot))
     second = second * np.where(np.abs(dot) < 1e-9, either, np.copysign(1.0, dot))[:, None]
-    angle = 2.0 * np.arctan2(np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1))[:, None]
+    angle = (
+        2.0
+        * np.arctan2(
+            np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1)
+        )[:, None]
+    )
     shares = np.stack([np.sin((1.0 - t) * angle), np.sin(t * angle)])
-    shares = np.where(angle < 1e-7, np.stack(np.broadcast_arrays(1.0 - t, t, angle)[:2]), shares)[..., None]
+    shares = np.where(angle < 1e-7, np.stack(np.broadcast_arrays(1.0 - t, t, angle)[:2]), shares)[
+        ..., None
+    ]
     return _unit(shares[0] * first[:, None] + shares[1] * second[:, None])
 
 

@@ -19,7 +19,7 @@ PLANE_ROBOT_SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))
 """Ranges of robot sizes in the plane, in cells."""
 
 
-# ---- exact geometry --------------------------------------------------------------------------------------------------
+# ---- exact geometry ------------------------------------------------------------------------------
 
 
 def unite_cells(occupied: Bools, grid: Grid) -> Any:
@@ -28,7 +28,9 @@ def unite_cells(occupied: Bools, grid: Grid) -> Any:
     (x, first), stop = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
     lower, spacing = grid.lower, grid.spacing
     left, right = lower[0] + spacing * x, lower[0] + spacing * (x + 1)
-    return shapely.union_all(shapely.box(left, lower[1] + spacing * first, right, lower[1] + spacing * stop))
+    return shapely.union_all(
+        shapely.box(left, lower[1] + spacing * first, right, lower[1] + spacing * stop)
+    )
 
 
 def surround_grid(grid: Grid, width: float) -> Any:
@@ -99,7 +101,9 @@ class Shape:
             inside &= shapely.distance(border, points) >= radius + distance - ROUNDING
         for polygon in self.polygons:
             turned = place_polygon(polygon, q)
-            inside &= shapely.covers(whole, turned) & (shapely.distance(border, turned) >= distance - ROUNDING)
+            inside &= shapely.covers(whole, turned) & (
+                shapely.distance(border, turned) >= distance - ROUNDING
+            )
         return inside
 
     @property
@@ -111,10 +115,12 @@ class Shape:
     def _discs(self, q: Floats) -> list[tuple[Any, float]]:
         """Return centers of each disc at configurations, and its radius."""
         discs = zip(self.centers, self.radii, strict=True)
-        return [(shapely.points(move_points(center[None], q)[:, 0]), radius) for center, radius in discs]
+        return [
+            (shapely.points(move_points(center[None], q)[:, 0]), radius) for center, radius in discs
+        ]
 
 
-# ---- cases -----------------------------------------------------------------------------------------------------------
+# ---- cases ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -148,8 +154,8 @@ class PlaneCase(Case):
 class Scale:
     """Conversion of random lengths from cells to metres.
 
-    In half of all maps, robots and obstacles lie on the lattice, halfway between its lines, or a tiny length off,
-    because proofs are tight there.
+    In half of all maps, robots and obstacles lie on the lattice, halfway between its lines, or a
+    tiny length off, because proofs are tight there.
 
     Attributes
     ----------
@@ -169,7 +175,10 @@ class Scale:
     def draw(cls, rng: Rng, sizes: tuple[tuple[float, float], ...]) -> tuple[float, Scale]:
         """Draw a robot size in cells, and a scale."""
         spacing = float(rng.choice([1.0, 0.05, 0.1, 1 / 3, rng.uniform(0.02, 2.0)]))
-        size, snap = float(rng.uniform(*sizes[rng.integers(len(sizes))])), float(rng.choice([0.0, 0.5]))
+        size, snap = (
+            float(rng.uniform(*sizes[rng.integers(len(sizes))])),
+            float(rng.choice([0.0, 0.5])),
+        )
         nudge = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-8.0, -2.0))
         return size, cls(spacing, snap, nudge)
 
@@ -181,7 +190,11 @@ class Scale:
     def corner(self, rng: Rng, dim: int) -> Floats:
         """Draw the lower corner of a grid."""
         far = self.spacing * rng.choice([10.0, 1e5])
-        return np.asarray(rng.choice([0.0, 1.0]) * rng.choice([self.spacing * 7.0, 1.0]) * rng.uniform(-far, far, dim))
+        return np.asarray(
+            rng.choice([0.0, 1.0])
+            * rng.choice([self.spacing * 7.0, 1.0])
+            * rng.uniform(-far, far, dim)
+        )
 
     def center(self, rng: Rng, size: float, dim: int) -> Floats:
         """Draw the center of a robot."""
@@ -207,7 +220,9 @@ class Scale:
 
     def place(self, cells: Any) -> Floats:
         """Convert positions."""
-        rounded = np.round(np.asarray(cells) / self.snap) * self.snap if self.snap else np.asarray(cells)
+        rounded = (
+            np.round(np.asarray(cells) / self.snap) * self.snap if self.snap else np.asarray(cells)
+        )
         return np.asarray(self.spacing * rounded)
 
 
@@ -239,10 +254,12 @@ def _rotations(rng: Rng) -> int | Floats:
     if rng.random() < 0.75:
         return int(rng.choice([1, 2, 3, 7, 8, 16, 36, 72, 90]))
     widths = rng.uniform(0.1, 1.0, int(rng.integers(2, 50)))
-    return np.asarray(rng.uniform(-np.pi, np.pi) + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2.0 * np.pi)
+    return np.asarray(
+        rng.uniform(-np.pi, np.pi) + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2.0 * np.pi
+    )
 
 
-# ---- workspaces with exact obstacles ---------------------------------------------------------------------------------
+# ---- workspaces with exact obstacles -------------------------------------------------------------
 
 
 def _array(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
@@ -289,7 +306,9 @@ def _polygons(rng: Rng, scale: Scale) -> tuple[Workspace, list[Any]]:
     clipped = shapely.intersection([areas, *thin], clip)
     # Split collections of different types, which shapely cannot prepare.
     return workspace, [
-        part for each in clipped for part in (each.geoms if each.geom_type == "GeometryCollection" else [each])
+        part
+        for each in clipped
+        for part in (each.geoms if each.geom_type == "GeometryCollection" else [each])
     ]
 
 
@@ -299,7 +318,7 @@ PLANE_WORKSPACES: dict[str, Callable[[Rng, Scale], tuple[Workspace, list[Any]]]]
 }
 
 
-# ---- robots with exact shapes ----------------------------------------------------------------------------------------
+# ---- robots with exact shapes --------------------------------------------------------------------
 
 
 def draw_star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
@@ -309,7 +328,9 @@ def draw_star(rng: Rng, middle: Floats, reach: float, hole: bool) -> Any:
     around = np.column_stack([np.cos(turns), np.sin(turns)])
     outer = middle + reach * rng.uniform(0.5, 1.0, (corners, 1)) * around
     # 0.3 is less than 0.5 cos(pi / 5), the smallest distance of the outer border from the middle.
-    return shapely.Polygon(outer, [middle + rng.uniform(0.05, 0.3) * reach * around] if hole else None)
+    return shapely.Polygon(
+        outer, [middle + rng.uniform(0.05, 0.3) * reach * around] if hole else None
+    )
 
 
 def _disc(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
@@ -331,13 +352,17 @@ def _rectangle(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
 
 
 def _regular(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    turns = rng.uniform(0, 2 * np.pi) + np.linspace(0, 2 * np.pi, int(rng.integers(3, 12)), endpoint=False)
+    turns = rng.uniform(0, 2 * np.pi) + np.linspace(
+        0, 2 * np.pi, int(rng.integers(3, 12)), endpoint=False
+    )
     ring = size / 2 * np.column_stack([np.cos(turns), np.sin(turns)])
     return _of_polygons([shapely.Polygon(scale.spacing * ring + scale.center(rng, size, 2))])
 
 
 def _holed(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
-    return _of_polygons([draw_star(rng, scale.center(rng, size, 2), scale.spacing * size / 2, hole=True)])
+    return _of_polygons(
+        [draw_star(rng, scale.center(rng, size, 2), scale.spacing * size / 2, hole=True)]
+    )
 
 
 def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
@@ -348,10 +373,17 @@ def _parts(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
         position = middle + scale.place(rng.uniform(-size, size, 2))
         if rng.random() < 0.5:
             parts.append(
-                draw_star(rng, position, scale.spacing * size * rng.uniform(0.1, 0.5), hole=bool(rng.random() < 0.5))
+                draw_star(
+                    rng,
+                    position,
+                    scale.spacing * size * rng.uniform(0.1, 0.5),
+                    hole=bool(rng.random() < 0.5),
+                )
             )
         else:
-            parts.append(shapely.box(*position, *(position + scale.lengths(rng.uniform(0.1, 0.8, 2) * size))))
+            parts.append(
+                shapely.box(*position, *(position + scale.lengths(rng.uniform(0.1, 0.8, 2) * size)))
+            )
     return _of_polygons(parts)
 
 

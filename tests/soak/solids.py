@@ -22,7 +22,11 @@ SIDES = np.array([*_FRONT, *_BACK])
 
 def matrix_of(rotation: Floats) -> Floats:
     """Return the matrix of a yaw, a quaternion, or nothing."""
-    turn = Rotation.from_quat(rotation) if len(rotation) == 4 else Rotation.from_rotvec([0.0, 0.0, rotation.sum()])
+    turn = (
+        Rotation.from_quat(rotation)
+        if len(rotation) == 4
+        else Rotation.from_rotvec([0.0, 0.0, rotation.sum()])
+    )
     return np.asarray(turn.as_matrix())
 
 
@@ -32,7 +36,7 @@ def draw_directions(number: int, rng: np.random.Generator) -> Floats:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-# ---- shapes ----------------------------------------------------------------------------------------------------------
+# ---- shapes --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,10 @@ class Blocks:
         chosen = rng.integers(0, len(self.low), number)
         t = rng.choice([0.0, 1.0, np.nan], (number, 3))
         t = np.where(np.isnan(t), rng.random((number, 3)), t)
-        away = draw_directions(number, rng) * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
+        away = (
+            draw_directions(number, rng)
+            * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
+        )
         return np.asarray(self.low[chosen] + t * (self.high - self.low)[chosen] + away)
 
     def to_surface(self) -> SolidSurface:
@@ -91,7 +98,8 @@ class Blocks:
         bits = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)])
         corners = np.stack([extremes[bits[:, axis], :, axis] for axis in range(3)], axis=-1)
         return SolidSurface(
-            corners.transpose(1, 0, 2)[:, SIDES].reshape(-1, 3, 3), np.repeat(np.arange(len(self.low)), 12)
+            corners.transpose(1, 0, 2)[:, SIDES].reshape(-1, 3, 3),
+            np.repeat(np.arange(len(self.low)), 12),
         )
 
 
@@ -112,7 +120,10 @@ class SolidSurface:
     @classmethod
     def of_bodies(cls, bodies: list[Floats]) -> SolidSurface:
         """Unite the triangles of bodies."""
-        return cls(np.concatenate(bodies), np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]))
+        return cls(
+            np.concatenate(bodies),
+            np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
+        )
 
     @property
     def bounds(self) -> Floats:
@@ -136,7 +147,11 @@ class SolidSurface:
     def sample(self, number: int, rng: np.random.Generator) -> Floats:
         """Draw points of the triangles, shape (number, 3)."""
         share = rng.dirichlet((0.5, 0.5, 0.5), number)
-        return np.asarray((self.triangles[rng.integers(0, len(self.triangles), number)] * share[..., None]).sum(axis=1))
+        return np.asarray(
+            (self.triangles[rng.integers(0, len(self.triangles), number)] * share[..., None]).sum(
+                axis=1
+            )
+        )
 
     def encloses(self, points: Floats) -> Bools:
         """Return True where points lie in a body."""
@@ -154,7 +169,9 @@ class SolidSurface:
 
     def model(self) -> Any:
         """Convert the triangles to an object of FCL."""
-        return solids.surface(self.triangles.reshape(-1, 3), np.arange(3 * len(self.triangles)).reshape(-1, 3))
+        return solids.surface(
+            self.triangles.reshape(-1, 3), np.arange(3 * len(self.triangles)).reshape(-1, 3)
+        )
 
 
 Shape = Blocks | SolidSurface
@@ -170,15 +187,21 @@ def merge_cells(occupied: Bools) -> Ints:
         others = [column for column in range(6) if column not in (axis, axis + 3)]
         boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
         new = np.ones(len(boxes), dtype=np.bool_)
-        new[1:] = (boxes[1:, others] != boxes[:-1, others]).any(axis=1) | (boxes[1:, axis] != boxes[:-1, axis + 3])
-        last = np.append(np.flatnonzero(new)[1:], len(boxes)) - 1 if len(boxes) else np.empty(0, dtype=np.int64)
+        new[1:] = (boxes[1:, others] != boxes[:-1, others]).any(axis=1) | (
+            boxes[1:, axis] != boxes[:-1, axis + 3]
+        )
+        last = (
+            np.append(np.flatnonzero(new)[1:], len(boxes)) - 1
+            if len(boxes)
+            else np.empty(0, dtype=np.int64)
+        )
         upper = boxes[last, axis + 3]
         boxes = boxes[new]
         boxes[:, axis + 3] = upper
     return boxes.reshape(-1, 2, 3)
 
 
-# ---- a robot among obstacles -----------------------------------------------------------------------------------------
+# ---- a robot among obstacles ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +259,9 @@ class BlockPair(Pair):
 
     def _between(self, q: Floats, part: int, other: Ints) -> Floats:
         robot, there = self.robot, self.obstacles
-        apart = box_gaps(q + robot.low[part], q + robot.high[part], there.low[other], there.high[other])
+        apart = box_gaps(
+            q + robot.low[part], q + robot.high[part], there.low[other], there.high[other]
+        )
         return np.asarray(apart - robot.radius[part] - there.radius[other])
 
 
@@ -247,7 +272,10 @@ class BallPair(Pair):
         balls_move = isinstance(self.robot, Blocks) and self.robot.are_balls
         balls, others = (self.robot, self.obstacles) if balls_move else (self.obstacles, self.robot)
         points = balls.low[None] + (q if balls_move else -q)[:, None]
-        apart = _to_surface(others).distances(points.reshape(-1, 3)).reshape(points.shape[:2]) - balls.radius
+        apart = (
+            _to_surface(others).distances(points.reshape(-1, 3)).reshape(points.shape[:2])
+            - balls.radius
+        )
         return np.asarray(np.maximum(apart.min(axis=1), 0.0))
 
 
@@ -279,7 +307,10 @@ class SurfacePair(Pair):
         for i in near.tolist():
             moving.setTranslation(q[i])
             hit[i] = solids.meet(fixed, moving)
-        for spots, shape, sign in ((self.robot.spots, self.obstacles, 1.0), (self.obstacles.spots, self.robot, -1.0)):
+        for spots, shape, sign in (
+            (self.robot.spots, self.obstacles, 1.0),
+            (self.obstacles.spots, self.robot, -1.0),
+        ):
             left = near[~hit[near]]
             points = spots[None] + sign * q[left, None]
             hit[left] = shape.encloses(points.reshape(-1, 3)).reshape(points.shape[:2]).any(axis=1)

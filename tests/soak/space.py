@@ -15,7 +15,17 @@ from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats
 from cspace.shapes.mesh import Mesh, Solid
 from tests.soak.plane import Scale
-from tests.soak.solids import SIDES, Blocks, Pair, Shape, SolidSurface, Walls, draw_directions, matrix_of, merge_cells
+from tests.soak.solids import (
+    SIDES,
+    Blocks,
+    Pair,
+    Shape,
+    SolidSurface,
+    Walls,
+    draw_directions,
+    matrix_of,
+    merge_cells,
+)
 from tests.soak.tally import Case, Rng
 
 SPATIAL_ROBOT_SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
@@ -50,7 +60,11 @@ class SolidCase(Case):
         groups = [slice(None)] if q.shape[1] == 3 else [slice(k, k + 1) for k in range(len(q))]
         for group in groups:
             fixed = q.shape[1] == 3
-            pairs = self._fixed_pairs if fixed else self._pairs(self.robot.rotate(matrix_of(q[group][0, 3:])))
+            pairs = (
+                self._fixed_pairs
+                if fixed
+                else self._pairs(self.robot.rotate(matrix_of(q[group][0, 3:])))
+            )
             for pair in pairs:
                 hit[group] |= pair.within(positions[group], distances[group])
         return hit
@@ -60,7 +74,10 @@ class SolidCase(Case):
         points = self.robot.sample(40, rng)
         points += self.space.margin * draw_directions(len(points), rng)
         matrices = [matrix_of(rotation) for rotation in q[:, 3:]]
-        moved = [position + points @ matrix.T for position, matrix in zip(q[:, :3], matrices, strict=True)]
+        moved = [
+            position + points @ matrix.T
+            for position, matrix in zip(q[:, :3], matrices, strict=True)
+        ]
         inside = np.zeros(len(q) * len(points), dtype=np.bool_)
         for pair in self._pairs(Blocks.balls(np.zeros((1, 3)), np.zeros(1))):
             inside |= pair.gaps(np.concatenate(moved) - self._corner) <= 1e-9
@@ -85,10 +102,13 @@ class SolidCase(Case):
         return pairs
 
 
-def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool = False) -> SolidCase:
+def draw_solid_case(
+    seed: int, number: int, turning: bool = False, freely: bool = False
+) -> SolidCase:
     """Draw a case; successive numbers use all kinds of robots.
 
-    The robot yaws if ``turning``, rotates about all axes if ``freely``, and otherwise only translates.
+    The robot yaws if ``turning``, rotates about all axes if ``freely``, and otherwise only
+    translates.
     """
     rng = np.random.default_rng([seed, number, 9 if turning else 11 if freely else 7])
     kind = list(SPATIAL_ROBOTS)[number % len(SPATIAL_ROBOTS)]
@@ -98,7 +118,9 @@ def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool 
     workspace_kind = str(rng.choice(list(SPATIAL_WORKSPACES)))
     workspace, obstacles = SPATIAL_WORKSPACES[workspace_kind](rng, scale, outside == "blocked")
     margin = scale.margin(rng, 2.0)
-    rotations: int | cspace.Rotations | None = int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
+    rotations: int | cspace.Rotations | None = (
+        int(rng.choice([1, 2, 5, 8, 16, 36])) if turning else None
+    )
     if freely:
         rotations = cspace.Rotations.quaternions(int(rng.choice([1, 2, 3])))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
@@ -107,7 +129,7 @@ def draw_solid_case(seed: int, number: int, turning: bool = False, freely: bool 
     return SolidCase(name, made_by, (workspace_kind, kind), space, body, obstacles)
 
 
-# ---- meshes with exact solids ----------------------------------------------------------------------------------------
+# ---- meshes with exact solids --------------------------------------------------------------------
 
 
 def _disturb(rng: Rng, triangles: Floats, flips: str, solid: Solid = "auto") -> Mesh:
@@ -135,12 +157,17 @@ def _boxes(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
     """Draw boxes, aligned or anywhere."""
     number = int(rng.integers(1, 5))
     aligned = bool(rng.random() < 0.6)
-    away, sides = rng.uniform(-1.0, 1.0, (number, 3)) * reach, rng.uniform(0.1, 1.5, (number, 3)) * reach
+    away, sides = (
+        rng.uniform(-1.0, 1.0, (number, 3)) * reach,
+        rng.uniform(0.1, 1.5, (number, 3)) * reach,
+    )
     if aligned:
         away, sides = scale.place(away / scale.spacing), scale.lengths(sides / scale.spacing)
     low = middle + away
     blocks = Blocks.boxes(np.stack([low, low + sides], axis=1))
-    return _disturb(rng, blocks.to_surface().triangles, str(rng.choice(["none", "all"])) if aligned else "some"), blocks
+    return _disturb(
+        rng, blocks.to_surface().triangles, str(rng.choice(["none", "all"])) if aligned else "some"
+    ), blocks
 
 
 def _opposed_boxes(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
@@ -182,7 +209,9 @@ def _hulls(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
     ]
     surface = SolidSurface.of_bodies(bodies)
     solid: Solid = "fill" if single and flat == 1.0 and rng.random() < 0.3 else "auto"
-    return _disturb(rng, surface.triangles, str(rng.choice(["none", "all", "some"])), solid), surface
+    return _disturb(
+        rng, surface.triangles, str(rng.choice(["none", "all", "some"])), solid
+    ), surface
 
 
 def _hull(rng: Rng, middle: Floats, reach: float, scale: Scale, flat: float) -> Floats:
@@ -208,7 +237,11 @@ def _stars(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
     """Draw bodies with dents and spikes, some flat."""
     bodies = []
     for _ in range(int(rng.integers(1, 3))):
-        triangles = draw_dented_ball(rng, 3) @ (draw_directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3)) * reach
+        triangles = (
+            draw_dented_ball(rng, 3)
+            @ (draw_directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3))
+            * reach
+        )
         bodies.append(middle + rng.uniform(-0.5, 0.5, 3) * reach + triangles)
     surface = SolidSurface.of_bodies(bodies)
     return _disturb(rng, surface.triangles, str(rng.choice(["none", "all", "some"]))), surface
@@ -221,17 +254,27 @@ def _open_surface(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn
         corners = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 12)), 3, 3)) * reach
         if style == "slivers":
             t = rng.uniform(-0.2, 1.2, (len(corners), 1))
-            off = draw_directions(len(corners), rng) * reach * 10.0 ** rng.uniform(-16.0, -2.0, (len(corners), 1))
+            off = (
+                draw_directions(len(corners), rng)
+                * reach
+                * 10.0 ** rng.uniform(-16.0, -2.0, (len(corners), 1))
+            )
             corners[:, 2] = corners[:, 0] + t * (corners[:, 1] - corners[:, 0]) + off
         triangles = middle + corners
     elif style == "sheet":
         n = int(rng.integers(2, 7))
         grid = np.stack(
-            [*np.meshgrid(*[np.linspace(-1.0, 1.0, n)] * 2, indexing="ij"), rng.uniform(-0.3, 0.3, (n, n))], axis=-1
+            [
+                *np.meshgrid(*[np.linspace(-1.0, 1.0, n)] * 2, indexing="ij"),
+                rng.uniform(-0.3, 0.3, (n, n)),
+            ],
+            axis=-1,
         )
         grid = middle + reach * np.roll(grid, int(rng.integers(3)), axis=2)
         a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-        triangles = np.concatenate([np.stack(each, axis=2).reshape(-1, 3, 3) for each in ((a, b, c), (a, c, d))])
+        triangles = np.concatenate(
+            [np.stack(each, axis=2).reshape(-1, 3, 3) for each in ((a, b, c), (a, c, d))]
+        )
     else:
         low = middle + scale.place(rng.uniform(-1.0, 0.0, 3) * reach / scale.spacing)
         sides = scale.lengths(rng.uniform(0.2, 2.0, 3) * reach / scale.spacing)
@@ -250,17 +293,21 @@ MESHES: dict[str, Callable[[Rng, Floats, float, Scale], DrawnMesh]] = {
 }
 
 
-# ---- workspaces with exact obstacles ---------------------------------------------------------------------------------
+# ---- workspaces with exact obstacles -------------------------------------------------------------
 
 
-def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floats, cut: bool) -> Floats | None:
+def _bounds(
+    rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floats, cut: bool
+) -> Floats | None:
     """Draw bounds that cut or enclose the obstacles."""
     if cut:
         return np.concatenate([corner, corner + extent])
     if rng.random() < 0.5:
         return None
     low, high = shape.bounds
-    return np.concatenate([low - rng.uniform(0.1, 4.0, 3) * spacing, high + rng.uniform(0.1, 4.0, 3) * spacing])
+    return np.concatenate(
+        [low - rng.uniform(0.1, 4.0, 3) * spacing, high + rng.uniform(0.1, 4.0, 3) * spacing]
+    )
 
 
 def _mesh(name: str, rng: Rng, scale: Scale, cut: bool) -> DrawnWorkspace:
@@ -279,7 +326,9 @@ def _voxels(rng: Rng, scale: Scale, cut: bool) -> DrawnWorkspace:
     elif rng.random() < 0.9:
         for _ in range(rng.integers(1, 6)):
             first = rng.integers(0, occupied.shape)
-            occupied[tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))] = True
+            occupied[
+                tuple(slice(i, i + n) for i, n in zip(first, rng.integers(1, 10, 3), strict=True))
+            ] = True
     workspace = Workspace.from_array(occupied, scale.spacing, scale.corner(rng, 3))
     corners = np.asarray(workspace.grid.lower) + scale.spacing * merge_cells(occupied)
     return workspace, Blocks.boxes(corners) if len(corners) else None
@@ -303,7 +352,7 @@ SPATIAL_WORKSPACES: dict[str, Callable[[Rng, Scale, bool], DrawnWorkspace]] = {
 }
 
 
-# ---- robots with exact shapes ----------------------------------------------------------------------------------------
+# ---- robots with exact shapes --------------------------------------------------------------------
 
 
 def _box_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:

@@ -74,7 +74,9 @@ class Tally:
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     false: list[str] = field(default_factory=list)
 
-    def add(self, claim: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None) -> None:
+    def add(
+        self, claim: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None
+    ) -> None:
         """Count checks at configurations (..., size)."""
         self.checks[claim] += wrong.size
         self.kinds[case.kind] += wrong.size
@@ -98,33 +100,55 @@ class Tally:
         """Report all counts; a false result fails the run."""
         for claim, count in self.checks.items():
             wrong, undecided = self.wrong[claim], self.open[claim]
-            report.check(not wrong, f"{claim}: {count} checks, {wrong} false, {undecided} too close to tell")
+            report.check(
+                not wrong, f"{claim}: {count} checks, {wrong} false, {undecided} too close to tell"
+            )
         for axis, label in enumerate(("obstacles", "robots")):
             counts: Counter[str] = Counter()
             for kind, count in self.kinds.items():
                 counts[kind[axis]] += count
-            report.note(f"{label}: " + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+            report.note(
+                f"{label}: "
+                + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items()))
+            )
         colliding, total = self.mixed["colliding"], self.mixed["all"]
         if total:
-            report.note(f"{colliding} of {total} MIXED configurations collide ({colliding / total:.0%})")
+            report.note(
+                f"{colliding} of {total} MIXED configurations collide ({colliding / total:.0%})"
+            )
         for truth in sorted({truth for truth, _ in self.verdicts}):
-            counts = Counter({verdict: count for (kind, verdict), count in self.verdicts.items() if kind == truth})
+            counts = Counter(
+                {
+                    verdict: count
+                    for (kind, verdict), count in self.verdicts.items()
+                    if kind == truth
+                }
+            )
             total = counts.total()
-            shares = (f"{verdict} {count} ({count / max(total, 1):.1%})" for verdict, count in counts.items())
+            shares = (
+                f"{verdict} {count} ({count / max(total, 1):.1%})"
+                for verdict, count in counts.items()
+            )
             report.note(f"{truth}, {total} placements: {', '.join(shares)}")
         for line in self.false:
             report.note(f"FALSE {line}")
 
 
 def draw_until(
-    report: Report, title: str, seed: int, is_enough: Callable[[Tally], bool], check: Callable[[Tally, int], None]
+    report: Report,
+    title: str,
+    seed: int,
+    is_enough: Callable[[Tally], bool],
+    check: Callable[[Tally, int], None],
 ) -> Tally:
     """Check cases until a tally is large enough."""
     tally, start, number = Tally(), time.perf_counter(), 0
     while not is_enough(tally):
         check(tally, number)
         number += 1
-    report.section(f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - start:.0f} s")
+    report.section(
+        f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - start:.0f} s"
+    )
     tally.report_to(report)
     return tally
 

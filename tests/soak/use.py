@@ -36,7 +36,8 @@ def build_maps() -> tuple[CSpace, CSpace]:
     both = cells.copy()
     both[20:32, 14:23] = True
     one, two = (
-        cspace.build(Workspace.from_array(each, 0.1), Robot.rectangle(0.5, 0.2), rotations=8) for each in (cells, both)
+        cspace.build(Workspace.from_array(each, 0.1), Robot.rectangle(0.5, 0.2), rotations=8)
+        for each in (cells, both)
     )
     return one, two
 
@@ -50,12 +51,20 @@ def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> 
     report.check(not torn and counts["whole"] > 0, "no torn map opens")
     counts = save_to_one_place(3, max(2, kills // 5))
     report.note(f"three processes saved to one place, and one read: {format_counts(counts)}")
-    report.check(not counts["torn"] and counts["left whole"] == 1, "every map read is whole, the last one too")
+    report.check(
+        not counts["torn"] and counts["left whole"] == 1,
+        "every map read is whole, the last one too",
+    )
     counts = query_during_updates(3.0 * share)
     report.note(f"queries while another thread updates: {format_counts(counts)}")
-    report.check(not counts["false"] and counts["cells"] > 0, "no query returns FREE for a cell that never is")
+    report.check(
+        not counts["false"] and counts["cells"] > 0,
+        "no query returns FREE for a cell that never is",
+    )
     for method in {"fork", "spawn"} & {*multiprocessing.get_all_start_methods()}:
-        report.check(agrees_in_child(method), f"a map returns equal results in a child made by {method}")
+        report.check(
+            agrees_in_child(method), f"a map returns equal results in a child made by {method}"
+        )
     for name, growth, handles in measure_growth(share):
         report.note(f"{name}: {growth / 2**20:+.1f} MiB, {handles:+d} handles")
         report.check(growth < 8 * 2**20 and handles <= 0, f"{name} leave nothing behind")
@@ -65,7 +74,7 @@ def format_counts(counts: Counter[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
-# ---- saves -----------------------------------------------------------------------------------------------------------
+# ---- saves ---------------------------------------------------------------------------------------
 
 
 def kill_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
@@ -76,7 +85,9 @@ def kill_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
         path = Path(folder) / "map.zarr"
         both[0].save(path)  # imports before the fork
         for _ in range(kills):
-            child = multiprocessing.get_context("fork").Process(target=_save, args=(both, path, 10**6))
+            child = multiprocessing.get_context("fork").Process(
+                target=_save, args=(both, path, 10**6)
+            )
             child.start()
             time.sleep(rng.uniform(0.0, 0.2))
             os.kill(child.pid or 0, signal.SIGKILL)
@@ -96,7 +107,9 @@ def save_to_one_place(processes: int, saves: int) -> Counter[str]:
         path = Path(folder) / "map.zarr"
         both[0].save(path)
         context = multiprocessing.get_context("fork")
-        writers = [context.Process(target=_save, args=(both, path, saves)) for _ in range(processes)]
+        writers = [
+            context.Process(target=_save, args=(both, path, saves)) for _ in range(processes)
+        ]
         for writer in writers:
             writer.start()
         while any(writer.is_alive() for writer in writers):
@@ -128,16 +141,21 @@ def _try_open(path: Path, both: tuple[CSpace, CSpace]) -> str:
     return "whole" if whole else "torn"
 
 
-# ---- threads and processes -------------------------------------------------------------------------------------------
+# ---- threads and processes -----------------------------------------------------------------------
 
 
 def query_during_updates(seconds: float) -> Counter[str]:
     """Count false FREE results during updates."""
     counts: Counter[str] = Counter()
     one, two = build_maps()
-    block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
+    block, nothing = (
+        two.workspace.outer[20:32, 14:23].copy(),
+        one.workspace.outer[20:32, 14:23].copy(),
+    )
     yaws = one.rotations.centers[:, 0]
-    centers = np.stack(np.meshgrid(*(one.grid.centers(axis) for axis in (0, 1)), indexing="ij"), axis=-1)
+    centers = np.stack(
+        np.meshgrid(*(one.grid.centers(axis) for axis in (0, 1)), indexing="ij"), axis=-1
+    )
     q = np.concatenate([np.insert(centers, 2, yaw, axis=-1) for yaw in yaws]).reshape(-1, 3)
     never, always = (
         (_classify(one, q) != FREE) & (_classify(two, q) != FREE),
@@ -211,13 +229,17 @@ def _run_queries(space: CSpace) -> list[Any]:
         looks = copied.classify(q), copied.motion_is_free(q[:100], q[100:]), copied.clearance(q)
         answers += [
             np.asarray(look).tolist()
-            for look in (*looks, copied.is_connected(q[:100], q[100:]), copied.is_disconnected(q[:100], q[100:]))
+            for look in (
+                *looks,
+                copied.is_connected(q[:100], q[100:]),
+                copied.is_disconnected(q[:100], q[100:]),
+            )
         ]
         copied.update(BLOCK, PLACE)
     return answers
 
 
-# ---- growth ----------------------------------------------------------------------------------------------------------
+# ---- growth --------------------------------------------------------------------------------------
 
 
 def measure_growth(share: float) -> Iterator[tuple[str, int, int]]:
@@ -246,7 +268,11 @@ def measure_growth(share: float) -> Iterator[tuple[str, int, int]]:
     def plan(number: int) -> None:
         planners.plan(space, start, goal, seed=number % 20, time_limit=1.0)
 
-    for name, work, times in (("queries", look, QUERIES), ("updates", update, UPDATES), ("plans", plan, PLANS)):
+    for name, work, times in (
+        ("queries", look, QUERIES),
+        ("updates", update, UPDATES),
+        ("plans", plan, PLANS),
+    ):
         count = max(2, int(times * share))
         for number in range(max(2, count // 5)):
             work(number)

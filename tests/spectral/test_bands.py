@@ -27,7 +27,12 @@ pytest.importorskip("finufft")
 def test_separate_decides_within_its_bounds(threshold: float, verdict: Verdict, count: int) -> None:
     """Sum two frequencies, with terms 1 and 0.5."""
     bounds = np.array([9.0, 9.0, 8.25 if verdict is Verdict.UNDECIDED and threshold > 2.0 else 0.5])
-    rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
+    rings = (
+        np.array([[0, 0], [1, 0]], dtype=np.int16),
+        np.array([0, 1, 2]),
+        np.array([[0, 0], [1, 0]]),
+        np.ones(2),
+    )
     known = Terms(np.array([1.0, 0.5], dtype=np.complex128), bounds, *rings)
     answer = separate(np.zeros(2), known, threshold, np.empty((2, 3), dtype=np.complex128))
     assert answer == (verdict, count, 1.0 if count == 1 else 1.5, bounds[count])
@@ -38,10 +43,13 @@ def test_bounds_include_the_full_errors_of_spectra(dim: int) -> None:
     """Reduce every modulus by its full error."""
     rings = Rings.of(np.linspace(1.0, 1.5, dim), (4,) * dim)
     rng = np.random.default_rng(0)
-    true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(2j * np.pi * rng.random((2, len(rings.indices))))
+    true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(
+        2j * np.pi * rng.random((2, len(rings.indices)))
+    )
     errors = 0.3, 0.7
     known = [
-        Spectrum(values * (1.0 - error / np.abs(values)), error) for values, error in zip(true, errors, strict=True)
+        Spectrum(values * (1.0 - error / np.abs(values)), error)
+        for values, error in zip(true, errors, strict=True)
     ]
     near, far = (Terms.of(*known, rings, way, 1.5) for way in (0.0, 2.0))
     products = rings.twice / float(np.prod(rings.lengths)) * np.abs(true[0] * true[1])
@@ -103,7 +111,14 @@ def sum_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
 def test_pair_integrals_agree_with_adaptive_quadrature(dim: int, alpha: float) -> None:
     bump = Bump(alpha)
     rows = np.array(
-        [[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.3, 1.0, 0.1], [1.0, 0.4, 0.9], [2.0, 0.5, 2.3], [1.0, 1.0, 1.8]]
+        [
+            [1.0, 1.0, 0.0],
+            [1.0, 1.0, 1.0],
+            [0.3, 1.0, 0.1],
+            [1.0, 0.4, 0.9],
+            [2.0, 0.5, 2.3],
+            [1.0, 1.0, 1.8],
+        ]
     )
     values, errors = pair_integrals(bump, *rows.T, dim)
     error = errors.max()
@@ -117,7 +132,9 @@ def test_pair_integrals_agree_with_adaptive_quadrature(dim: int, alpha: float) -
 @pytest.mark.parametrize("number", [5, 60])
 def test_norm_square_sums_all_pairs(dim: int, alpha: float, number: int) -> None:
     rng = np.random.default_rng(number)
-    balls = BallDescriptor(rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number), Bump(alpha))
+    balls = BallDescriptor(
+        rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number), Bump(alpha)
+    )
     value, error = norm_square(balls)
     expected, off = sum_all_pairs(balls)
     assert abs(value - expected) <= error + off
@@ -131,7 +148,10 @@ def test_norm_square_bounds_its_error_for_extreme_bumps(dim: int, alpha: float) 
     for other in (0.2447, 1.7):
         balls = BallDescriptor(np.zeros((2, dim)), np.array([1.0, other]), bump)
         value, error = norm_square(balls)
-        pairs = [bump.pair_integral(*pair, 0.0, dim) for pair in ((1.0, 1.0), (1.0, other), (other, other))]
+        pairs = [
+            bump.pair_integral(*pair, 0.0, dim)
+            for pair in ((1.0, 1.0), (1.0, other), (other, other))
+        ]
         expected = pairs[0] + 2.0 * pairs[1] + pairs[2]
         assert abs(value - expected) <= error + 1e-8 * expected
         assert error <= 1e-6 * expected
@@ -162,7 +182,10 @@ def test_round_radii_only_grows_or_only_shrinks() -> None:
     radii = np.random.default_rng(0).uniform(0.1, 2.0, 50)
     balls = BallDescriptor(np.zeros((50, 2)), radii)
     for number in (1, 2, 3, 8):
-        up, down = balls.round_radii(number, up=True).radii, balls.round_radii(number, up=False).radii
+        up, down = (
+            balls.round_radii(number, up=True).radii,
+            balls.round_radii(number, up=False).radii,
+        )
         assert (up >= radii).all() and (down <= radii).all()
         assert max(len(np.unique(up)), len(np.unique(down))) <= number
         assert up.max() == radii.max() and down.min() == radii.min()
@@ -174,10 +197,14 @@ def test_norm_square_adds_the_table_error_of_every_pair() -> None:
     rng = np.random.default_rng(0)
     balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
     value, error = norm_square(balls)
-    distances = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[np.triu_indices(14, 1)]
+    distances = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)[
+        np.triu_indices(14, 1)
+    ]
     near = distances[distances < 0.8]
     alone = Bump(300.0).pair_integral(0.4, 0.4, 0.0, 2)
-    expected = 14.0 * alone + 2.0 * sum(Bump(300.0).pair_integral(0.4, 0.4, gap, 2) for gap in near.tolist())
+    expected = 14.0 * alone + 2.0 * sum(
+        Bump(300.0).pair_integral(0.4, 0.4, gap, 2) for gap in near.tolist()
+    )
     assert len(near) > 64
     assert abs(value - expected) <= error <= 0.02 * expected
     assert error > 1e-7 * expected

@@ -53,7 +53,9 @@ def integrate_reference(alpha, dim, k):
     options = {"epsabs": 1e-16, "epsrel": 1e-13, "limit": 200}
     outer = sum(integrate.quad(direct, a, b, **options)[0] for a, b in itertools.pairwise(steps))
     boundaries = np.linspace(-math.log(0.1), 60.0, 40)
-    inner = sum(integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(boundaries))
+    inner = sum(
+        integrate.quad(in_log, a, b, **options)[0] for a, b in itertools.pairwise(boundaries)
+    )
     return surface * (inner + outer)
 
 
@@ -79,7 +81,13 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
                 [[0.0], 0.5 ** np.arange(24.0, 0.0, -1.0), 1.0 - 0.5 ** np.arange(2.0, 12.0), [1.0]]
             )
             parts = [
-                integrate.quad(lambda s: s * evaluate_plainly(s, alpha), a, b, wvar=2.0 * math.pi * each, **options)[0]
+                integrate.quad(
+                    lambda s: s * evaluate_plainly(s, alpha),
+                    a,
+                    b,
+                    wvar=2.0 * math.pi * each,
+                    **options,
+                )[0]
                 for a, b in itertools.pairwise(pieces)
             ]
             expected.append(2.0 / each * sum(parts))
@@ -87,7 +95,9 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
         # Use many more nodes than the rule under test.
         nodes, weights = np.polynomial.legendre.leggauss(20)
         boundaries = np.unique(
-            np.concatenate([0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)])
+            np.concatenate(
+                [0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)]
+            )
         )
         s = (boundaries[:-1, None] + np.diff(boundaries)[:, None] * (0.5 + 0.5 * nodes)).ravel()
         w = (np.diff(boundaries)[:, None] * 0.5 * weights).ravel()
@@ -102,7 +112,9 @@ def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(
 def test_table_interpolates_the_spectrum(alpha, most, dim):
     """Test all intervals of tables, including one computed in parts."""
     bump = Bump(alpha)
-    k = np.concatenate([np.random.default_rng(0).uniform(0.0, most, 500), np.arange(0.0, most + 0.5, 0.5), [most]])
+    k = np.concatenate(
+        [np.random.default_rng(0).uniform(0.0, most, 500), np.arange(0.0, most + 0.5, 0.5), [most]]
+    )
     exact = bump.radial_spectrum(k, dim)
     for tolerance in (1e-6, 1e-12):
         table = bump.table(dim, most, tolerance)
@@ -114,7 +126,9 @@ def test_table_interpolates_the_spectrum(alpha, most, dim):
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_profile_agrees_with_the_definition(alpha):
-    s = np.array([0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300])
+    s = np.array(
+        [0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300]
+    )
     expected = np.array([evaluate_plainly(each, alpha) for each in s])
     values = Bump(alpha).profile(s)
     np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-300)
@@ -135,7 +149,9 @@ def test_profile_decreases_with_distance_and_increases_with_alpha(alpha, first, 
 def test_spectrum_converges_to_the_indicator_for_large_alpha(dim):
     k = np.linspace(0.0, 5.0, 50)
     exact = Bump(math.inf).radial_spectrum(k, dim)
-    errors = [np.abs(Bump(alpha).radial_spectrum(k, dim) - exact).max() for alpha in (10.0, 100.0, 1000.0)]
+    errors = [
+        np.abs(Bump(alpha).radial_spectrum(k, dim) - exact).max() for alpha in (10.0, 100.0, 1000.0)
+    ]
     assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
 
 
@@ -172,8 +188,12 @@ def test_indicator_pairs_agree_with_the_lens(a, b, dim):
 def test_thin_lenses_keep_their_relative_accuracy(depth):
     # To leading order in the depth, the lens of two unit balls consists of two parabolic caps.
     bump = Bump(math.inf)
-    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 2) == pytest.approx(4.0 / 3.0 * depth**1.5, rel=depth + 1e-6)
-    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 3) == pytest.approx(math.pi / 2.0 * depth**2, rel=depth + 1e-6)
+    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 2) == pytest.approx(
+        4.0 / 3.0 * depth**1.5, rel=depth + 1e-6
+    )
+    assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 3) == pytest.approx(
+        math.pi / 2.0 * depth**2, rel=depth + 1e-6
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -185,13 +205,17 @@ def test_pair_integral_agrees_with_the_inverse_transform(alpha, a, b, dim):
     boundaries = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
     k = (boundaries[:-1, None] + np.diff(boundaries)[:, None] * (0.5 + 0.5 * nodes)).ravel()
     w = (0.5 * np.diff(boundaries)[:, None] * weights).ravel()
-    spectrum = (a * b) ** dim * bump.table(dim, 41.0, 1e-13)(a * k) * bump.table(dim, 111.0, 1e-13)(b * k)
+    spectrum = (
+        (a * b) ** dim * bump.table(dim, 41.0, 1e-13)(a * k) * bump.table(dim, 111.0, 1e-13)(b * k)
+    )
     size = bump.pair_integral(a, b, 0.0, dim)
     for distance in (0.0, 0.05, 0.4, b - a, 0.9, 0.97 * (a + b)):
         wave = j0(2.0 * math.pi * k * distance) * 2.0 * math.pi * k
         if dim == 3:
             wave = np.sinc(2.0 * k * distance) * 4.0 * math.pi * k * k
-        assert bump.pair_integral(a, b, distance, dim) == pytest.approx(float((spectrum * wave) @ w), abs=1e-8 * size)
+        assert bump.pair_integral(a, b, distance, dim) == pytest.approx(
+            float((spectrum * wave) @ w), abs=1e-8 * size
+        )
 
 
 @pytest.mark.parametrize("depth", [0.5, 0.1, 0.03])
@@ -220,7 +244,9 @@ def test_pair_integral_decreases_with_distance_and_is_symmetric(alpha, dim):
     distances = np.linspace(0.0, 1.75, 15)
     integrals = np.array([bump.pair_integral(0.5, 1.2, each, dim) for each in distances])
     assert (np.diff(integrals) <= 1e-9 * integrals[:-1]).all() and integrals[-1] == 0.0
-    assert bump.pair_integral(1.2, 0.5, 1.1, dim) == pytest.approx(bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9)
+    assert bump.pair_integral(1.2, 0.5, 1.1, dim) == pytest.approx(
+        bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9
+    )
     assert bump.pair_integral(5.0, 12.0, 11.0, dim) == pytest.approx(
         10.0**dim * bump.pair_integral(0.5, 1.2, 1.1, dim), rel=1e-9
     )
@@ -233,7 +259,9 @@ def test_pair_integral_is_the_integral_of_the_product_of_descriptors(dim):
     first, second = BallDescriptor(centers[:1], 1.0), BallDescriptor(centers[1:], 0.6)
     product = intersection(first.sample(grid), second.sample(grid))
     distance = float(np.linalg.norm(centers[1] - centers[0]))
-    assert product.integral == pytest.approx(Bump().pair_integral(1.0, 0.6, distance, dim), rel=1e-5)
+    assert product.integral == pytest.approx(
+        Bump().pair_integral(1.0, 0.6, distance, dim), rel=1e-5
+    )
 
 
 FREQUENCIES = [
@@ -249,14 +277,26 @@ FREQUENCIES = [
 
 @refusals(
     "make, arguments, message",
-    *[(Bump, (alpha,), "alpha") for alpha in (0.0, -1.0, math.nan, -math.inf, 1e-3, 1e5, "two", None, [1.0, 2.0])],
+    *[
+        (Bump, (alpha,), "alpha")
+        for alpha in (0.0, -1.0, math.nan, -math.inf, 1e-3, 1e5, "two", None, [1.0, 2.0])
+    ],
     (Bump, (np.ma.masked,), "alpha"),
     *[(Bump().radial_spectrum, arguments, message) for arguments, message in FREQUENCIES],
-    *[(lambda k, dim: Bump().table(dim, k), arguments, message) for arguments, message in FREQUENCIES],
-    *[(Bump().table, (2, 1.0, tolerance), "tolerance") for tolerance in (0.0, 1e-15, 0.5, math.nan, [1e-6])],
+    *[
+        (lambda k, dim: Bump().table(dim, k), arguments, message)
+        for arguments, message in FREQUENCIES
+    ],
+    *[
+        (Bump().table, (2, 1.0, tolerance), "tolerance")
+        for tolerance in (0.0, 1e-15, 0.5, math.nan, [1e-6])
+    ],
     (Bump().pair_integral, (0.0, 1.0, 1.0, 2), "first"),
     (Bump().pair_integral, (1.0, -1.0, 1.0, 2), "second"),
-    *[(Bump().pair_integral, (1.0, 1.0, distance, 2), "distance") for distance in (-1.0, [1.0], math.nan)],
+    *[
+        (Bump().pair_integral, (1.0, 1.0, distance, 2), "distance")
+        for distance in (-1.0, [1.0], math.nan)
+    ],
     (Bump().pair_integral, (1.0, 1.0, 1.0, 5), "dim"),
 )
 def test_bump_refuses_invalid_arguments(make, arguments, message):

@@ -65,7 +65,8 @@ SOLIDS = {
 }
 OPTIONS = {"number": {"number": 40}, "few": {"number": 7}, "tolerance": {"part": 0.03}}
 LOOSE = {"part": 0.08}
-"""A tolerance relative to the size of the shape; searching for a number of balls tries many tolerances, which is slow.
+"""A tolerance relative to the size of the shape; searching for a number of balls tries many
+tolerances, which is slow.
 """
 
 
@@ -95,7 +96,11 @@ def sample_shape(shape, rng, number=4000):
         shapely.get_parts(border)[:, None], rng.random(500)[None], normalized=True
     ).ravel()
     return np.vstack(
-        [points[shapely.contains_xy(shape, *points.T)], shapely.get_coordinates(along), shapely.get_coordinates(shape)]
+        [
+            points[shapely.contains_xy(shape, *points.T)],
+            shapely.get_coordinates(along),
+            shapely.get_coordinates(shape),
+        ]
     )
 
 
@@ -111,9 +116,13 @@ def check_plane(balls, shape, rng):
     assert 0.0 <= low <= high
     # Polygons with many corners are inscribed in the discs and circumscribed about them.
     count = 64
-    inner = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=count))
+    inner = shapely.union_all(
+        shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=count)
+    )
     sag = 1.0 / math.cos(math.pi / (4 * count))
-    outer = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii * sag, quad_segs=count))
+    outer = shapely.union_all(
+        shapely.buffer(shapely.points(balls.centers), balls.radii * sag, quad_segs=count)
+    )
     if len(balls) < 200:
         assert inner.area <= balls.measure.upper * (1 + 1e-9)
         assert outer.area >= balls.measure.lower * (1 - 1e-9)
@@ -121,7 +130,9 @@ def check_plane(balls, shape, rng):
     if balls.kind == "inner":
         centers = shapely.points(balls.centers)
         assert shapely.covers(shape, centers).all()
-        assert (balls.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
+        assert (
+            balls.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size
+        ).all()
         assert shapely.within(inner, shape.buffer(1e-9 * size))
         gap = float(measure_gaps(points, balls).max())
         assert gap <= high
@@ -131,7 +142,9 @@ def check_plane(balls, shape, rng):
         assert (measure_gaps(points, balls) <= 0.0).all()
         assert shape.difference(outer).area <= 1e-12 * size**2
         around = np.linspace(0.0, 2 * np.pi, 60)
-        rim = balls.centers[:, None] + balls.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
+        rim = balls.centers[:, None] + balls.radii[:, None, None] * np.stack(
+            [np.cos(around), np.sin(around)], -1
+        )
         gap = float(shapely.distance(shapely.points(rim), shape).max())
         assert gap <= high + 1e-12 * size
         assert low <= gap + 0.05 * size
@@ -168,7 +181,9 @@ def test_balls_bound_a_large_bitmap(kind):
 
 def test_64_balls_fill_most_of_a_shape():
     balls = decompose(ELL, number=64)
-    discs = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=64))
+    discs = shapely.union_all(
+        shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=64)
+    )
     assert discs.area / ELL.area > 0.98
     assert balls.volume_ratio == pytest.approx(discs.area / ELL.area, abs=1e-3)
 
@@ -177,14 +192,18 @@ def test_64_balls_fill_most_of_a_shape():
 @given(stars(), st.sampled_from(BALL_KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
 def test_balls_bound_random_polygons(vertices, kind, limit, seed):
     shape = shapely.Polygon(vertices)
-    check_plane(make_balls(vertices, diagonal(shape), kind, limit), shape, np.random.default_rng(seed))
+    check_plane(
+        make_balls(vertices, diagonal(shape), kind, limit), shape, np.random.default_rng(seed)
+    )
 
 
 @settings(max_examples=40)
 @example([(0, 0), (1, 0.3), (1, 0.35)], "outer", 0.1 / math.hypot(1.0, 0.35), 0)
 @given(
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=3)
-    | st.tuples(st.floats(-1, 1), st.floats(0.003, 0.1)).map(lambda each: [(0, 0), (1, each[0]), (1, sum(each))])
+    | st.tuples(st.floats(-1, 1), st.floats(0.003, 0.1)).map(
+        lambda each: [(0, 0), (1, each[0]), (1, sum(each))]
+    )
     | stars(),
     st.sampled_from(BALL_KINDS),
     st.floats(0.02, 0.3),
@@ -242,26 +261,34 @@ def test_balls_bound_solids(name, kind):
 def test_balls_bound_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
     balls = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
-    points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
+    points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(
+        -1, 3
+    ) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
     near = measure_gaps(np.vstack([points, corners]), balls)
     assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
     if kind == "inner":
         turns = np.random.default_rng(2).normal(size=(200, 3))
         turns /= np.linalg.norm(turns, axis=1)[:, None]
-        rim = (balls.centers[:, None] + 0.999999 * balls.radii[:, None, None] * turns).reshape(-1, 3)
+        rim = (balls.centers[:, None] + 0.999999 * balls.radii[:, None, None] * turns).reshape(
+            -1, 3
+        )
         assert cells[tuple(np.floor(rim / 0.2).astype(int).T)].all()
 
 
 def test_balls_cover_open_surfaces_and_lines():
     sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
     balls = decompose(sheet, kind="outer", tolerance=0.1)
-    assert (measure_gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0).all()
+    assert (
+        measure_gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0
+    ).all()
     assert math.isinf(balls.volume_ratio)
     assert balls.hausdorff.upper <= 0.1
     line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
     balls = decompose(line, kind="outer", number=30)
-    along = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True))
+    along = shapely.get_coordinates(
+        shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True)
+    )
     assert (measure_gaps(along, balls) <= 0.0).all()
     assert len(balls) <= 30 and balls.hausdorff.upper <= 0.15
 
@@ -292,7 +319,9 @@ def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(name, kind):
     within = decompose(shape, kind=kind, tolerance=tolerance)
     enough = math.ceil(1.1 * len(within))
     numbers = sorted({6, enough, 24} if name in FLAT else {6, enough})
-    found = {number: decompose(shape, kind=kind, number=number).hausdorff.upper for number in numbers}
+    found = {
+        number: decompose(shape, kind=kind, number=number).hausdorff.upper for number in numbers
+    }
     assert found[enough] <= tolerance
     # Bounds of a distance differ by up to 2 %.
     distances = np.array(list(found.values()))
@@ -348,7 +377,9 @@ def test_area_bounds_hold_for_nearly_touching_discs():
         centers = np.array([[p.real, p.imag] for p in (center, beside, through)])
         radii = np.array([one, two, three])
         change = 3e-13
-        less, same, more = (bound_ball_measure(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
+        less, same, more = (
+            bound_ball_measure(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0)
+        )
         boundary = 2.0 * np.pi * float((radii**2).sum()) * change
         assert less[0] <= same[1] and same[0] <= more[1]
         assert same[0] - boundary <= less[1] and more[0] <= same[1] + boundary
@@ -371,7 +402,7 @@ def test_area_bounds_hold_for_nearly_coincident_discs():
     assert high <= low * (1.0 + 1e-3)
 
 
-# ---- real shapes -----------------------------------------------------------------------------------------------------
+# ---- real shapes ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", BALL_KINDS)
@@ -386,7 +417,9 @@ def test_balls_bound_real_polygons(data, kind):
     cars = json.loads((folder / "parking1.geojson").read_text())["features"]
     shapes = [shapely.geometry.shape(car["geometry"]) for car in cars[::4]]
     for shape in (shapely.from_geojson((folder / "car.geojson").read_text()), *shapes):
-        check_plane(make_balls(shape, diagonal(shape), kind, LOOSE), shape, np.random.default_rng(0))
+        check_plane(
+            make_balls(shape, diagonal(shape), kind, LOOSE), shape, np.random.default_rng(0)
+        )
 
 
 @pytest.mark.parametrize("kind", BALL_KINDS)

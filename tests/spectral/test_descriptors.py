@@ -13,7 +13,16 @@ from scipy import ndimage
 
 from cspace import Grid, InputError, Mesh
 from cspace.shapes import Balls
-from cspace.spectral import BallDescriptor, Bump, Descriptor, indicator, intersection, minkowski_sum, superlevel, union
+from cspace.spectral import (
+    BallDescriptor,
+    Bump,
+    Descriptor,
+    indicator,
+    intersection,
+    minkowski_sum,
+    superlevel,
+    union,
+)
 from tests.refusals import refusals
 from tests.strategies import seeds
 
@@ -35,7 +44,9 @@ def place_on_grid(values, lower=0.0, spacing=0.5):
 def sum_by_brute_force(f, g):
     """Add products of pairs at sums of indices."""
     shape = np.add(f.shape, g.shape) - 1
-    positions = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
+    positions = np.add.outer(
+        *(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g))
+    )
     products = np.multiply.outer(f.ravel(), g.ravel())
     return np.bincount(positions.ravel(), products.ravel(), np.prod(shape)).reshape(shape)
 
@@ -50,27 +61,39 @@ def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
     rng = np.random.default_rng(seed)
     f, g, h = (np.where(rng.random(shape) < 0.5, rng.random(shape), 0.0) for _ in range(3))
     a, b, c = place_on_grid(f), place_on_grid(g), place_on_grid(h)
-    np.testing.assert_array_equal(superlevel(union(a, b, c)), superlevel(a) | superlevel(b) | superlevel(c))
-    np.testing.assert_array_equal(superlevel(intersection(a, b, c)), superlevel(a) & superlevel(b) & superlevel(c))
+    np.testing.assert_array_equal(
+        superlevel(union(a, b, c)), superlevel(a) | superlevel(b) | superlevel(c)
+    )
+    np.testing.assert_array_equal(
+        superlevel(intersection(a, b, c)), superlevel(a) & superlevel(b) & superlevel(c)
+    )
     np.testing.assert_array_equal(union(a, b).values, f + g)
     np.testing.assert_array_equal(intersection(a, b).values, f * g)
     np.testing.assert_array_equal(union(a).values, f)
 
 
 def test_intersections_do_not_underflow():
-    tiny, smaller, normal = (place_on_grid(np.array([[low, -low, 0.0]])) for low in (1e-200, 1e-300, 1.0))
+    tiny, smaller, normal = (
+        place_on_grid(np.array([[low, -low, 0.0]])) for low in (1e-200, 1e-300, 1.0)
+    )
     for other in (tiny, smaller):
         both = intersection(tiny, other)
         np.testing.assert_array_equal(np.sign(both.values), [[1.0, 1.0, 0.0]])
-        np.testing.assert_array_equal(superlevel(intersection(both, normal)), [[True, False, False]])
+        np.testing.assert_array_equal(
+            superlevel(intersection(both, normal)), [[True, False, False]]
+        )
     np.testing.assert_array_equal(intersection(tiny, normal).values, [[1e-200, 1e-200, 0.0]])
 
 
 def test_superlevel_is_strict():
     values = np.array([[0.0, 0.5], [0.5 + 1e-15, -1.0]])
-    np.testing.assert_array_equal(superlevel(place_on_grid(values), 0.5), [[False, False], [True, False]])
+    np.testing.assert_array_equal(
+        superlevel(place_on_grid(values), 0.5), [[False, False], [True, False]]
+    )
     np.testing.assert_array_equal(superlevel(place_on_grid(values)), [[False, True], [True, False]])
-    np.testing.assert_array_equal(superlevel(place_on_grid(values), -1.0), [[True, True], [True, False]])
+    np.testing.assert_array_equal(
+        superlevel(place_on_grid(values), -1.0), [[True, True], [True, False]]
+    )
 
 
 @given(two_bitmaps)
@@ -95,7 +118,10 @@ def test_large_minkowski_sum_agrees_with_scipy_dilation():
 def test_minkowski_sum_neither_adds_nor_loses_cells(dim, seed):
     rng = np.random.default_rng(seed)
     # Use many orders of magnitude, so that small values drown in the rounding of a transform.
-    f, g = (np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0) for s in ((6,) * dim, (4,) * dim))
+    f, g = (
+        np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0)
+        for s in ((6,) * dim, (4,) * dim)
+    )
     result = minkowski_sum(place_on_grid(f), place_on_grid(g))
     np.testing.assert_array_equal(superlevel(result), dilate(f > 0.0, g > 0.0))
     scale = f.max() * g.max() * f.size
@@ -140,7 +166,9 @@ def test_minkowski_sum_of_two_bumps_is_their_pair_integral(dim):
         cell = np.array([47] * dim)
         cell[0] += shift
         distance = abs(result.grid.center_of(cell)[0])
-        assert result.values[tuple(cell)] == pytest.approx(Bump().pair_integral(1.0, 0.7, distance, dim), rel=1e-4)
+        assert result.values[tuple(cell)] == pytest.approx(
+            Bump().pair_integral(1.0, 0.7, distance, dim), rel=1e-4
+        )
 
 
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 25.0, math.inf])
@@ -162,17 +190,24 @@ def test_sample_adds_the_bumps_of_all_balls(dim, alpha):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_integral_of_balls_agrees_with_fine_samples(dim):
-    balls = BallDescriptor(np.random.default_rng(1).uniform(-0.5, 0.5, (8, dim)), np.linspace(0.2, 0.5, 8))
+    balls = BallDescriptor(
+        np.random.default_rng(1).uniform(-0.5, 0.5, (8, dim)), np.linspace(0.2, 0.5, 8)
+    )
     lower, upper = balls.bounds
     grid = Grid(lower, 0.02, np.ceil((upper - lower) / 0.02).astype(int))
     assert balls.sample(grid).integral == pytest.approx(balls.integral, rel=1e-4)
 
 
 def test_union_of_balls_is_balls():
-    one, other = BallDescriptor([[0.0, 0.0]], 1.0), BallDescriptor([[0.5, 0.0], [2.0, 1.0]], [0.3, 0.4])
+    one, other = (
+        BallDescriptor([[0.0, 0.0]], 1.0),
+        BallDescriptor([[0.5, 0.0], [2.0, 1.0]], [0.3, 0.4]),
+    )
     both = union(one, other)
     grid = Grid((-1, -1), 0.1, (40, 30))
-    np.testing.assert_allclose(both.sample(grid).values, union(one.sample(grid), other.sample(grid)).values)
+    np.testing.assert_allclose(
+        both.sample(grid).values, union(one.sample(grid), other.sample(grid)).values
+    )
     with pytest.raises(InputError, match="they must agree"):
         union(one, BallDescriptor([[0.0, 0.0]], 1.0, Bump(3.0)))
     with pytest.raises(InputError, match="they must agree"):
@@ -187,7 +222,9 @@ def test_indicator_contains_the_cell_centers_in_a_shape():
     grid = Grid((-1.0, -1.0), 0.1, (20, 25))
     shape = shapely.Point(0.1, 0.2).buffer(0.6).difference(shapely.box(-0.2, -0.2, 0.2, 0.2))
     x, y = np.meshgrid(grid.centers(0), grid.centers(1), indexing="ij")
-    np.testing.assert_array_equal(superlevel(indicator(shape, grid)), shapely.contains_xy(shape, x, y))
+    np.testing.assert_array_equal(
+        superlevel(indicator(shape, grid)), shapely.contains_xy(shape, x, y)
+    )
     np.testing.assert_array_equal(
         indicator(shapely.contains_xy(shape, x, y), grid).values, indicator(shape, grid).values
     )
@@ -210,7 +247,10 @@ def test_indicator_of_a_box_includes_its_boundary(spacing):
 def test_indicator_agrees_with_solids():
     grid = Grid((-1.0, -1.0, -1.0), 0.1, (20, 22, 24))
     middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
-    outer, cavity = trimesh.creation.box(extents=(1.0, 0.8, 0.6)), trimesh.creation.box(extents=(0.7, 0.5, 0.3))
+    outer, cavity = (
+        trimesh.creation.box(extents=(1.0, 0.8, 0.6)),
+        trimesh.creation.box(extents=(0.7, 0.5, 0.3)),
+    )
     cavity.invert()
     hollow_box = trimesh.util.concatenate([outer, cavity])
     result = superlevel(indicator(Mesh.of(hollow_box), grid))
@@ -221,7 +261,8 @@ def test_indicator_agrees_with_solids():
     np.testing.assert_array_equal(result, within & ~hollow)
     ball = Balls(np.array([[0.1, 0.0, 0.0]]), np.array([0.52]))
     np.testing.assert_array_equal(
-        superlevel(indicator(ball, grid)), np.linalg.norm(middles - (0.1, 0.0, 0.0), axis=-1) <= 0.52
+        superlevel(indicator(ball, grid)),
+        np.linalg.norm(middles - (0.1, 0.0, 0.0), axis=-1) <= 0.52,
     )
 
 
@@ -252,7 +293,10 @@ PLANE = place_on_grid(np.ones((3, 3)))
     (lambda: superlevel(PLANE, math.nan), "threshold"),
     (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
     (lambda: superlevel(BallDescriptor([[0.0, 0.0]], 1.0)), "no Descriptor"),
-    (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),
+    (
+        lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))),
+        "has 2 dimensions",
+    ),
     (lambda: indicator(np.ones((2, 2), dtype=bool), PLANE.grid), "values has shape"),
     (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
     (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
@@ -260,7 +304,10 @@ PLANE = place_on_grid(np.ones((3, 3)))
     (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "must be finite"),
     (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
     (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
-    (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),
+    (
+        lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))),
+        "has 2 dimensions",
+    ),
 )
 def test_descriptors_refuse_invalid_arguments(ask, match):
     with pytest.raises(InputError, match=match):

@@ -34,7 +34,9 @@ def build_scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
     if kind == "shared":
         balls[0, 0] = -0.15
     robot = balls, np.full(len(balls), 0.12)
-    workspace = Workspace.from_balls(centers, radii, 0.05, bounds=(*[0.0] * dim, *(2.0, 1.6, 1.0)[:dim]))
+    workspace = Workspace.from_balls(
+        centers, radii, 0.05, bounds=(*[0.0] * dim, *(2.0, 1.6, 1.0)[:dim])
+    )
     turns = 12 if kind in ("turning", "shared") else None
     overlap = FourierOverlap.of_shapes(robot, (centers, radii), swell=0.2)
     return build(workspace, Robot.from_balls(*robot), rotations=turns, **options), overlap
@@ -49,7 +51,9 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
         return build(workspace, robot), compute_overlap(robot, (centers, 0.25))
     workspace = Workspace.from_balls(*OBSTACLES, 0.1, bounds=(0, 0, 4.6, 3.7))
     turns = 5 if request.param == "turning" else None
-    return build(workspace, Robot.from_balls(*ROBOT), rotations=turns), compute_overlap(ROBOT, OBSTACLES)
+    return build(workspace, Robot.from_balls(*ROBOT), rotations=turns), compute_overlap(
+        ROBOT, OBSTACLES
+    )
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +61,9 @@ def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
     return OverlapField.of(*case)
 
 
-def test_field_has_the_overlap_at_cell_centers(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_field_has_the_overlap_at_cell_centers(
+    case: tuple[CSpace, FourierOverlap], field: OverlapField
+) -> None:
     space, overlap = case
     largest, cells = field.values.max(), np.argwhere(field.values > -1.0)
     assert largest > 1e-3
@@ -70,7 +76,9 @@ def test_field_has_the_overlap_at_cell_centers(case: tuple[CSpace, FourierOverla
         assert field.values[tuple(index)] == pytest.approx(value, abs=1e-7 * largest)
 
 
-def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_field_is_linear_between_cell_centers(
+    case: tuple[CSpace, FourierOverlap], field: OverlapField
+) -> None:
     space, _ = case
     dim, rng = space.grid.dim, np.random.default_rng(1)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
@@ -83,9 +91,14 @@ def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap
 
     stack = field.values.reshape(-1, *space.grid.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
-    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations.names else np.zeros(200, dtype=int)
+    numbers = (
+        space.rotations.cell_of(q[:, 2]) if space.rotations.names else np.zeros(200, dtype=int)
+    )
     positions = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
-    expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, positions, strict=True)]
+    expected = [
+        RegularGridInterpolator(axes, stack[n])(p)[0]
+        for n, p in zip(numbers, positions, strict=True)
+    ]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
     cells = tuple(space.grid.cell_of(q[:, :dim]).T)
     assert field.at(middles) == pytest.approx(np.maximum(stack[(numbers, *cells)], 0.0), abs=1e-12)
@@ -94,7 +107,9 @@ def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap
         field.at(np.where(np.arange(space.size) == 1, np.nan, 0.0))
 
 
-def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_objective_weights_length_by_the_overlap(
+    case: tuple[CSpace, FourierOverlap], field: OverlapField
+) -> None:
     space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field, weight=4.0, saturation=0.01)
@@ -111,7 +126,9 @@ def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOver
     for k in range(11):
         cost = objective.motionCost(states[k], states[k + 1]).value()
         length = float(np.linalg.norm(q[k + 1, : space.grid.dim] - q[k, : space.grid.dim]))
-        assert objective.motionCostHeuristic(states[k], states[k + 1]).value() == pytest.approx(length)
+        assert objective.motionCostHeuristic(states[k], states[k + 1]).value() == pytest.approx(
+            length
+        )
         assert cost >= length * (1.0 - 1e-12)
         if not turning:
             share = (np.arange(4000) + 0.5)[:, None] / 4000
@@ -128,14 +145,21 @@ def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOver
     ({"turning_radius": 1.0}, "turning_radius"),
 )
 def test_overlap_objective_refuses_invalid_options(
-    case: tuple[CSpace, FourierOverlap], field: OverlapField, options: dict[str, float], message: str
+    case: tuple[CSpace, FourierOverlap],
+    field: OverlapField,
+    options: dict[str, float],
+    message: str,
 ) -> None:
     space, _ = case
     with pytest.raises(InputError, match=message):
-        planners.OverlapObjective(planners.simple_setup(space).getSpaceInformation(), space, field, **options)
+        planners.OverlapObjective(
+            planners.simple_setup(space).getSpaceInformation(), space, field, **options
+        )
 
 
-def test_overlap_objective_refuses_the_field_of_another_map(case: tuple[CSpace, FourierOverlap]) -> None:
+def test_overlap_objective_refuses_the_field_of_another_map(
+    case: tuple[CSpace, FourierOverlap],
+) -> None:
     space, overlap = case
     other = OverlapField.of(build(space.workspace, space.robot, rotations=None), overlap)
     with pytest.raises(InputError, match="another map"):
@@ -201,7 +225,9 @@ def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> 
     space, overlap = build_scene("plane")
     needed = 8 * space.grid.size
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
-    with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be used.* use a spacing of"):
+    with pytest.raises(
+        InputError, match=r"the overlap field has 40 x 32 cells .* may be used.* use a spacing of"
+    ):
         OverlapField.of(space, overlap)
 
 
@@ -220,7 +246,9 @@ def measure_smallest_distance(space: CSpace, plan: planners.Plan) -> float:
         q = first + share * step
         placed = np.repeat(space.robot.shape.centers[None], len(q), axis=0)
         if space.rotations.names:
-            turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
+            turn = np.array(
+                [[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]]
+            )
             placed = np.einsum("ijn,bj->nbi", turn, space.robot.shape.centers)
         away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)
         distances.append((away - space.robot.shape.radii).min() - RADIUS)
@@ -232,7 +260,12 @@ def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None
     """Compare with the straight line, found without weight."""
     space, overlap = build_scene(kind)
     field = OverlapField.of(space, overlap)
-    options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
+    options: dict[str, Any] = {
+        "planner": "RRTstar",
+        "time_limit": 120.0,
+        "iterations": 200,
+        "seed": 1,
+    }
     plans = [
         planners.plan(space, *find_endpoints(space), objective=objective, **options)
         for objective in (
@@ -267,5 +300,8 @@ def test_field_supports_rotations_in_space() -> None:
     turns = Rotation.random(5, random_state=1)
     q = np.column_stack([np.tile([0.45, 0.45, 0.35], (5, 1)), turns.as_quat()])
     matrices = [turn.matrix for turn in space.rotations.make_shape_cells(3)]
-    expected = [overlap.rotated(matrices[k]).value(q[0, :3]) for k in space.rotations.cell_of(turns.as_quat())]
+    expected = [
+        overlap.rotated(matrices[k]).value(q[0, :3])
+        for k in space.rotations.cell_of(turns.as_quat())
+    ]
     assert field.at(q) == pytest.approx(expected, rel=1e-6) and min(expected) > 0.0

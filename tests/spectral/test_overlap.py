@@ -43,7 +43,11 @@ def draw_ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.ran
         radii = rng.choice(rng.uniform(0.08, largest, 3), number)
         return rng.uniform(0.0, side, (number, dim)) + rng.choice([0.0, 1.0, -20.0]), radii
 
-    return balls(rng.integers(1, most), 0.5, 0.2), balls(rng.integers(1, 3 * most), SIDE[dim], 0.3), rng
+    return (
+        balls(rng.integers(1, most), 0.5, 0.2),
+        balls(rng.integers(1, 3 * most), SIDE[dim], 0.3),
+        rng,
+    )
 
 
 def compute_ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
@@ -52,7 +56,9 @@ def compute_ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarr
     firsts, seconds = np.broadcast_to(a[1][:, None], gaps.shape), np.broadcast_to(b[1], gaps.shape)
     close = gaps < firsts + seconds
     values, errors = np.zeros(gaps.shape), np.zeros(gaps.shape)
-    values[close], errors[close] = pair_integrals(bump, firsts[close], seconds[close], gaps[close], a[0].shape[1])
+    values[close], errors[close] = pair_integrals(
+        bump, firsts[close], seconds[close], gaps[close], a[0].shape[1]
+    )
     return values.sum(axis=(1, 2)), float(errors.sum(axis=(1, 2)).max())
 
 
@@ -66,7 +72,7 @@ def draw_placements(overlap: FourierOverlap, rng: np.random.Generator, number: i
     return rng.uniform(*overlap.domain, (number, overlap.dim))
 
 
-# ---- values ----------------------------------------------------------------------------------------------------------
+# ---- values --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -86,12 +92,16 @@ def test_value_agrees_with_pairs_of_balls_within_the_bound(dim: int, alpha: floa
 @pytest.mark.parametrize("dim", [2, 3])
 def test_value_is_the_integral_of_the_product_of_descriptors(dim: int) -> None:
     a, b, _ = draw_ball_sets(dim, 5)
-    overlap = FourierOverlap(BallDescriptor(*a), BallDescriptor(*b), band=None if dim == 2 else 10.0)
+    overlap = FourierOverlap(
+        BallDescriptor(*a), BallDescriptor(*b), band=None if dim == 2 else 10.0
+    )
     t = b[0][0] - a[0][0] + 0.05
     lower, upper = BallDescriptor(*b).bounds
     side = float((upper - lower).max()) / (600 if dim == 2 else 60)
     grid = Grid(lower, side, np.ceil((upper - lower) / side).astype(int))
-    product = intersection(BallDescriptor(*b).sample(grid), BallDescriptor(a[0] + t, a[1]).sample(grid))
+    product = intersection(
+        BallDescriptor(*b).sample(grid), BallDescriptor(a[0] + t, a[1]).sample(grid)
+    )
     assert overlap.value(t) == pytest.approx(product.integral, rel=8e-3, abs=overlap.bound)
     assert product.integral > 0.0
 
@@ -102,18 +112,26 @@ def test_values_on_a_lattice_agree_with_an_fft_correlation(dim: int) -> None:
     bump = Bump()
     overlap = FourierOverlap(a, b, bump=bump, band=12.0 if dim == 2 else 5.0)
     lengths, counts = np.array(overlap.lengths), overlap.counts
-    waves = np.stack(np.meshgrid(*(np.fft.fftfreq(m, 1 / m) for m in counts), indexing="ij"), axis=-1) / lengths
+    waves = (
+        np.stack(np.meshgrid(*(np.fft.fftfreq(m, 1 / m) for m in counts), indexing="ij"), axis=-1)
+        / lengths
+    )
 
     def spectrum(balls: Any) -> np.ndarray:
         moduli = np.linalg.norm(waves, axis=-1)
-        factors = {r: r**dim * bump.radial_spectrum(r * moduli, dim) for r in set(balls[1].tolist())}
+        factors = {
+            r: r**dim * bump.radial_spectrum(r * moduli, dim) for r in set(balls[1].tolist())
+        }
         return sum(
-            factors[r] * np.exp(-2j * np.pi * (waves @ p)) for p, r in zip(balls[0], balls[1].tolist(), strict=True)
+            factors[r] * np.exp(-2j * np.pi * (waves @ p))
+            for p, r in zip(balls[0], balls[1].tolist(), strict=True)
         )
 
     volume = float(np.prod(lengths))
     lattice = np.fft.ifftn(spectrum(b) * spectrum(a).conj()).real * math.prod(counts) / volume
-    steps = np.stack(np.meshgrid(*(np.arange(m) for m in counts), indexing="ij"), axis=-1) * (lengths / counts)
+    steps = np.stack(np.meshgrid(*(np.arange(m) for m in counts), indexing="ij"), axis=-1) * (
+        lengths / counts
+    )
     lower, _ = overlap.domain
     ts = lower + np.mod(steps - lower, lengths)
     inside = (ts <= overlap.domain[1]).all(axis=-1)
@@ -121,7 +139,9 @@ def test_values_on_a_lattice_agree_with_an_fft_correlation(dim: int) -> None:
     assert overlap.value(ts)[inside] == pytest.approx(lattice[inside], abs=1e-9 * lattice.max())
     chosen = np.argwhere(inside)[:: max(1, inside.sum() // 20)]
     one_by_one = [overlap.value(ts[tuple(i)]) for i in chosen]
-    assert one_by_one == pytest.approx([lattice[tuple(i)] for i in chosen], abs=1e-9 * lattice.max())
+    assert one_by_one == pytest.approx(
+        [lattice[tuple(i)] for i in chosen], abs=1e-9 * lattice.max()
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -138,8 +158,12 @@ def test_gradient_agrees_with_finite_differences(dim: int) -> None:
     assert np.abs(gradients).max() > 1e-3
     for positions in (ts, ts[0]):
         value, gradient = overlap.value_and_gradient(positions)
-        assert value == pytest.approx(overlap.value(positions), abs=1e-8 * np.abs(overlap.value(ts)).max())
-        assert gradient == pytest.approx(overlap.gradient(positions), abs=1e-7 * np.abs(gradients).max())
+        assert value == pytest.approx(
+            overlap.value(positions), abs=1e-8 * np.abs(overlap.value(ts)).max()
+        )
+        assert gradient == pytest.approx(
+            overlap.gradient(positions), abs=1e-7 * np.abs(gradients).max()
+        )
 
 
 @settings(max_examples=8)
@@ -162,7 +186,9 @@ def test_rotation_gradient_agrees_with_finite_differences(seed: int, dim: int) -
     assert found == pytest.approx(expected, abs=1e-5 * scale + 1e-9)
     assert overlap.rotation_gradient(ts[0]) == pytest.approx(found[0], abs=1e-9 * scale)
     many = np.tile(ts, (8, 1))
-    assert overlap.rotation_gradient(many) == pytest.approx(np.concatenate([found] * 8), abs=1e-6 * scale)
+    assert overlap.rotation_gradient(many) == pytest.approx(
+        np.concatenate([found] * 8), abs=1e-6 * scale
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -174,7 +200,9 @@ def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
     ts[1, 2, 2] = overlap.domain[0] - 1e6
     values = overlap.value(ts)
     assert values.shape == (2, 3, 8)
-    assert values.ravel() == pytest.approx([overlap.value(t) for t in ts.reshape(-1, dim)], abs=1e-8 * values.max())
+    assert values.ravel() == pytest.approx(
+        [overlap.value(t) for t in ts.reshape(-1, dim)], abs=1e-8 * values.max()
+    )
     assert values[1, 2, 2] == values[1, 2, 3] == overlap.value(ts[1, 2, 3]) == 0.0
     assert (overlap.gradient(ts)[1, 2, 2:4] == 0.0).all()
     assert (overlap.gradient(ts[1, 2, 3]) == 0.0).all()
@@ -195,17 +223,26 @@ def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
     expected, _ = compute_ideals((a[0] @ matrix.T, a[1]), b, Bump(), ts)
     assert np.abs(turned.value(ts) - expected).max() <= turned.bound + 1e-12
     assert np.abs(turned.value(ts) - anew.value(ts)).max() <= turned.bound + anew.bound
-    assert (turned.lengths, turned.counts, turned.threshold) == (overlap.lengths, overlap.counts, overlap.threshold)
+    assert (turned.lengths, turned.counts, turned.threshold) == (
+        overlap.lengths,
+        overlap.counts,
+        overlap.threshold,
+    )
     back = turned.rotated(matrix.T)
     assert back.value(ts) == pytest.approx(overlap.value(ts), abs=1e-9 * expected.max() + 1e-12)
 
 
-# ---- what verdicts prove ---------------------------------------------------------------------------------------------
+# ---- what verdicts prove -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("max_pairs", [-1, 2**22], ids=["bands", "pairs"])
 @settings(max_examples=4)
-@given(seeds, st.sampled_from([2, 3]), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
+@given(
+    seeds,
+    st.sampled_from([2, 3]),
+    st.sampled_from([1.0, 2.0, 4.0, math.inf]),
+    st.sampled_from([0.5, 0.05]),
+)
 def test_verdicts_are_right_about_the_ideal_overlap(
     max_pairs: int, seed: int, dim: int, alpha: float, share: float
 ) -> None:
@@ -225,10 +262,20 @@ def test_verdicts_are_right_about_the_ideal_overlap(
     assert ((answers.frequencies >= 0) & (answers.frequencies <= 1.2 * overlap.frequencies)).all()
     for k, alone in enumerate(singles):
         assert isinstance(alone.verdict, Verdict)
-        assert alone.overlap == pytest.approx(answers.overlap[k], abs=alone.bound + answers.bound[k])
+        assert alone.overlap == pytest.approx(
+            answers.overlap[k], abs=alone.bound + answers.bound[k]
+        )
         if max_pairs < 0:
             assert alone == Separation(
-                *(each[k] for each in (answers.verdict, answers.frequencies, answers.overlap, answers.bound))
+                *(
+                    each[k]
+                    for each in (
+                        answers.verdict,
+                        answers.frequencies,
+                        answers.overlap,
+                        answers.bound,
+                    )
+                )
             )
 
 
@@ -253,18 +300,25 @@ def test_overlaps_near_the_threshold_are_decided(seed: int, dim: int) -> None:
 
 @settings(max_examples=5)
 @given(seeds, st.sampled_from([2, 3]), st.floats(0.0, 0.2), st.integers(1, 4))
-def test_verdicts_about_balls_are_right_near_contact(seed: int, dim: int, swell: float, classes: int) -> None:
+def test_verdicts_about_balls_are_right_near_contact(
+    seed: int, dim: int, swell: float, classes: int
+) -> None:
     a, b, rng = draw_ball_sets(dim, seed)
     result = FourierOverlap.of_shapes(a, b, a, b, swell=swell, classes=classes, tolerance=0.3)
-    rotation = Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
+    rotation = (
+        Rotation.random(random_state=seed).as_matrix() if dim == 3 else rng.uniform(-3.0, 3.0)
+    )
     overlap = result.rotated(rotation)
     matrix = (
         rotation
         if dim == 3
-        else np.array([[math.cos(rotation), -math.sin(rotation)], [math.sin(rotation), math.cos(rotation)]])
+        else np.array(
+            [[math.cos(rotation), -math.sin(rotation)], [math.sin(rotation), math.cos(rotation)]]
+        )
     )
     turned = (a[0] @ matrix.T, a[1])
-    # Place two balls along the line through their centers: just before and after they touch, and farther away.
+    # Place two balls along the line through their centers: just before and after they touch, and
+    # farther away.
     i, j = rng.integers(len(a[1]), size=30), rng.integers(len(b[1]), size=30)
     directions = rng.normal(size=(30, dim))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -287,21 +341,30 @@ def cover_polygon(shape: Any, side: float) -> tuple[Any, Any]:
     outer = points[shapely.distance(positions, shape) <= 0.708 * side]
     inside = shapely.contains(shape, positions)
     far = shapely.distance(positions[inside], shape.boundary)
-    return (outer, np.full(len(outer), 0.708 * side)), (points[inside][far > side], far[far > side] * (1.0 - 1e-9))
+    return (outer, np.full(len(outer), 0.708 * side)), (
+        points[inside][far > side],
+        far[far > side] * (1.0 - 1e-9),
+    )
 
 
 def test_verdicts_about_polygons_agree_with_shapely() -> None:
     robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
-    hollow = shapely.Polygon([(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]])
+    hollow = shapely.Polygon(
+        [(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]]
+    )
     (outer_a, inner_a), (outer_b, inner_b) = cover_polygon(robot, 0.06), cover_polygon(hollow, 0.06)
-    result = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02)
+    result = FourierOverlap.of_shapes(
+        outer_a, outer_b, inner_a, inner_b, swell=0.05, tolerance=0.02
+    )
     rng = np.random.default_rng(0)
     seen = np.zeros(3, dtype=int)
     for angle in (0.0, 1.0, -2.5):
         overlap = result.rotated(angle)
         ts = draw_placements(overlap, rng, 200)
         turned = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
-        collides = np.array([shapely.intersects(hollow, shapely.affinity.translate(turned, *t)) for t in ts])
+        collides = np.array(
+            [shapely.intersects(hollow, shapely.affinity.translate(turned, *t)) for t in ts]
+        )
         verdicts = overlap.separated(ts).verdict
         assert not collides[verdicts == Verdict.MISS].any()
         assert collides[verdicts == Verdict.HIT].all()
@@ -321,7 +384,9 @@ def test_verdicts_about_meshes_agree_with_fcl() -> None:
         return (points, np.full(len(points), 0.0867)), (points, inner)
 
     (outer_a, inner_a), (outer_b, inner_b) = (balls_of(box) for box in sides)
-    result = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2)
+    result = FourierOverlap.of_shapes(
+        outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2
+    )
     fixed = solids.box(sides[1])
     seen = np.zeros(3, dtype=int)
     for seed in range(2):
@@ -343,7 +408,7 @@ def test_separated_never_hits_without_inner_balls() -> None:
     assert set(verdicts.tolist()) == {Verdict.MISS, Verdict.UNDECIDED}
 
 
-# ---- how few it takes ------------------------------------------------------------------------------------------------
+# ---- how few it takes ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -358,7 +423,10 @@ def test_most_verdicts_about_overlaps_need_few_frequencies(dim: int) -> None:
         overlap = FourierOverlap(a, b, threshold=scale, tolerance=1e-2)
         answers = overlap.separated(draw_placements(overlap, rng, 400))
         decided = (answers.verdict != Verdict.UNDECIDED) & (answers.frequencies > 0)
-        assert decided.sum() > 20 and set(answers.verdict[decided].tolist()) == {Verdict.MISS, Verdict.HIT}
+        assert decided.sum() > 20 and set(answers.verdict[decided].tolist()) == {
+            Verdict.MISS,
+            Verdict.HIT,
+        }
         shares += (answers.frequencies[decided] / overlap.frequencies).tolist()
     assert np.median(shares) < 0.1
 
@@ -368,21 +436,39 @@ def test_verdicts_about_touching_need_no_frequency() -> None:
     overlap = FourierOverlap(a, b, band=8.0)
     for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
         assert overlap.separated(t) == Separation(Verdict.MISS, 0, 0.0, 0.0)
-    assert overlap.separated([0.0, 0.0]) == overlap.separated([0.0, 0.1]) == Separation(Verdict.HIT, 0, 0.0, math.inf)
+    assert (
+        overlap.separated([0.0, 0.0])
+        == overlap.separated([0.0, 0.1])
+        == Separation(Verdict.HIT, 0, 0.0, math.inf)
+    )
     assert overlap.separated([0.0, 0.3]).verdict is Verdict.UNDECIDED
-    assert FourierOverlap(a, b, band=8.0, threshold=1e-3).separated([1.5, 1.5]).verdict is Verdict.MISS
+    assert (
+        FourierOverlap(a, b, band=8.0, threshold=1e-3).separated([1.5, 1.5]).verdict is Verdict.MISS
+    )
 
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from([2, 3]))
-def test_single_placements_agree_with_batches_for_any_type_and_after_pickling(seed: int, dim: int) -> None:
+def test_single_placements_agree_with_batches_for_any_type_and_after_pickling(
+    seed: int, dim: int
+) -> None:
     a, b, rng = draw_ball_sets(dim, seed)
-    overlap = FourierOverlap(a, b, band=4.0).rotated(0.3 if dim == 2 else Rotation.from_rotvec([0.1, 0.2, 0.3]))
-    ts = np.concatenate([draw_placements(overlap, rng, 9), np.round(draw_placements(overlap, rng, 9))])
+    overlap = FourierOverlap(a, b, band=4.0).rotated(
+        0.3 if dim == 2 else Rotation.from_rotvec([0.1, 0.2, 0.3])
+    )
+    ts = np.concatenate(
+        [draw_placements(overlap, rng, 9), np.round(draw_placements(overlap, rng, 9))]
+    )
     expected = overlap.separated(ts)
     for copied in (overlap, pickle.loads(pickle.dumps(overlap))):
         for t, verdict, bound in zip(ts, expected.verdict, expected.bound, strict=True):
-            kinds = t, t.tolist(), tuple(t), t.astype(np.longdouble), (t.astype(int) if (t == np.round(t)).all() else t)
+            kinds = (
+                t,
+                t.tolist(),
+                tuple(t),
+                t.astype(np.longdouble),
+                (t.astype(int) if (t == np.round(t)).all() else t),
+            )
             for same in kinds:
                 assert copied.separated(same) == Separation(Verdict(int(verdict)), 0, 0.0, bound)
 
@@ -395,7 +481,7 @@ def test_verdicts_are_neither_true_nor_false(verdict: Verdict) -> None:
         assert not FourierOverlap(ONE, ONE, band=9.0).separated([0.0, 0.0]).verdict
 
 
-# ---- at the edges, and what is refused -------------------------------------------------------------------------------
+# ---- at the edges, and what is refused -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("alpha", [2.0, math.inf])
@@ -464,7 +550,10 @@ def test_repr_tells_balls_frequencies_and_threshold() -> None:
     overlap = FourierOverlap(a, b, band=2.0)
     shown = f"1 and 2 balls in the plane, {overlap.frequencies:,} frequencies"
     assert repr(overlap) == f"FourierOverlap({shown})"
-    assert repr(FourierOverlap(a, b, band=2.0, threshold=0.125)) == f"FourierOverlap({shown}, threshold 0.125)"
+    assert (
+        repr(FourierOverlap(a, b, band=2.0, threshold=0.125))
+        == f"FourierOverlap({shown}, threshold 0.125)"
+    )
     ball = ([[0.0, 0.0, 0.0]], 1.0)
     assert "in space" in repr(FourierOverlap(ball, ball, band=1.0))
 
@@ -491,7 +580,8 @@ SPACE = ([[0.0, 0.0, 0.0]], 0.2)
 
 
 INNER, OUTER = (
-    BallDecomposition([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
+    BallDecomposition([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1))
+    for kind in ("inner", "outer")
 )
 
 
@@ -507,13 +597,19 @@ INNER, OUTER = (
     (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
     (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
     (lambda: FourierOverlap(([[0.0, 0.0]], 1e-120), ([[0.0, 0.0]], 1e-120)), "underflow"),
-    (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
+    (
+        lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))),
+        "pass bump=",
+    ),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=-0.1), "swell"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
     (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
     (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
-    (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
+    (
+        lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1),
+        "inner_b is of kind 'outer'",
+    ),
     (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
     (lambda: FourierOverlap((None, None), ONE), "missing"),
     (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),

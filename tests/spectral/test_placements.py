@@ -35,7 +35,9 @@ def move(balls: Balls, t: np.ndarray, matrix: np.ndarray) -> Balls:
 
 def sum_areas(a: Balls, b: Balls) -> float:
     """Sum the areas common to two discs, by polygons of shapely."""
-    first, second = (shapely.buffer(shapely.points(centers), radii, quad_segs=64) for centers, radii in (a, b))
+    first, second = (
+        shapely.buffer(shapely.points(centers), radii, quad_segs=64) for centers, radii in (a, b)
+    )
     return float(shapely.area(shapely.intersection(first[:, None], second)).sum())
 
 
@@ -48,7 +50,9 @@ def sum_samples(a: Balls, b: Balls, cells: int) -> float:
 
     def sample(balls: Balls) -> np.ndarray:
         squares = ((points[:, None] - balls[0]) ** 2).sum(axis=2) / balls[1] ** 2
-        return np.where(squares < 1.0, np.exp(-squares / np.maximum(1.0 - squares, 1e-300)), 0.0).sum(axis=1)
+        return np.where(
+            squares < 1.0, np.exp(-squares / np.maximum(1.0 - squares, 1e-300)), 0.0
+        ).sum(axis=1)
 
     return float((sample(a) * sample(b)).sum() * side.prod())
 
@@ -83,12 +87,17 @@ def test_a_copy_finds_its_own_pose(dim: int, seed: int) -> None:
         rotations: Any = matrix @ rotation_of(0.1)
     else:
         matrix = Rotation.random(random_state=seed).as_matrix()
-        rotations = Rotation.from_matrix(matrix) * Rotation.from_rotvec(0.1 * rng.dirichlet(np.ones(3)))
+        rotations = Rotation.from_matrix(matrix) * Rotation.from_rotvec(
+            0.1 * rng.dirichlet(np.ones(3))
+        )
     t = rng.uniform(-5.0, 5.0, dim)
     b = move(a, t, matrix)
     decoys = t + rng.uniform(-4.0 if dim == 2 else -2.5, 4.0 if dim == 2 else 2.5, (40, dim))
     apart = np.linalg.norm(decoys[:, None] - b[0], axis=2).min(axis=1) > 0.8
-    among = np.concatenate([b[0], decoys[apart]]), np.concatenate([b[1], np.full(apart.sum(), 0.15)])
+    among = (
+        np.concatenate([b[0], decoys[apart]]),
+        np.concatenate([b[1], np.full(apart.sum(), 0.15)]),
+    )
     best = best_placements(a, among, rotations, n=1)
     # By Cauchy and Schwarz no score of a copy is above the integral of the squared descriptor.
     whole = sum_samples(b, b, 300 if dim == 2 else 60)
@@ -103,7 +112,9 @@ def test_scores_are_overlaps_less_the_penalty(seed: int, dim: int, penalty: floa
     a, b, avoid = (draw_balls(rng, 5, dim, side) for side in (0.5, 1.5, 1.5))
     rotations = 8 if dim == 2 else Rotation.random(4, random_state=seed)
     best = best_placements(a, b, rotations, n=4, avoid=avoid, penalty=penalty)
-    wanted, unwanted = (FourierOverlap(a, balls, band=12.0 if dim == 2 else 6.0) for balls in (b, avoid))
+    wanted, unwanted = (
+        FourierOverlap(a, balls, band=12.0 if dim == 2 else 6.0) for balls in (b, avoid)
+    )
     for score, bound, t, matrix in zip(*best, strict=True):
         overlaps = wanted.rotated(matrix), unwanted.rotated(matrix)
         expected = overlaps[0].value(t) - penalty * overlaps[1].value(t)
@@ -118,17 +129,24 @@ def test_refined_placements_are_peaks_of_the_overlap(dim: int) -> None:
     rng = np.random.default_rng(5)
     a, b = draw_balls(rng, 5, dim, 0.6), draw_balls(rng, 9, dim, 1.5)
     rotations: Any = 6 if dim == 2 else Rotation.random(6, random_state=1)
-    best, rough = (best_placements(a, b, rotations, n=3, refine_rotations=turn) for turn in (True, False))
+    best, rough = (
+        best_placements(a, b, rotations, n=3, refine_rotations=turn) for turn in (True, False)
+    )
     assert best.scores[0] > rough.scores[0]
     overlap = FourierOverlap(a, b, band=12.0 if dim == 2 else 6.0)
     for t, matrix in zip(best.translations, best.rotations, strict=True):
         rotated = overlap.rotated(matrix)
         far = np.linalg.norm(rotated.gradient(t + 0.05))
         assert np.linalg.norm(rotated.gradient(t)) < 0.05 * far
-        assert np.linalg.norm(rotated.rotation_gradient(t)) < 0.05 * np.linalg.norm(rotated.rotation_gradient(t + 0.05))
+        assert np.linalg.norm(rotated.rotation_gradient(t)) < 0.05 * np.linalg.norm(
+            rotated.rotation_gradient(t + 0.05)
+        )
     given_ones = Rotations.of(6).centers[:, 0] if dim == 2 else rotations.as_matrix()
     given_ones = [rotation_of(angle) for angle in given_ones] if dim == 2 else given_ones
-    assert all(np.abs(np.array(given_ones) - matrix).max(axis=(1, 2)).min() < 1e-12 for matrix in rough.rotations)
+    assert all(
+        np.abs(np.array(given_ones) - matrix).max(axis=(1, 2)).min() < 1e-12
+        for matrix in rough.rotations
+    )
 
 
 @settings(max_examples=5)
@@ -137,7 +155,9 @@ def test_placements_are_distinct(seed: int, separation: float) -> None:
     rng = np.random.default_rng(seed)
     a, b = draw_balls(rng, 4, 2, 0.5), draw_balls(rng, 8, 2, 2.0)
     best = best_placements(a, b, 12, n=6, separation=separation, bump=Bump(4.0))
-    moved = [move(a, t, matrix)[0] for t, matrix in zip(best.translations, best.rotations, strict=True)]
+    moved = [
+        move(a, t, matrix)[0] for t, matrix in zip(best.translations, best.rotations, strict=True)
+    ]
     for one, other in itertools.combinations(moved, 2):
         assert math.sqrt(((one - other) ** 2).sum(axis=1).mean()) >= separation * (1.0 - 1e-9)
 
@@ -157,7 +177,11 @@ def test_configurations_hold_a_yaw_or_a_quaternion() -> None:
         best = best_placements(a, b, rotations, n=2)
         q = best.configurations
         assert q[:, :dim] == pytest.approx(best.translations)
-        again = [rotation_of(yaw) for yaw in q[:, 2]] if dim == 2 else Rotation.from_quat(q[:, 3:]).as_matrix()
+        again = (
+            [rotation_of(yaw) for yaw in q[:, 2]]
+            if dim == 2
+            else Rotation.from_quat(q[:, 3:]).as_matrix()
+        )
         assert np.array(again) == pytest.approx(best.rotations)
 
 
@@ -187,6 +211,8 @@ DISC, BALL = ([[0.0, 0.0]], [0.3]), ([[0.0, 0.0, 0.0]], [0.3])
     ((DISC, DISC, Rotations.quaternions(2)), {}, "in the plane turns"),
     ((BALL, BALL, [0.0, 1.0]), {}, "a Rotation"),
 )
-def test_best_placements_refuses_invalid_arguments(arguments: Any, options: Any, message: str) -> None:
+def test_best_placements_refuses_invalid_arguments(
+    arguments: Any, options: Any, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         best_placements(*arguments, **options)

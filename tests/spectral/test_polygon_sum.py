@@ -59,7 +59,10 @@ def cross(one, other):
     (a, b), (c, d) = one, other
     signs = orientation(a, b, c), orientation(a, b, d), orientation(c, d, a), orientation(c, d, b)
     if signs == (0, 0, 0, 0):
-        return all(max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k])) for k in (0, 1))
+        return all(
+            max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k]))
+            for k in (0, 1)
+        )
     return signs[0] * signs[1] <= 0 and signs[2] * signs[3] <= 0
 
 
@@ -80,7 +83,10 @@ def polygons(draw, numbers=NUMBERS):
     count, center = draw(st.integers(3, 7)), (draw(numbers), draw(numbers))
     angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
     radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
-    ring = [(center[0] + r * math.cos(a), center[1] + r * math.sin(a)) for a, r in zip(angles, radii, strict=True)]
+    ring = [
+        (center[0] + r * math.cos(a), center[1] + r * math.sin(a))
+        for a, r in zip(angles, radii, strict=True)
+    ]
     polygon = shapely.Polygon(ring)
     if draw(st.booleans()):
         polygon = shapely.Polygon(ring, [center + 0.3 * (np.array(ring) - center)])
@@ -96,7 +102,12 @@ def rectilinear(draw):
 
 
 def usable(geometry):
-    return geometry.geom_type == "Polygon" and not geometry.is_empty and geometry.is_valid and geometry.area > 1e-6
+    return (
+        geometry.geom_type == "Polygon"
+        and not geometry.is_empty
+        and geometry.is_valid
+        and geometry.area > 1e-6
+    )
 
 
 def check_bounds(first, second, points):
@@ -141,16 +152,22 @@ def test_area_agrees_with_clipper(first, second):
     if not (usable(first) and usable(second)):
         return
     scale, (one, other) = 2**30, [np.array(each.exterior.coords)[:-1] for each in (first, second)]
-    paths = pyclipper.MinkowskiSum(np.rint(one * scale).astype(int), np.rint(other * scale).astype(int), True)
+    paths = pyclipper.MinkowskiSum(
+        np.rint(one * scale).astype(int), np.rint(other * scale).astype(int), True
+    )
     parts = [shapely.make_valid(shapely.Polygon(np.array(path) / scale)) for path in paths]
-    theirs = shapely.union_all([*parts, shapely.Polygon(one + other[0]), shapely.Polygon(other + one[0])])
+    theirs = shapely.union_all(
+        [*parts, shapely.Polygon(one + other[0]), shapely.Polygon(other + one[0])]
+    )
     outer = minkowski_sum(shapely.Polygon(one), shapely.Polygon(other)).outer
     assert fill_holes(outer).symmetric_difference(fill_holes(theirs)).area < 1e-6
 
 
 def fill_holes(geometry):
     """Return a geometry without its holes."""
-    return shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(geometry)])
+    return shapely.union_all(
+        [shapely.Polygon(part.exterior) for part in shapely.get_parts(geometry)]
+    )
 
 
 def test_lines_points_and_collections_have_sums():
@@ -159,7 +176,9 @@ def test_lines_points_and_collections_have_sums():
     assert outer.covers(shapely.union_all([shapely.box(0, 0, 3, 1), shapely.box(2, 0, 3, 4)]))
     assert inner.area == pytest.approx(3 + 3, abs=1e-6) and outer.area == pytest.approx(6, abs=1e-6)
     inner, outer = minkowski_sum(shapely.LineString([(0, 0), (1, 0)]), shapely.Point(2, 2))
-    assert inner.is_empty and outer.covers(shapely.LineString([(2, 2), (3, 2)])) and outer.area < 1e-6
+    assert (
+        inner.is_empty and outer.covers(shapely.LineString([(2, 2), (3, 2)])) and outer.area < 1e-6
+    )
     both = shapely.MultiPolygon([square, shapely.box(5, 5, 6, 6)])
     assert minkowski_sum(both, square).inner.area == pytest.approx(8.0, abs=1e-6)
 
@@ -167,7 +186,10 @@ def test_lines_points_and_collections_have_sums():
 def test_holes_remain_unless_filled():
     frame = shapely.Polygon(shapely.box(0, 0, 3, 3).exterior, [shapely.box(1, 1, 2, 2).exterior])
     inner, outer = minkowski_sum(frame, shapely.box(-0.25, -0.25, 0.25, 0.25))
-    assert inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6) and len(outer.interiors) == len(inner.interiors) == 1
+    assert (
+        inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6)
+        and len(outer.interiors) == len(inner.interiors) == 1
+    )
     assert not minkowski_sum(frame, shapely.box(0, 0, 1.5, 1.5)).outer.interiors
 
 
@@ -183,10 +205,22 @@ def test_coordinates_may_be_large():
 
 @refusals(
     "arguments, error, expected",
-    ((shapely.Point(0, 0), Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]])), InputError, "is a Point, no Desc"),
+    (
+        (shapely.Point(0, 0), Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]])),
+        InputError,
+        "is a Point, no Desc",
+    ),
     ((shapely.Polygon(), shapely.Point(0, 0)), GeometryError, "empty"),
-    ((shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), shapely.Point(0, 0)), GeometryError, "polygons"),
-    ((shapely.Point(0, 0).buffer(1, 4000).boundary,) * 2, InputError, "at most 10,000,000 are united; simplify"),
+    (
+        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), shapely.Point(0, 0)),
+        GeometryError,
+        "polygons",
+    ),
+    (
+        (shapely.Point(0, 0).buffer(1, 4000).boundary,) * 2,
+        InputError,
+        "at most 10,000,000 are united; simplify",
+    ),
 )
 def test_minkowski_sum_refuses_invalid_geometries(arguments, error, expected):
     with pytest.raises(error, match=expected):

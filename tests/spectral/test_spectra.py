@@ -45,15 +45,21 @@ def draw_lattice(lengths, counts, number=50, seed=1):
             list(itertools.product(*((0, m // 2, (m - 1) // 2, m - 1) for m in counts))),
         ]
     )
-    k = np.stack([np.fft.fftfreq(m, 1.0 / m)[positions[:, a]] for a, m in enumerate(counts)], axis=1)
+    k = np.stack(
+        [np.fft.fftfreq(m, 1.0 / m)[positions[:, a]] for a, m in enumerate(counts)], axis=1
+    )
     return tuple(positions.T), k / lengths
 
 
 @pytest.mark.parametrize("bump", BUMPS, ids=str)
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 @pytest.mark.parametrize(("number", "classes"), [(30, 2), (700, 3), (110, 110)])
-@pytest.mark.parametrize(("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7))])
-def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, classes, counts, lengths):
+@pytest.mark.parametrize(
+    ("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7))]
+)
+def test_ball_spectrum_agrees_with_the_direct_sum(
+    bump, tolerance, number, classes, counts, lengths
+):
     centers, radii = draw_scene(len(counts), number, classes)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     assert spectrum.shape == counts
@@ -66,13 +72,17 @@ def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, class
 
 @pytest.mark.parametrize("bump", BUMPS, ids=str)
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
-@pytest.mark.parametrize(("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))])
+@pytest.mark.parametrize(
+    ("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))]
+)
 def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths):
     centers, radii = draw_scene(len(counts), 1000, 100_000)
     position, frequencies = draw_lattice(lengths, counts, number=5)
     largest = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
     moduli = np.linspace(0.0, largest, 9)
-    basis = radius_basis(bump, radii, moduli, len(counts), tolerance, max_terms={2: 30, 3: 15}[len(counts)])
+    basis = radius_basis(
+        bump, radii, moduli, len(counts), tolerance, max_terms={2: 30, 3: 15}[len(counts)]
+    )
     assert basis is not None and len(list(basis)) < 30
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     expected = sum_directly(centers, radii, bump, frequencies)
@@ -86,25 +96,41 @@ def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths
 def test_spectra_are_hermitian_additive_and_shift_by_phases(dim, seed):
     rng = np.random.default_rng(seed)
     centers, radii = draw_scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
-    counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)
+    counts, lengths, bump = (
+        tuple(rng.integers(3, 20, dim).tolist()),
+        rng.uniform(2.7, 5.0, dim),
+        Bump(2.0),
+    )
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts)
     size = 1e-8 * spectrum.flat[0].real
-    # The spectrum of a real function is Hermitian; the Nyquist frequency of an even count has no partner.
+    # The spectrum of a real function is Hermitian; the Nyquist frequency of an even count has no
+    # partner.
     position = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
-    partner = np.ix_(*(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts))
+    partner = np.ix_(
+        *(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts)
+    )
     np.testing.assert_allclose(spectrum[position], spectrum[partner].conj(), atol=size)
     # A translation multiplies by a phase, which is 1 for a whole period.
     shift = rng.uniform(-3, 3, dim)
     axes = [np.fft.fftfreq(m, 1.0 / m) / length for m, length in zip(counts, lengths, strict=True)]
-    phase = np.exp(-2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
+    phase = np.exp(
+        -2j
+        * math.pi
+        * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij"))
+    )
     np.testing.assert_allclose(
         ball_spectrum(centers + shift, radii, bump, lengths, counts), spectrum * phase, atol=size
     )
-    np.testing.assert_allclose(ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), spectrum, atol=size)
+    np.testing.assert_allclose(
+        ball_spectrum(centers + 5 * lengths, radii, bump, lengths, counts), spectrum, atol=size
+    )
     # Balls add up.
     half = len(centers) // 2
     if half:
-        parts = [ball_spectrum(centers[s], radii[s], bump, lengths, counts) for s in (slice(half), slice(half, None))]
+        parts = [
+            ball_spectrum(centers[s], radii[s], bump, lengths, counts)
+            for s in (slice(half), slice(half, None))
+        ]
         np.testing.assert_allclose(sum(parts), spectrum, atol=size)
 
 
@@ -116,10 +142,15 @@ def test_ball_spectrum_is_the_fourier_series_of_the_descriptor(dim):
     spectrum = ball_spectrum(centers, balls.radii, balls.bump, length, counts, 1e-10)
     lower = (centers.min(axis=0) + centers.max(axis=0)) / 2 - length / 2
     grid = Grid(lower, length / 96, counts)
-    # Its inverse, shifted to the cell centers, equals the samples except for the frequencies above the band.
+    # Its inverse, shifted to the cell centers, equals the samples except for the frequencies above
+    # the band.
     shift = np.array(grid.center_of([0] * dim))
     axes = [np.fft.fftfreq(96, 1.0 / 96) / length] * dim
-    phase = np.exp(2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
+    phase = np.exp(
+        2j
+        * math.pi
+        * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij"))
+    )
     back = np.fft.ifftn(spectrum * phase).real * 96**dim / length**dim
     assert np.abs(back - balls.sample(grid).values).max() < 5e-3
 

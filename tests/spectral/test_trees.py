@@ -65,15 +65,22 @@ def test_verdicts_about_balls_are_proofs(seed: int, dim: int) -> None:
 
 @settings(max_examples=25)
 @given(seeds, st.sampled_from([2, 3]))
-def test_verdicts_about_shapes_take_outer_balls_for_misses_and_inner_ones_for_hits(seed: int, dim: int) -> None:
+def test_verdicts_about_shapes_take_outer_balls_for_misses_and_inner_ones_for_hits(
+    seed: int, dim: int
+) -> None:
     rng = np.random.default_rng(seed)
     a, b = draw_sets(rng, dim)
     inside = (a[0], 0.5 * a[1]), (b[0], 0.5 * b[1])
     overlap = FourierOverlap.of_shapes(a, b, *inside, swell=0.1, classes=2)
     blind = FourierOverlap.of_shapes(a, b, swell=0.1, classes=2)
     ts = np.concatenate([draw_contacts(rng, a, b, 6), draw_contacts(rng, *inside, 6)])
-    for t, verdict, less in zip(ts, overlap.separated(ts).verdict, blind.separated(ts).verdict, strict=True):
-        apart, meets = compute_exact_depth(a, b, t) < 1e-11, compute_exact_depth(*inside, t) > -1e-11
+    for t, verdict, less in zip(
+        ts, overlap.separated(ts).verdict, blind.separated(ts).verdict, strict=True
+    ):
+        apart, meets = (
+            compute_exact_depth(a, b, t) < 1e-11,
+            compute_exact_depth(*inside, t) > -1e-11,
+        )
         assert verdict != Verdict.MISS or apart
         assert verdict != Verdict.HIT or meets
         assert less == (Verdict.MISS if verdict == Verdict.MISS else Verdict.UNDECIDED)

@@ -26,12 +26,16 @@ def random_workspace(shape, seed=0, two=False):
     rng = np.random.default_rng(seed)
     outer = rng.random(shape) < (0.01 if len(shape) == 2 else 0.003)
     inner = outer & (rng.random(shape) < 0.5) if two else None
-    return cspace.Workspace.from_array(outer, 0.1, lower=rng.uniform(-1, 1, len(shape)), inner=inner)
+    return cspace.Workspace.from_array(
+        outer, 0.1, lower=rng.uniform(-1, 1, len(shape)), inner=inner
+    )
 
 
 def tiles_of(path):
     """Return the folders of finished tiles by name."""
-    return {entry.name: entry for entry in path.iterdir() if re.fullmatch(r"\d+(\.\d+)+", entry.name)}
+    return {
+        entry.name: entry for entry in path.iterdir() if re.fullmatch(r"\d+(\.\d+)+", entry.name)
+    }
 
 
 def check_states(path, space):
@@ -61,15 +65,23 @@ def test_tiled_build_equals_the_map_in_memory(name, outside, tmp_path):
     shape, robot, rotations = MAP_INPUTS[name]
     workspace = random_workspace(shape, two=outside == "free")
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
-    tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7)
+    tiled = cspace.build(
+        workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7
+    )
     check_states(tmp_path / "m", space)
     assert tiled.progress == 1.0
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=10)
-@given(seed=st.integers(0, 2**16), tile=st.tuples(st.integers(1, 50), st.integers(1, 50)), data=st.data())
-def test_tiled_build_equals_the_map_in_memory_for_any_tile_and_method(seed, tile, data, tmp_path_factory):
+@given(
+    seed=st.integers(0, 2**16),
+    tile=st.tuples(st.integers(1, 50), st.integers(1, 50)),
+    data=st.data(),
+)
+def test_tiled_build_equals_the_map_in_memory_for_any_tile_and_method(
+    seed, tile, data, tmp_path_factory
+):
     shape = data.draw(st.tuples(st.integers(1, 24), st.integers(1, 24)))
     workspace = random_workspace(shape, seed, two=data.draw(st.booleans()))
     options = {
@@ -93,7 +105,7 @@ def test_tiled_build_of_a_real_map_keeps_unknown_cells(data, tmp_path):
         check_states(tmp_path / unknown, cspace.build(workspace, robot))
 
 
-# ---- faults ----------------------------------------------------------------------------------------------------------
+# ---- faults --------------------------------------------------------------------------------------
 
 
 def build_in_a_child(workspace, robot, path):
@@ -160,7 +172,7 @@ def test_build_resumes_after_a_full_disk(tmp_path, monkeypatch):
     check_states(tmp_path / "m", space)
 
 
-# ---- damaged and forged folders --------------------------------------------------------------------------------------
+# ---- damaged and forged folders ------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +184,9 @@ def built(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["zarr.json", "slice_of/zarr.json", "slice_of/c/0", "exterior/c/0/0"])
+@pytest.mark.parametrize(
+    "name", ["zarr.json", "slice_of/zarr.json", "slice_of/c/0", "exterior/c/0/0"]
+)
 @pytest.mark.parametrize("change", ["flip", "cut", "remove"])
 def test_damaged_shared_files_are_refused_by_open(built, tmp_path, name, change):
     path = shutil.copytree(built / "m", tmp_path / "m")
@@ -265,7 +279,7 @@ def test_forged_attributes_are_refused_by_open(built, tmp_path, change):
         cspace.open(path)
 
 
-# ---- refusals --------------------------------------------------------------------------------------------------------
+# ---- refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("tile", [0, -3, 2.5, "9", (4, 4, 4), None, (3, 0)])
@@ -276,7 +290,9 @@ def test_build_rejects_invalid_tiles(tile, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "other", [{"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}], ids=str
+    "other",
+    [{"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}],
+    ids=str,
 )
 def test_build_rejects_maps_with_other_options(tmp_path, other):
     workspace = random_workspace((9, 9))
@@ -303,7 +319,8 @@ def test_build_rejects_other_obstacles_robots_and_rotations(tmp_path):
 
 def test_build_rejects_other_shapes_of_the_same_cells(tmp_path):
     first, other = (
-        cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1)) for far in (0, 1e-4)
+        cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1))
+        for far in (0, 1e-4)
     )
     assert (first.outer == other.outer).all()
     cspace.build(first, CAR, store=tmp_path / "p", tile=4)

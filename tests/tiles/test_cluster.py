@@ -75,8 +75,18 @@ class Live:
     def __init__(self, folder):
         self.folder, self.processes = folder, []
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        self.forks = subprocess.Popen([sys.executable, "-c", FORK_SERVER], cwd="/", text=True, **pipes)
-        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(folder / "scheduler"))
+        self.forks = subprocess.Popen(
+            [sys.executable, "-c", FORK_SERVER], cwd="/", text=True, **pipes
+        )
+        self.start(
+            "scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--scheduler-file",
+            str(folder / "scheduler"),
+        )
         while not (folder / "scheduler").exists():
             time.sleep(0.05)
         self.address = json.loads((folder / "scheduler").read_text())["address"]
@@ -89,7 +99,15 @@ class Live:
         return self.processes[-1]
 
     def worker(self, *more, code=ROOT):
-        options = ("--nthreads", "1", "--memory-limit", "2GB", "--no-nanny", "--local-directory", str(self.folder))
+        options = (
+            "--nthreads",
+            "1",
+            "--memory-limit",
+            "2GB",
+            "--no-nanny",
+            "--local-directory",
+            str(self.folder),
+        )
         return self.start("worker", self.address, *options, *more, code=code)
 
     def client(self, workers):
@@ -108,12 +126,16 @@ def live(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("code", "version"), [('__version__ = "0.0.9"', r"0\.0\.9"), ("raise ImportError", "none")], ids=["older", "none"]
+    ("code", "version"),
+    [('__version__ = "0.0.9"', r"0\.0\.9"), ("raise ImportError", "none")],
+    ids=["older", "none"],
 )
 def test_workers_with_another_version_are_rejected(live, code, version, tmp_path):
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
-    message = rf"workers with cspace {version}; all must have cspace {re.escape(cspace.__version__)}"
+    message = (
+        rf"workers with cspace {version}; all must have cspace {re.escape(cspace.__version__)}"
+    )
     other = live.worker(code=tmp_path)
     with live.client(1) as client:
         with pytest.raises(InputError, match=message):
@@ -136,7 +158,11 @@ def press_control_c(command, cwd, text):
     if process == 0:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells make background processes ignore it
         os.chdir(cwd)
-        os.execve(command[0], command, {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "TERM": "xterm"})
+        os.execve(
+            command[0],
+            command,
+            {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "TERM": "xterm"},
+        )
     seen, pressed = "", False
     with suppress(OSError):  # Linux raises at the end of a terminal
         while part := os.read(terminal, 65536):
@@ -173,13 +199,28 @@ Therefore the interrupt comes before the last tile.
 def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monkeypatch):
     # The command runs in another folder than the workers.
     workspace = random_workspace((300, 250))
-    zarr.create_array(tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True})
+    zarr.create_array(
+        tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True}
+    )
     (tmp_path / "waits.py").write_text(SLOW_WORKER.format(str(tmp_path / "go on")))
     live.worker("--preload", str(tmp_path / "waits.py"))
-    command = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
+    command = [
+        "map",
+        "site.zarr",
+        "--spacing",
+        "0.1",
+        "--robot",
+        "rect:0.5x0.2",
+        "--rotations",
+        "8",
+        "--tile",
+        "25",
+    ]
     command += ["--scheduler", live.address, "-o", "m.zarr"]
     with live.client(1):
-        seen, code = press_control_c([sys.executable, "-m", "cspace", *command], tmp_path, " of 120 tiles, ")
+        seen, code = press_control_c(
+            [sys.executable, "-m", "cspace", *command], tmp_path, " of 120 tiles, "
+        )
         assert code == 130, seen
         assert "cells/s" in seen
         assert "interrupted" in seen
@@ -188,7 +229,10 @@ def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monke
         monkeypatch.chdir(tmp_path)
         result = run(*command)
     assert result.exit_code == 0
-    robot, cells = cspace.Robot.rectangle(0.5, 0.2), cspace.Workspace.from_array(workspace.outer, 0.1)
+    robot, cells = (
+        cspace.Robot.rectangle(0.5, 0.2),
+        cspace.Workspace.from_array(workspace.outer, 0.1),
+    )
     check_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
 
 
@@ -203,14 +247,19 @@ def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
         cspace.build(lazy, CAR, store=tmp_path / "lazy", tile=40, client=client)
     check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
     assert steps[-1] == (20, 20)
-    check_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
+    check_states(
+        tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR)
+    )
 
 
 def test_workers_forget_a_map_that_another_one_replaces(live, tmp_path):
     # The stores of all maps have one path, and the workspace of the first three is the same.
     workspace, wall = random_workspace((60, 50)), np.zeros((64, 64), dtype=bool)
     wall[5, :54] = True
-    maps = [(workspace, cspace.Robot.disc(radius), margin) for radius, margin in ((0.1, 0.0), (0.4, 0.0), (0.1, 0.5))]
+    maps = [
+        (workspace, cspace.Robot.disc(radius), margin)
+        for radius, margin in ((0.1, 0.0), (0.4, 0.0), (0.1, 0.5))
+    ]
     with live.client(1) as client:
         for cells, robot, margin in maps:
             shutil.rmtree(tmp_path / "m", ignore_errors=True)
@@ -223,8 +272,12 @@ def test_workers_forget_a_map_that_another_one_replaces(live, tmp_path):
             tiled.compute_components(client=client)
             space = cspace.build(cells, maps[0][1])
             starts, goals = np.random.default_rng(0).uniform(0.0, 0.1 * side, (2, 500, 2))
-            np.testing.assert_array_equal(tiled.is_disconnected(starts, goals), space.is_disconnected(starts, goals))
-            np.testing.assert_array_equal(tiled.is_connected(starts, goals), space.is_connected(starts, goals))
+            np.testing.assert_array_equal(
+                tiled.is_disconnected(starts, goals), space.is_disconnected(starts, goals)
+            )
+            np.testing.assert_array_equal(
+                tiled.is_connected(starts, goals), space.is_connected(starts, goals)
+            )
 
 
 def test_remaining_workers_finish_the_build(live, tmp_path):
@@ -235,7 +288,9 @@ def test_remaining_workers_finish_the_build(live, tmp_path):
             live.processes[-1].kill()
 
     with live.client(2) as client:
-        cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=25, client=client, progress=kill)
+        cspace.build(
+            workspace, CAR, rotations=8, store=tmp_path / "m", tile=25, client=client, progress=kill
+        )
         assert len(client.scheduler_info()["workers"]) == 1
     check_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
 
@@ -251,7 +306,15 @@ def test_build_resumes_after_the_scheduler_is_killed(live, tmp_path):
     with dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
         client = live.client(1)
         with pytest.raises(CspaceError, match="repeat the call"):
-            cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30, client=client, progress=kill)
+            cspace.build(
+                workspace,
+                CAR,
+                rotations=8,
+                store=tmp_path / "m",
+                tile=30,
+                client=client,
+                progress=kill,
+            )
         client.close()
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     space = cspace.build(workspace, CAR, rotations=8)

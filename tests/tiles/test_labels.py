@@ -29,13 +29,17 @@ def test_connectivity_equals_the_map_in_memory(name, outside, tmp_path):
 
 
 @settings(max_examples=12)
-@given(seed=st.integers(0, 2**16), tile=st.integers(3, 20), density=st.sampled_from([0.05, 0.3, 0.5]))
+@given(
+    seed=st.integers(0, 2**16), tile=st.integers(3, 20), density=st.sampled_from([0.05, 0.3, 0.5])
+)
 def test_connectivity_in_mazes_equals_the_map_in_memory(seed, tile, density, tmp_path_factory):
     # Random walls wind through many tiles; a robot smaller than a cell leaves undecided pairs.
     rng = np.random.default_rng(seed)
     outer = rng.random((22, 17)) < density
     workspace = cspace.Workspace.from_array(outer, 0.1)
-    robot, rotations = (cspace.Robot.disc(0.04), None) if seed % 2 else (cspace.Robot.rectangle(0.16, 0.02), 6)
+    robot, rotations = (
+        (cspace.Robot.disc(0.04), None) if seed % 2 else (cspace.Robot.rectangle(0.16, 0.02), 6)
+    )
     path = tmp_path_factory.mktemp("maze") / "m"
     space = cspace.build(workspace, robot, rotations=rotations)
     tiled = cspace.build(workspace, robot, rotations=rotations, store=path, tile=tile)
@@ -48,7 +52,9 @@ def test_connectivity_in_mazes_equals_the_map_in_memory(seed, tile, density, tmp
 
 FORGED_COMPONENTS = {
     "fewer offsets": lambda saved: saved.update(offsets_0=saved["offsets_0"][:-1]),
-    "falling offsets": lambda saved: saved.update(offsets_1=saved["offsets_1"][::-1] - saved["offsets_1"][-1]),
+    "falling offsets": lambda saved: saved.update(
+        offsets_1=saved["offsets_1"][::-1] - saved["offsets_1"][-1]
+    ),
     "pairs of no nodes": lambda saved: saved["pairs_1"].__iadd__(10**6),
     "pairs of floats": lambda saved: saved.update(pairs_0=saved["pairs_0"] + 0.5),
     "triples": lambda saved: saved.update(pairs_0=np.zeros((2, 3), dtype=np.int64)),
@@ -78,7 +84,9 @@ def test_components_with_other_numbers_of_nodes_are_refused(tmp_path):
     for kind in (0, 1):
         saved[f"offsets_{kind}"] += np.arange(21)
     np.savez(file, **saved)
-    q = np.random.default_rng(0).uniform([*space.grid.lower, -3.0], [*space.grid.upper, 3.0], (200, 3))
+    q = np.random.default_rng(0).uniform(
+        [*space.grid.lower, -3.0], [*space.grid.upper, 3.0], (200, 3)
+    )
     with pytest.raises(cspace.FileError, match="of another map"):
         cspace.open(tmp_path / "m").is_connected(q[:100], q[100:])
 
@@ -94,7 +102,9 @@ def test_lost_damaged_and_foreign_components_are_computed_again(tmp_path, conten
     cspace.open(tmp_path / "m").compute_components(progress=lambda *step: steps.append(step))
     assert not steps  # they were read
     if content == "another map":
-        other = cspace.build(random_workspace((40, 33), 1), CAR, rotations=4, store=tmp_path / "o", tile=9)
+        other = cspace.build(
+            random_workspace((40, 33), 1), CAR, rotations=4, store=tmp_path / "o", tile=9
+        )
         other.compute_components()
         file.write_bytes((tmp_path / "o" / "components.npz").read_bytes())
     elif content is None:

@@ -29,10 +29,12 @@ def test_motions_equal_the_map_in_memory(name, outside, tmp_path):
     q = draw_configurations(space, rng, 2000)
     ends = move(space, q, rng)
     ours, theirs = tiled.motion_is_free(q, ends), space.motion_is_free(q, ends)
-    # A motion that begins on the border of the grid and leaves it touches cells outside, which a map in memory ignores
-    # in the part of the motion before it leaves the first rotation cell.
+    # A motion that begins on the border of the grid and leaves it touches cells outside, which a
+    # map in memory ignores in the part of the motion before it leaves the first rotation cell.
     dim = space.grid.dim
-    from_border = (np.isclose(q[:, :dim], space.grid.lower) | np.isclose(q[:, :dim], space.grid.upper)).any(axis=1)
+    from_border = (
+        np.isclose(q[:, :dim], space.grid.lower) | np.isclose(q[:, :dim], space.grid.upper)
+    ).any(axis=1)
     assert not (ours & ~theirs).any()
     np.testing.assert_array_equal(ours[~from_border], theirs[~from_border])
     assert theirs.any() == ours.any() and not theirs.all()
@@ -45,7 +47,9 @@ def test_motions_equal_the_map_in_memory(name, outside, tmp_path):
     rotations=st.sampled_from([None, 1, 3, 8]),
     outside=st.sampled_from(["blocked", "free"]),
 )
-def test_motions_equal_the_map_in_memory_for_any_tile(seed, tile, rotations, outside, tmp_path_factory):
+def test_motions_equal_the_map_in_memory_for_any_tile(
+    seed, tile, rotations, outside, tmp_path_factory
+):
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("any") / "m"
     workspace = random_workspace(rng.integers(1, 40, 2), seed)
     options = {"rotations": rotations, "outside": outside}
@@ -54,7 +58,9 @@ def test_motions_equal_the_map_in_memory_for_any_tile(seed, tile, rotations, out
     q, ends = rng.uniform(-6.0, 9.0, (2, 400, space.size))
     near = move(space, q, rng)
     for first, last in ((q, ends), (q, near)):
-        np.testing.assert_array_equal(tiled.motion_is_free(first, last), space.motion_is_free(first, last))
+        np.testing.assert_array_equal(
+            tiled.motion_is_free(first, last), space.motion_is_free(first, last)
+        )
 
 
 @pytest.mark.parametrize("name", ["yaw", "yaw in space", "quaternions"])
@@ -65,7 +71,9 @@ def test_a_motion_by_half_a_turn_is_free_if_both_arcs_are(name, tmp_path):
     ends = q + rng.normal(size=q.shape) * rng.choice([0.2, 2.0], (len(q), 1))
     if name == "quaternions":
         x, y, z, w = q[:, dim:].T
-        ends[:, dim:] = np.stack([w, z, -y, -x], axis=1)  # turned by half a turn about the x axis of the robot
+        ends[:, dim:] = np.stack(
+            [w, z, -y, -x], axis=1
+        )  # turned by half a turn about the x axis of the robot
     else:
         ends[:, dim:] = q[:, dim:] + np.pi * rng.choice([-1, 1], (len(q), 1))
     for nudge in (0.0, 1e-12, 1e-8, 1e-5):
@@ -92,7 +100,9 @@ def test_a_thin_wall_at_a_border_of_tiles_stops_motions(tmp_path):
 
 def test_motions_along_and_through_borders_and_corners_of_tiles_are_free(tmp_path):
     workspace = cspace.Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.01), store=tmp_path / "m", tile=10, outside="free")
+    tiled = cspace.build(
+        workspace, cspace.Robot.disc(0.01), store=tmp_path / "m", tile=10, outside="free"
+    )
     for ends in (
         ([1.0, 0.0], [1.0, 4.0]),  # along a border
         ([0.0, 0.0], [4.0, 4.0]),  # through corners

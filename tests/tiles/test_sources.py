@@ -25,7 +25,10 @@ def lazy_arrays(cells, folder):
     np.save(folder / "a.npy", cells)
     mapped = np.load(folder / "a.npy", mmap_mode="r")
     stored = zarr.create_array(
-        str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10), config=WRITE_EMPTY_CHUNKS
+        str(folder / "a.zarr"),
+        data=cells.astype(np.uint8),
+        chunks=(10, 10),
+        config=WRITE_EMPTY_CHUNKS,
     )
     lazily = da.from_array(cells, chunks=(13, 7))
     return {
@@ -41,9 +44,17 @@ def lazy_arrays(cells, folder):
 def in_geotiff(cells, path):
     """Write cells as a GeoTIFF with rows from the north; open it lazily."""
     rasterio, rioxarray = pytest.importorskip("rasterio"), pytest.importorskip("rioxarray")
-    about = {"width": cells.shape[0], "height": cells.shape[1], "count": 1, "dtype": "uint8", "crs": "EPSG:32633"}
+    about = {
+        "width": cells.shape[0],
+        "height": cells.shape[1],
+        "count": 1,
+        "dtype": "uint8",
+        "crs": "EPSG:32633",
+    }
     north_west = rasterio.Affine(0.1, 0.0, 0.0, 0.0, -0.1, 0.1 * cells.shape[1])
-    with rasterio.open(path, "w", **about, transform=north_west, tiled=True, blockxsize=16, blockysize=16) as file:
+    with rasterio.open(
+        path, "w", **about, transform=north_west, tiled=True, blockxsize=16, blockysize=16
+    ) as file:
         file.write(np.where(cells, 200, 50).astype(np.uint8).T[::-1], 1)
     shades = rioxarray.open_rasterio(path, chunks=16).squeeze("band", drop=True)
     return (shades > 127).transpose("x", "y")[:, ::-1]
@@ -76,21 +87,26 @@ def test_arrays_are_read_tile_by_tile(tmp_path):
         with read_in_parts(workspace):
             cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
         expected = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
-        check_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(expected, 0.1), CAR))
+        check_states(
+            tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(expected, 0.1), CAR)
+        )
         np.testing.assert_array_equal(workspace.outer, expected)
 
 
 def test_shapes_are_rasterized_tile_by_tile(tmp_path):
     rng = np.random.default_rng(0)
     boxes = [
-        shapely.box(x, y, x + w, y + h) for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
+        shapely.box(x, y, x + w, y + h)
+        for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
     ]
     boxes.append(shapely.LineString([(0.3, 0.1), (3.9, 4.1)]))
     bounds = (0.1, 0.1, 4.4, 4.0)
     lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
     with read_in_parts(lazy):
         cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
-    check_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
+    check_states(
+        tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR)
+    )
     trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=2, radius=1.6)
     lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
@@ -100,15 +116,24 @@ def test_shapes_are_rasterized_tile_by_tile(tmp_path):
 
 
 @settings(max_examples=10)
-@given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
+@given(
+    seed=st.integers(0, 2**16),
+    spacing=st.sampled_from([0.05, 0.07, 1 / 3]),
+    tile=st.integers(3, 40),
+)
 def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, tmp_path_factory):
     # Rounding of a tile's lower corner changes no cell.
     rng = np.random.default_rng(seed)
     shape = rng.integers(8, 40, 2)
     lower = spacing * rng.integers(-1000, 1000, 2)
     corners = lower + spacing * rng.integers(0, shape, (6, 2))
-    parts = [shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners]
-    parts += [shapely.Point(corners[0]), shapely.LineString([corners[0], corners[0] + [3 * spacing, 2 * spacing]])]
+    parts = [
+        shapely.box(*corner, *(corner + spacing * rng.integers(1, 9, 2))) for corner in corners
+    ]
+    parts += [
+        shapely.Point(corners[0]),
+        shapely.LineString([corners[0], corners[0] + [3 * spacing, 2 * spacing]]),
+    ]
     bounds = (*lower, *(lower + spacing * shape))
     whole = cspace.Workspace.from_polygons(parts, spacing, bounds)
     lazy = cspace.Workspace.from_polygons(parts, spacing, bounds, lazy=True)
@@ -130,9 +155,13 @@ def lazy_pairs(cells, folder):
         "memmap transposed": (mapped[0].T, mapped[0]),
         "memmap in memory": (mapped[0].copy(), mapped[1].copy()),
         "dask": tuple(da.from_array(part, chunks=8) for part in cells),
-        "xarray of dask": tuple(xarray.DataArray(da.from_array(part, chunks=8), dims=("x", "y")) for part in cells),
+        "xarray of dask": tuple(
+            xarray.DataArray(da.from_array(part, chunks=8), dims=("x", "y")) for part in cells
+        ),
         "xarray of a memmap": tuple(xarray.DataArray(mapped[k], dims=("x", "y")) for k in (0, 1)),
-        "zarr": tuple(group.create_array(f"{k}", data=cells[k], config=WRITE_EMPTY_CHUNKS) for k in (0, 1)),
+        "zarr": tuple(
+            group.create_array(f"{k}", data=cells[k], config=WRITE_EMPTY_CHUNKS) for k in (0, 1)
+        ),
         "zarr in memory": tuple(
             zarr.create_array(store, data=part, config=WRITE_EMPTY_CHUNKS)
             for store, part in zip(stores, cells, strict=True)
@@ -179,7 +208,9 @@ def test_build_stops_if_its_source_changes(tmp_path):
 def test_lazy_arrays_with_swapped_dimensions_are_rejected():
     xarray, da = pytest.importorskip("xarray"), pytest.importorskip("dask.array")
     with pytest.raises(InputError, match="transpose"):
-        cspace.Workspace.from_array(xarray.DataArray(da.zeros((4, 5), dtype=bool), dims=("y", "x")), 0.1)
+        cspace.Workspace.from_array(
+            xarray.DataArray(da.zeros((4, 5), dtype=bool), dims=("y", "x")), 0.1
+        )
 
 
 def boxes_in_the_plane(rng):
@@ -190,7 +221,9 @@ def boxes_in_the_plane(rng):
         [shapely.MultiPoint(rng.uniform(0, 4, (5, 2))), shapely.GeometryCollection(parts[40:])]
     )
     lines = shapely.LineString(rng.uniform(0, 4, (4, 2)))
-    return cspace.Workspace.from_polygons([*parts[:40], nested, lines], 0.1, (0.3, 0.2, 4.2, 4.6), lazy=True)
+    return cspace.Workspace.from_polygons(
+        [*parts[:40], nested, lines], 0.1, (0.3, 0.2, 4.2, 4.6), lazy=True
+    )
 
 
 def balls_in_space(rng):
@@ -215,7 +248,9 @@ def test_parts_of_a_source_equal_the_whole(make):
         first = rng.integers(0, shape)
         box = tuple(
             slice(low, high)
-            for low, high in zip(first, np.minimum(first + rng.integers(1, 16, len(shape)), shape), strict=True)
+            for low, high in zip(
+                first, np.minimum(first + rng.integers(1, 16, len(shape)), shape), strict=True
+            )
         )
         for part, cells in zip(workspace.cells.read(box), whole, strict=True):
             np.testing.assert_array_equal(part, cells[box])

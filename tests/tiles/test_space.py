@@ -30,7 +30,10 @@ FOREIGN = {
 def build_both(name, folder, outside="blocked", tile=7, seed=0, two=False):
     """Build a map in memory and the same map in tiles."""
     shape, robot, rotations = MAP_INPUTS[name]
-    workspace, options = random_workspace(shape, seed, two), {"rotations": rotations, "outside": outside}
+    workspace, options = (
+        random_workspace(shape, seed, two),
+        {"rotations": rotations, "outside": outside},
+    )
     space = cspace.build(workspace, robot, **options)
     return space, cspace.build(workspace, robot, store=folder / "m.zarr", tile=tile, **options)
 
@@ -43,7 +46,12 @@ def test_queries_equal_the_map_in_memory(name, outside, tmp_path):
     q = draw_configurations(space, rng, 1500)
     np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
     np.testing.assert_array_equal(tiled.is_free(q), space.is_free(q))
-    for distance, angle in ((0.0, 0.0), (0.05, 0.2), (0.13, 0.0), (0.6, 1.0)):  # also beyond the halo
+    for distance, angle in (
+        (0.0, 0.0),
+        (0.05, 0.2),
+        (0.13, 0.0),
+        (0.6, 1.0),
+    ):  # also beyond the halo
         around = space.is_free_around(q[:300], distance, angle)
         np.testing.assert_array_equal(tiled.is_free_around(q[:300], distance, angle), around)
 
@@ -56,7 +64,9 @@ def test_clearance_equals_the_map_in_memory_up_to_the_halo(name, tmp_path):
     assert (tiled.clearance(q) >= np.minimum(space.clearance(q) - loss, most)).all()
     q = q[space.grid.contains(q[:, :dim])]
     assert (tiled.clearance(q) <= np.minimum(space.clearance(q) + loss, most)).all()
-    q[:, :dim] = space.grid.center_of(space.grid.cell_of(q[:, :dim]))  # where clearance is the distance
+    q[:, :dim] = space.grid.center_of(
+        space.grid.cell_of(q[:, :dim])
+    )  # where clearance is the distance
     expected = np.minimum(space.clearance(q), most)
     np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
     assert 0.0 < np.mean(expected > 0.0) < 1.0
@@ -77,7 +87,9 @@ def test_slice_rotations_match_slice_of(name, tmp_path):
     space, tiled = build_both(name, tmp_path)
     for each in (space, tiled, pickle.loads(pickle.dumps(space))):
         assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.size - space.grid.dim)
-        full = np.hstack([np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations])
+        full = np.hstack(
+            [np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations]
+        )
         assert each.slice_of[each.rotations.find_cells(full)].tolist() == list(range(len(full)))
         with pytest.raises(ValueError, match="read-only"):
             each.slice_of[0] = 7
@@ -131,12 +143,23 @@ def test_opened_map_keeps_its_properties_and_lacks_names_of_maps_in_memory(tmp_p
     space, _ = build_both("yaw", tmp_path)
     opened = cspace.open(tmp_path / "m.zarr")
     for each in (opened, pickle.loads(pickle.dumps(opened))):
-        assert (each.grid, each.axes, each.outside, each.size) == (space.grid, space.axes, space.outside, space.size)
-        assert (each.robot.spec, each.rotations, each.margin) == (space.robot.spec, space.rotations, space.margin)
+        assert (each.grid, each.axes, each.outside, each.size) == (
+            space.grid,
+            space.axes,
+            space.outside,
+            space.size,
+        )
+        assert (each.robot.spec, each.rotations, each.margin) == (
+            space.robot.spec,
+            space.rotations,
+            space.margin,
+        )
     assert "tiles of 7 x 7" in repr(opened)
     public = {name for name in dir(cspace.CSpace) if not name.startswith("_")}
     assert public - set(dir(opened)) == FOREIGN
-    assert not [name for name in dir(opened) if not name.startswith("_") and not hasattr(opened, name)]
+    assert not [
+        name for name in dir(opened) if not name.startswith("_") and not hasattr(opened, name)
+    ]
     for look_up in (opened.is_free, lambda q, **exact: opened.motion_is_free(q, q, **exact)):
         with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):
             look_up(np.zeros(3), exact=True)
@@ -156,17 +179,23 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     assert path[[0, -1]].tolist() == [[*start], [*goal]] and space.certify_path(path).all()
     for q in ((3.1, 2.0), (-0.4, 1.0)):
         ours, theirs = tiled.nearest_free(q), space.nearest_free(q)
-        assert np.linalg.norm(ours - q) == pytest.approx(np.linalg.norm(theirs - q)) and space.is_free(ours)
+        assert np.linalg.norm(ours - q) == pytest.approx(
+            np.linalg.norm(theirs - q)
+        ) and space.is_free(ours)
     walls[30:32] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
-    assert not cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15)._tile_subproblems(
-        start, goal
-    )
+    assert not cspace.build(
+        workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15
+    )._tile_subproblems(start, goal)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
-        cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(start)
+        cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(
+            start
+        )
 
 
-@pytest.mark.parametrize("q", [[np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]], [0.0, 0.0, 1e9]], ids=str)
+@pytest.mark.parametrize(
+    "q", [[np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]], [0.0, 0.0, 1e9]], ids=str
+)
 def test_queries_reject_invalid_configurations(tmp_path, q):
     _, tiled = build_both("yaw", tmp_path)
     for look_up in (

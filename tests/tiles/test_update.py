@@ -29,7 +29,10 @@ from tests.tiles.test_build import check_states, random_workspace, tiles_of
 def test_update_equals_a_new_build(seed, outside, two, name, tmp_path_factory):
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("update") / "m"
     shape, robot, rotations = MAP_INPUTS[name]
-    workspace, options = random_workspace(shape, seed, two), {"rotations": rotations, "outside": outside}
+    workspace, options = (
+        random_workspace(shape, seed, two),
+        {"rotations": rotations, "outside": outside},
+    )
     tiled = cspace.build(workspace, robot, store=path, tile=8, **options)
     space = cspace.build(workspace, robot, **options)
     for version in range(1, 4):
@@ -37,7 +40,10 @@ def test_update_equals_a_new_build(seed, outside, two, name, tmp_path_factory):
         lower = rng.integers(0, np.array(workspace.grid.shape) - size + 1)
         cells = rng.random(size) < rng.choice([0.0, 0.5, 1.0])
         inner = cells & (rng.random(size) < 0.5) if two else None
-        ours, theirs = tiled.update(cells, lower, inner=inner), space.update(cells, lower, inner=inner)
+        ours, theirs = (
+            tiled.update(cells, lower, inner=inner),
+            space.update(cells, lower, inner=inner),
+        )
         assert ours == theirs or not ours.occupied == theirs.occupied > 0
         assert (ours.occupied, ours.changed) == (theirs.occupied, theirs.changed)
         check_states(path, space)
@@ -50,9 +56,15 @@ def test_update_equals_a_new_build(seed, outside, two, name, tmp_path_factory):
 def test_update_keeps_tiles_out_of_reach_and_shapes_only_before(tmp_path):
     workspace = random_workspace((200, 200))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.3), store=tmp_path / "m", tile=20)
-    files = {name: (part / "cell_states/c/0/0/0").stat().st_ino for name, part in tiles_of(tmp_path / "m").items()}
+    files = {
+        name: (part / "cell_states/c/0/0/0").stat().st_ino
+        for name, part in tiles_of(tmp_path / "m").items()
+    }
     tiled.update(np.ones((3, 3), bool), (108, 108))
-    now = {name: (part / "cell_states/c/0/0/0").stat().st_ino for name, part in tiles_of(tmp_path / "m").items()}
+    now = {
+        name: (part / "cell_states/c/0/0/0").stat().st_ino
+        for name, part in tiles_of(tmp_path / "m").items()
+    }
     changed = {name for name in files if files[name] != now[name]}
     assert "5.5" in changed and len(changed) <= 9 and files.keys() == now.keys()
 
@@ -68,7 +80,9 @@ def test_a_build_does_not_resume_an_updated_map(tmp_path):
 
 
 def test_a_tile_of_the_map_before_an_update_is_refused(tmp_path):
-    space = cspace.build(random_workspace((30, 30)), cspace.Robot.disc(0.2), store=tmp_path / "m", tile=8)
+    space = cspace.build(
+        random_workspace((30, 30)), cspace.Robot.disc(0.2), store=tmp_path / "m", tile=8
+    )
     q = np.add(space.grid.lower, 0.3)
     shutil.copytree(tmp_path / "m" / "0.0", tmp_path / "before")
     space.update(np.ones((3, 3), dtype=bool), (2, 2))
@@ -128,7 +142,9 @@ def test_killed_update_leaves_the_old_or_the_new_map(tmp_path):
         os.kill(child.pid, signal.SIGKILL)
         child.join()
         if not (tmp_path / "m").exists():  # killed between two renames; the old map lies beside it
-            [aside] = [each for each in tmp_path.glob(".cspace-*") if cspace.open(each).version == 0]
+            [aside] = [
+                each for each in tmp_path.glob(".cspace-*") if cspace.open(each).version == 0
+            ]
             aside.rename(tmp_path / "m")
         states = tiled.classify(q)
         assert any(np.array_equal(states, each) for each in answers)

@@ -18,8 +18,12 @@ def draw_within(space, lower, upper, n, rng):
 
 
 def triangles():
-    corners = [[(x, y), (x + 1.1, y + 0.07), (x + 0.31, y + 0.83)] for x in (0.1, 1.7) for y in (0.4, 2.3)]
-    return cspace.Workspace.from_polygons([shapely.Polygon(each) for each in corners], 0.1, (0, 0, 4, 4))
+    corners = [
+        [(x, y), (x + 1.1, y + 0.07), (x + 0.31, y + 0.83)] for x in (0.1, 1.7) for y in (0.4, 2.3)
+    ]
+    return cspace.Workspace.from_polygons(
+        [shapely.Polygon(each) for each in corners], 0.1, (0, 0, 4, 4)
+    )
 
 
 def box():
@@ -38,7 +42,9 @@ def box():
 def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, outside, tmp_path):
     workspace = obstacles()
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
-    tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11)
+    tiled = cspace.build(
+        workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11
+    )
     rng, size = np.random.default_rng(0), np.asarray(space.grid.upper)
     for low, high in ((0.3, 0.7), (0.0, 0.45)):
         window = tiled.window(low * size, high * size)
@@ -48,7 +54,9 @@ def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, o
         )
         free = space.is_free(q, exact=True)
         np.testing.assert_array_equal(window.is_free(q, exact=True), free)
-        np.testing.assert_array_equal(window.motion_is_free(q, p, exact=True), space.motion_is_free(q, p, exact=True))
+        np.testing.assert_array_equal(
+            window.motion_is_free(q, p, exact=True), space.motion_is_free(q, p, exact=True)
+        )
         assert (free != space.is_free(q)).any()
     tiled.update(np.ones((1,) * len(size), bool), (0,) * len(size))
     after = tiled.window(low * size, high * size).is_free(q, exact=True)
@@ -62,7 +70,11 @@ def test_window_of_the_whole_map_equals_it(tmp_path):
     assert (window.outside, window.grid) == (space.outside, space.grid)
     np.testing.assert_array_equal(window.cell_states, space.cell_states)
     q = draw_within(
-        space, np.array(space.grid.lower) - 2, np.array(space.grid.upper) + 2, 500, np.random.default_rng(0)
+        space,
+        np.array(space.grid.lower) - 2,
+        np.array(space.grid.upper) + 2,
+        500,
+        np.random.default_rng(0),
     )
     np.testing.assert_array_equal(window.classify(q), space.classify(q))
     np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
@@ -106,9 +118,14 @@ def test_overview_states_are_proven(name, tmp_path):
         sides = [factor * n for n in seen.grid.shape]
         padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
         padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
-        pieces = padded.reshape(len(states), *(part for n in seen.grid.shape for part in (n, factor)))
+        pieces = padded.reshape(
+            len(states), *(part for n in seen.grid.shape for part in (n, factor))
+        )
         axes = tuple(range(2, pieces.ndim, 2))
-        free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
+        free, blocked = (
+            (pieces == cspace.FREE).all(axis=axes),
+            (pieces == cspace.BLOCKED).all(axis=axes),
+        )
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
         ours = np.stack([seen.states_at(turn) for turn in seen.slice_rotations])
         np.testing.assert_array_equal(ours, expected)

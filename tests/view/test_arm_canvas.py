@@ -52,7 +52,9 @@ def test_links_follow_the_joints(shown: Any) -> None:
         viewer.page.move(np.array([0.3, 0.7]))
         elbow = np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
         center = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
-        np.testing.assert_allclose(place_corners(node(viewer, f"/{name}/fore")).mean(axis=0), center, atol=1e-6)
+        np.testing.assert_allclose(
+            place_corners(node(viewer, f"/{name}/fore")).mean(axis=0), center, atol=1e-6
+        )
     assert node(viewer, "/robot/foot")
     assert not node(viewer, "/goal/foot")  # the fixed foot is drawn once
     np.testing.assert_allclose(
@@ -64,14 +66,19 @@ def test_links_follow_the_joints(shown: Any) -> None:
     ("q", "text", "color"),
     [((0.3, 0.7), "**FREE**", ROBOT_FILL_COLOR), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
 )
-def test_page_shows_the_state_of_the_arm(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
+def test_page_shows_the_state_of_the_arm(
+    shown: Any, q: tuple[float, float], text: str, color: str
+) -> None:
     space, viewer = shown
     viewer.page.move(np.array(q))
     assert viewer.page.wait(60.0)
     contact = space.closest(q)
     assert viewer.page.panel.state.content.startswith(text)
     assert f"{contact.link} and {contact.other}" in viewer.page.panel.state.content
-    assert all(tuple(node(viewer, f"/robot/{name}").color) == rgb(color) for name in ("foot", "upper", "fore"))
+    assert all(
+        tuple(node(viewer, f"/robot/{name}").color) == rgb(color)
+        for name in ("foot", "upper", "fore")
+    )
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
@@ -88,10 +95,14 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
     page.go(0.5)
     first, last = viewer.plan.path[[0, -1]]
     ahead = viewer.canvas.robot
-    assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # between the endpoints
+    assert (
+        min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3
+    )  # between the endpoints
     positions = np.asarray(node(viewer, "/path").points)
     for position, q in ((positions[0, 0], START), (positions[-1, 1], GOAL)):
-        np.testing.assert_allclose([math.cos(q[0]), math.sin(q[0]), 0.0], position, atol=1e-6)  # the frame of the fore
+        np.testing.assert_allclose(
+            [math.cos(q[0]), math.sin(q[0]), 0.0], position, atol=1e-6
+        )  # the frame of the fore
     page.mark("goal", np.array([-0.3, 0.4]))
     assert page.wait(60.0)
     assert page.panel.proof.content == "**The straight motion is free: proven.**"
@@ -100,7 +111,9 @@ def test_page_shows_plans_and_proofs(shown: Any) -> None:
 
 
 def test_page_given_a_start_alone_shows_no_goal_until_one_is_set(tmp_path: Path) -> None:
-    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+    space = cspace.build_arm_space(
+        {"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))
+    )
     with space.view(block=False, port=0, start=START) as viewer:
         viewer.page.move(np.array([0.3, 0.7]))
         assert viewer.page.wait(60.0)
@@ -115,7 +128,9 @@ def test_page_given_a_start_alone_shows_no_goal_until_one_is_set(tmp_path: Path)
 
 
 def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
-    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+    space = cspace.build_arm_space(
+        {"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))
+    )
     scan = np.random.default_rng(0).uniform((-2.0, -2.0, 0.3), (2.0, 2.0, 0.5), (1000, 3))
     with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
         viewer.page.move(np.array([0.3, 0.7]))
@@ -125,11 +140,15 @@ def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
         viewer.refresh()
         assert viewer.page.wait(60.0)
         assert not node(viewer, "/obstacles/post")
-        cloud = node(viewer, "/obstacles/scan")  # as points: meshes of many balls are slow in a browser
+        cloud = node(
+            viewer, "/obstacles/scan"
+        )  # as points: meshes of many balls are slow in a browser
         np.testing.assert_allclose(cloud.points, scan, atol=1e-6)
         assert cloud.point_size == pytest.approx(0.02)
         tip = np.array([math.cos(0.3) + math.cos(1.0), math.sin(0.3) + math.sin(1.0), 0.0])
-        np.testing.assert_allclose(place_corners(node(viewer, "/robot/ball")).mean(axis=0), tip, atol=1e-6)
+        np.testing.assert_allclose(
+            place_corners(node(viewer, "/robot/ball")).mean(axis=0), tip, atol=1e-6
+        )
         assert node(viewer, "/goal/ball")
         assert "and scan" in viewer.page.panel.state.content
         space.detach("ball")
@@ -138,8 +157,12 @@ def test_refresh_draws_the_scene_as_it_is_now(tmp_path: Path) -> None:
         assert not node(viewer, "/robot/ball") and not node(viewer, "/start/ball")
 
 
-def test_the_arm_moves_while_the_scene_is_drawn_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    space = cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path)))
+def test_the_arm_moves_while_the_scene_is_drawn_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    space = cspace.build_arm_space(
+        {"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))
+    )
     with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
         for k in range(100):
             if k % 10 == 0:
@@ -189,11 +212,16 @@ def test_view_of_an_arm_refuses_invalid_arguments(
 
 def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:
     joints = cspace.build_joint_map(
-        cspace.build_arm_space({"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
+        cspace.build_arm_space(
+            {"post": make_post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))
+        ),
+        0.1,
     )
     with joints.view(block=False, port=0, path=[(2.0, 0.0), (2.5, 0.5)]) as viewer:
         assert viewer.page.wait(60.0)
         panel, canvas = viewer.page.panel, viewer.canvas
         assert [slider.label for slider in panel.sliders] == ["shoulder (rad)", "elbow (rad)"]
-        assert canvas.typed[0][0] == "shoulder, elbow (rad)" and canvas.about.endswith("cells of 0.1 rad")
+        assert canvas.typed[0][0] == "shoulder, elbow (rad)" and canvas.about.endswith(
+            "cells of 0.1 rad"
+        )
         assert panel.state.content.strip().endswith(" rad") and " rad</span>" in panel.scale.content

@@ -18,7 +18,8 @@ WHOLE = {2: (23, 17), 3: (11, 9, 7)}
 
 
 @pytest.fixture(
-    params=[(2, None), (2, 6), (3, None), (3, cspace.Rotations.quaternions(1))], ids=["R2", "SE2", "R3", "SE3"]
+    params=[(2, None), (2, 6), (3, None), (3, cspace.Rotations.quaternions(1))],
+    ids=["R2", "SE2", "R3", "SE3"],
 )
 def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robot, Any]:
     dim, rotations = request.param
@@ -37,7 +38,9 @@ def reduce_by_brute_force(classes: Any, side: int) -> Any:
 
 
 @pytest.mark.parametrize("side", [1, 3])
-def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_show_the_largest_class(
+    parts: Any, side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     monkeypatch.setattr(blocks, "MAX_BLOCKS", space.grid.size // (side**space.grid.dim) + 1)
@@ -52,15 +55,21 @@ def test_invalidate_refreshes_blocks(parts: Any) -> None:
     space = cspace.build(workspace, robot, rotations=rotations)
     held, rotation = Cells(space), space.rotations.centers[0]
     before = held.at(rotation).classes
-    space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(before == OPEN)[0].tolist())
+    space.update(
+        np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(before == OPEN)[0].tolist()
+    )
     assert held.at(rotation).classes is before
     held.invalidate()
     assert (held.at(rotation).classes != before).any()
 
 
-def test_tiled_map_is_drawn_as_an_overview(parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiled_map_is_drawn_as_an_overview(
+    parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     workspace, robot, rotations = parts
-    stored = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "map.zarr", tile=8)
+    stored = cspace.build(
+        workspace, robot, rotations=rotations, store=tmp_path / "map.zarr", tile=8
+    )
     held = Cells(cspace.build(workspace, robot, rotations=rotations))
     rotation = stored.rotations.centers[-1]
     for seen in (rotation, None):

@@ -30,7 +30,8 @@ FLAGS = (
     "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader "
     "--window-size=1000,700 --force-device-scale-factor=0.5 --app=data:,"
 )
-"""Options of a headless browser without network requests and start page; it renders in software, so only few pixels."""
+"""Options of a headless browser without network requests and start page; it renders in software, so
+only few pixels."""
 
 
 SLOW = """
@@ -47,7 +48,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not program or not driver:
-        pytest.skip("there is no chromium, or no chromedriver, on the PATH: apt-get install chromium chromium-driver")
+        pytest.skip(
+            "there is no chromium, or no chromedriver, on the PATH: apt-get install chromium chromium-driver"
+        )
     options = webdriver.ChromeOptions()
     options.binary_location = program
     for flag in (*FLAGS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
@@ -76,7 +79,10 @@ def measure_shares(browser: Any) -> dict[int, float]:
     """Return the share of each colour of cells."""
     page = take_screenshot(browser)
     colors = {number: rgb(CLASSES[number][1]) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
-    return {number: float((np.abs(page - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
+    return {
+        number: float((np.abs(page - color).max(axis=-1) < 12).mean())
+        for number, color in colors.items()
+    }
 
 
 def measure_green(browser: Any) -> float:
@@ -95,7 +101,9 @@ def press(browser: Any, label: str) -> None:
 
 def show_robot(browser: Any, label: str, *keys: str) -> None:
     """Move the slider with a label by keys."""
-    thumb = browser.find_element("xpath", f"(//*[text()='{label}']/following::*[@role='slider'])[1]")
+    thumb = browser.find_element(
+        "xpath", f"(//*[text()='{label}']/following::*[@role='slider'])[1]"
+    )
     thumb.send_keys(*keys)
 
 
@@ -104,12 +112,16 @@ def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
     """Build two connected rooms and a closed one."""
     occupied = np.zeros((80, 60), dtype=bool)
     occupied[40:42, :25] = occupied[40:42, 46:] = occupied[40:, 46:48] = True
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.8, 0.4), rotations=24)
+    space = cspace.build(
+        cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.8, 0.4), rotations=24
+    )
     with space.view(block=False, port=0, start=(1.0, 1.0, 0.0), goal=(6.5, 1.0, 0.0)) as viewer:
         yield space, viewer
 
 
-def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_page_in_the_plane_draws_moves_and_plans(
+    browser: Any, flat: tuple[cspace.CSpace, Viewer]
+) -> None:
     from selenium.webdriver.common.keys import Keys
 
     _, viewer = flat
@@ -120,10 +132,14 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
 
     show_robot(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
     until(lambda: viewer.page.panel.sliders[2].value == 178.0)
-    until(lambda: "yaw 178°, in a rotation cell of 15°" in read_text(browser))  # the panel counts it
+    until(
+        lambda: "yaw 178°, in a rotation cell of 15°" in read_text(browser)
+    )  # the panel counts it
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
-    there = viewer.canvas.stage.section(viewer.canvas.cells.at(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
+    there = viewer.canvas.stage.section(
+        viewer.canvas.cells.at(np.array([np.pi])), viewer.canvas.cut
+    )  # type: ignore[attr-defined]
     np.testing.assert_array_equal(node(viewer, "/section").image, there.image)
 
     press(browser, "Plan")
@@ -141,11 +157,17 @@ def test_page_in_the_plane_draws_moves_and_plans(browser: Any, flat: tuple[cspac
     until(lambda: read_text(browser).count("No path exists: proven.") == 2)
 
 
-def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_page_loads_nothing_from_other_hosts(
+    browser: Any, flat: tuple[cspace.CSpace, Viewer]
+) -> None:
     asked = browser.execute_script("return performance.getEntries().map(entry => entry.name)")
     assert asked
-    assert all(name.startswith((flat[1].url, "blob:" + flat[1].url)) for name in asked if "://" in name)
-    errors = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    assert all(
+        name.startswith((flat[1].url, "blob:" + flat[1].url)) for name in asked if "://" in name
+    )
+    errors = [
+        entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"
+    ]
     assert not errors
 
 
@@ -168,7 +190,9 @@ def test_page_of_an_arm_moves_and_plans(browser: Any, tmp_path: Path) -> None:
         until(lambda: measure_green(browser) < 0.3 * before)  # it is light blue
         viewer.page.panel.time_limit.value = 30.0
         press(browser, "Plan")
-        until(lambda: "Path found, certified: every edge is proven free." in read_text(browser), 60.0)  # compiles
+        until(
+            lambda: "Path found, certified: every edge is proven free." in read_text(browser), 60.0
+        )  # compiles
         viewer.page.move(np.array([-0.3, 0.3]))
         press(browser, "goal")
         until(lambda: "The straight motion is free: proven." in read_text(browser))
@@ -184,13 +208,21 @@ def test_a_mouse_drags_the_tool_of_an_arm_to_a_plan(browser: Any, tmp_path: Path
         until(lambda: viewer.server.get_clients() and measure_green(browser) > 0.003)
         (client,) = viewer.server.get_clients().values()
         tool = node(viewer, "/tool")
-        center, along = np.array(tool.position), Rotation.from_quat(tool.wxyz, scalar_first=True).apply((0.0, 1.0, 0.0))
-        drag(browser, *(project(client.camera, center + share * tool.scale * along) for share in (0.9, 1.8)))
+        center, along = (
+            np.array(tool.position),
+            Rotation.from_quat(tool.wxyz, scalar_first=True).apply((0.0, 1.0, 0.0)),
+        )
+        drag(
+            browser,
+            *(project(client.camera, center + share * tool.scale * along) for share in (0.9, 1.8)),
+        )
         until(lambda: viewer.plan is not None, 60.0)  # compiles
         assert viewer.page.wait(60.0)
         assert viewer.plan is not None and viewer.plan.certified
         moved = np.array(tool.position) - center
-        np.testing.assert_allclose(moved / np.linalg.norm(moved), along, atol=1e-2)  # the axis that the mouse drew
+        np.testing.assert_allclose(
+            moved / np.linalg.norm(moved), along, atol=1e-2
+        )  # the axis that the mouse drew
         np.testing.assert_allclose(viewer.plan.path[0], (-0.6, 0.9))
         until(lambda: "Path found, certified: every edge is proven free." in read_text(browser))
 

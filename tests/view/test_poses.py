@@ -22,15 +22,24 @@ def test_poses_and_configurations_round_trip(dim: int, cells: object) -> None:
         assert len(degrees) == len(poses.angles)
         place, wxyz = poses.pose(q)
         assert place.tolist() == [*q[:dim], 0.0][:3]
-        for again in (poses.configuration_of(poses.position(q), degrees), poses.nearest_configuration(place, wxyz)):
+        for again in (
+            poses.configuration_of(poses.position(q), degrees),
+            poses.nearest_configuration(place, wxyz),
+        ):
             np.testing.assert_allclose(rotations.steps_between(q, again), 0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize(
     ("degrees", "point", "turned"),
-    [((90, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 90, 0), (1, 0, 0), (0, 0, -1)), ((0, 0, 90), (1, 0, 0), (0, 1, 0))],
+    [
+        ((90, 0, 0), (0, 1, 0), (0, 0, 1)),
+        ((0, 90, 0), (1, 0, 0), (0, 0, -1)),
+        ((0, 0, 90), (1, 0, 0), (0, 1, 0)),
+    ],
 )
-def test_angles_rotate_about_fixed_axes(degrees: tuple[float, ...], point: object, turned: object) -> None:
+def test_angles_rotate_about_fixed_axes(
+    degrees: tuple[float, ...], point: object, turned: object
+) -> None:
     rotations = Rotations.quaternions(1)
     q = Poses(3, rotations).configuration_of((0.0, 0.0, 0.0), degrees)
     np.testing.assert_allclose(rotations.rotation_matrices(q) @ point, turned, atol=1e-12)
@@ -38,6 +47,10 @@ def test_angles_rotate_about_fixed_axes(degrees: tuple[float, ...], point: objec
 
 def test_yaw_robot_keeps_only_the_yaw_of_a_pose() -> None:
     poses = Poses(3, Rotations.of(8))
-    tilted = Poses(3, Rotations.quaternions(1)).configuration_of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
+    tilted = Poses(3, Rotations.quaternions(1)).configuration_of(
+        (1.0, 2.0, 3.0), (20.0, 10.0, 30.0)
+    )
     position, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)
-    np.testing.assert_allclose(poses.degrees(poses.nearest_configuration(position, wxyz)), [30.0], atol=1e-6)
+    np.testing.assert_allclose(
+        poses.degrees(poses.nearest_configuration(position, wxyz)), [30.0], atol=1e-6
+    )

@@ -10,7 +10,16 @@ import trimesh
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.view.blocks import Cells
-from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_border, make_robot_surface, path_colors, rgb
+from cspace.view.scene import (
+    HIGH_COLOR,
+    KINDS,
+    LOW_COLOR,
+    Stage,
+    extract_border,
+    make_robot_surface,
+    path_colors,
+    rgb,
+)
 
 
 def split_rectangles(corners: np.ndarray) -> list[tuple[int, ...]]:
@@ -38,7 +47,11 @@ def find_border(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[
                 other = cell.copy()
                 other[axis] += sign
                 inside = 0 <= other[axis] < solid.shape[axis]
-                if solid[tuple(other)] if inside else not (has_boundary and (lid or (axis, sign) != (2, 1))):
+                if (
+                    solid[tuple(other)]
+                    if inside
+                    else not (has_boundary and (lid or (axis, sign) != (2, 1)))
+                ):
                     continue
                 position = cell.copy()
                 position[axis] += sign > 0
@@ -64,7 +77,9 @@ def test_a_box_has_six_rectangles() -> None:
 def room() -> cspace.CSpace:
     occupied = np.zeros((12, 10, 8), dtype=bool)
     occupied[:, :, 0] = occupied[3, 4:6, :] = True
-    return cspace.build(cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5)), cspace.Robot.ball(0.4))
+    return cspace.build(
+        cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5)), cspace.Robot.ball(0.4)
+    )
 
 
 def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
@@ -79,7 +94,9 @@ def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
 
 def read_pixel(section: object, x: float, y: float) -> tuple[int, ...]:
     image, lower, upper, _ = section  # type: ignore[misc]
-    column, row = ((np.array([x, y]) - lower) / (upper - lower) * [image.shape[1], -image.shape[0]]).astype(int)
+    column, row = (
+        (np.array([x, y]) - lower) / (upper - lower) * [image.shape[1], -image.shape[0]]
+    ).astype(int)
     return tuple(image[row - 1, column].tolist())
 
 
@@ -93,7 +110,9 @@ def test_section_shows_cells_at_their_positions() -> None:
     assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = np.zeros((9, 6, 4), dtype=bool)
     high[7, 1, 2] = True
-    space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
+    space = cspace.build(
+        cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free"
+    )
     stage, blocks = Stage(space.grid, 0.2), Cells(space).at(np.empty(0))
     assert read_pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
     assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent

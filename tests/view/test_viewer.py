@@ -50,11 +50,15 @@ def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, View
 
 def test_sliders_match_the_axes_of_the_map(viewer: Any) -> None:
     space, page = viewer
-    angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[len(space.rotations.names)]
+    angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[
+        len(space.rotations.names)
+    ]
     sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
     assert [slider.label for slider in page.page.panel.sliders] == sliders
     assert ("cut at z (m)" in page.page.panel.shown) == (space.grid.dim == 3)
-    assert "unknown, taken as obstacle" not in page.page.panel.shown  # the workspace has no unknown cells
+    assert (
+        "unknown, taken as obstacle" not in page.page.panel.shown
+    )  # the workspace has no unknown cells
 
 
 def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
@@ -69,7 +73,9 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
         page.page.move(q)
         assert page.page.wait(60.0)
         assert page.page.panel.state.content.startswith("**FREE**")
-        np.testing.assert_allclose(node(page, "/robot").position[: space.grid.dim], q[: space.grid.dim])
+        np.testing.assert_allclose(
+            node(page, "/robot").position[: space.grid.dim], q[: space.grid.dim]
+        )
     turned = len({int(space.rotations.find_cells(q)) for q in free}) > 1
     assert (canvas.bytes > sent) == turned  # only the rotation changes the cells
     for label in ("obstacle", "undecided (MIXED)"):
@@ -81,7 +87,9 @@ def measure_opacity(viewer: Viewer, path: Any) -> Any:
     """Return the opacity of the section at each row of a path, 0 to 255."""
     section, grid = node(viewer, "/section"), viewer.canvas._space.grid
     rows, columns = section.image.shape[:2]
-    x, y = (np.asarray(path)[:, :2] - grid.lower[:2]).T / (np.array(grid.upper[:2]) - grid.lower[:2])[:, None]
+    x, y = (np.asarray(path)[:, :2] - grid.lower[:2]).T / (
+        np.array(grid.upper[:2]) - grid.lower[:2]
+    )[:, None]
     return section.image[((1.0 - y) * rows).astype(int), (x * columns).astype(int), 3]
 
 
@@ -89,7 +97,9 @@ def test_a_page_opens_with_a_cut_that_shows_the_path_through_unknown_cells() -> 
     free = np.zeros((24, 20, 16), dtype=bool)
     free[1:12, 6:14, 1:8] = True  # a low room
     free[12:23, 6:14, 1:15] = True  # a high one
-    workspace = cspace.Workspace(cspace.Grid((0.0, 0.0, 0.0), 0.1, free.shape), ~free, ~free, unknown=~free)
+    workspace = cspace.Workspace(
+        cspace.Grid((0.0, 0.0, 0.0), 0.1, free.shape), ~free, ~free, unknown=~free
+    )
     space = cspace.build(workspace, cspace.Robot.ball(0.12))
     path = [(0.45, 1.05, 0.45), (1.55, 1.05, 0.45), (1.85, 1.05, 1.15)]
     assert space.certify_path(path).all()
@@ -105,7 +115,9 @@ def test_a_page_opens_with_a_cut_that_shows_the_path_through_unknown_cells() -> 
 def test_a_page_opens_with_a_cut_above_the_robot_if_nothing_covers_the_path() -> None:
     space = build_room("R3")
     with space.view(block=False, port=0, path=[(0.45, 0.45, 0.35), (1.95, 0.45, 0.75)]) as viewer:
-        assert viewer.page.panel.shown["cut at z (m)"].value == pytest.approx(0.9)  # in steps of 0.1 m
+        assert viewer.page.panel.shown["cut at z (m)"].value == pytest.approx(
+            0.9
+        )  # in steps of 0.1 m
 
 
 def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
@@ -120,7 +132,9 @@ def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
     assert "certified" in page.page.panel.answer.content
     assert node(page, "/path")
     page.page.go(1.0)
-    np.testing.assert_allclose(space.rotations.steps_between(page.canvas.robot, goal), 0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        space.rotations.steps_between(page.canvas.robot, goal), 0.0, atol=1e-6
+    )
     page.page.mark("goal", np.array([1e3, *goal[1:]]))
     page.page.search()
     assert page.page.wait(60.0)
@@ -139,8 +153,13 @@ def test_drive_applies_to_plane_robots_with_yaw(viewer: Any, drive: str) -> None
         until(lambda: radius.visible == (drive == "dubins"))
         page.page.search()
         assert page.page.wait(60.0)
-        assert (page.plan.drive, page.plan.turning_radius) == (drive, 0.2 if radius.visible else None)
-        assert page.plan.certified or drive == "dubins"  # a car that cannot reverse may not reach the goal
+        assert (page.plan.drive, page.plan.turning_radius) == (
+            drive,
+            0.2 if radius.visible else None,
+        )
+        assert (
+            page.plan.certified or drive == "dubins"
+        )  # a car that cannot reverse may not reach the goal
         chosen.value = "holonomic"
 
 
@@ -182,7 +201,8 @@ def test_page_of_a_tiled_map_proves_after_a_search(tmp_path: Path) -> None:
     stored = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "map.zarr", tile=16)
     with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
         assert viewer.page.wait(60.0)
-        # Components of a tiled map take long to compute, so the page proves nothing before a search.
+        # Components of a tiled map take long to compute, so the page proves nothing before a
+        # search.
         assert viewer.page.panel.proof.content == ""
         viewer.page.search()
         assert viewer.page.wait(60.0)
@@ -200,7 +220,9 @@ def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: P
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"port is {port}; other programs use it; pass another"):
+        with pytest.raises(
+            InputError, match=f"port is {port}; other programs use it; pass another"
+        ):
             space.view(block=False, port=port)
         printed = run("view", tmp_path / "map.zarr", "--port", port)
         assert (printed.exit_code, printed.stderr.count("\n")) == (2, 1)
@@ -231,7 +253,9 @@ def test_the_command_opens_a_page(
     space = build_room("R2")
     space.save(tmp_path / "map.zarr")
     free = space.sample_free(2, np.random.default_rng(0))
-    (tmp_path / "path.csv").write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in free.tolist()) + "\n")
+    (tmp_path / "path.csv").write_text(
+        "x,y\n" + "\n".join(f"{x},{y}" for x, y in free.tolist()) + "\n"
+    )
     seen: list[Viewer] = []
 
     def wait(viewer: Viewer) -> None:
@@ -272,7 +296,9 @@ except cspace.MissingPackageError as error:
         ("null", "127.0.0.1", False),
     ],
 )
-def test_server_refuses_pages_of_other_sites(served: Viewer, origin: str | None, host: str, moves: bool) -> None:
+def test_server_refuses_pages_of_other_sites(
+    served: Viewer, origin: str | None, host: str, moves: bool
+) -> None:
     import msgspec
     import viser
     from websockets.exceptions import ConnectionClosedError
@@ -283,7 +309,9 @@ def test_server_refuses_pages_of_other_sites(served: Viewer, origin: str | None,
     q = page.marks["start"] + [0.3, 0.3]
     page.move(page.marks["start"])
     sent = [camera()]
-    sent += [setting(slider, value) for slider, value in zip(page.panel.sliders, q.tolist(), strict=True)]
+    sent += [
+        setting(slider, value) for slider, value in zip(page.panel.sliders, q.tolist(), strict=True)
+    ]
     with (
         socket.create_connection(("127.0.0.1", port)) as plug,
         connect(
@@ -303,8 +331,12 @@ def test_server_refuses_pages_of_other_sites(served: Viewer, origin: str | None,
     np.testing.assert_allclose(served.canvas.robot, q if moves else page.marks["start"], atol=0.05)
 
 
-def test_play_skips_frames_for_slow_browsers(served: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
-    slow = SimpleNamespace(local_storage=SimpleNamespace(get_item=lambda key, timeout: time.sleep(0.03)))
+def test_play_skips_frames_for_slow_browsers(
+    served: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = SimpleNamespace(
+        local_storage=SimpleNamespace(get_item=lambda key, timeout: time.sleep(0.03))
+    )
     shares: list[float] = []
     served.page.search()
     assert served.page.wait(60.0)
@@ -324,9 +356,13 @@ def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) 
     trajectory = plan.trajectory(max_velocity=2.0, max_acceleration=8.0)
     with space.view(path=trajectory, block=False, port=0) as viewer:
         viewer.page.go(0.3)
-        np.testing.assert_allclose(viewer.canvas.robot, trajectory.sample(0.3 * trajectory.duration)[0])
+        np.testing.assert_allclose(
+            viewer.canvas.robot, trajectory.sample(0.3 * trajectory.duration)[0]
+        )
         frames: list[tuple[float, float]] = []
-        monkeypatch.setattr(viewer.page, "go", lambda share: frames.append((time.perf_counter(), share)))
+        monkeypatch.setattr(
+            viewer.page, "go", lambda share: frames.append((time.perf_counter(), share))
+        )
         viewer.page.play()
         until(lambda: frames and frames[-1][1] == 1.0)
         (start, first), (ended, last) = frames[0], frames[-1]
@@ -336,7 +372,9 @@ def test_trajectories_are_played_at_true_speed(monkeypatch: pytest.MonkeyPatch) 
         viewer.page.panel.share.value = 0.0
         monkeypatch.undo()
         viewer.page.go(0.3)  # a share of the length again
-        np.testing.assert_allclose(viewer.canvas.robot, plan.path[0] + 0.3 * (plan.path[-1] - plan.path[0]), atol=1e-9)
+        np.testing.assert_allclose(
+            viewer.canvas.robot, plan.path[0] + 0.3 * (plan.path[-1] - plan.path[0]), atol=1e-9
+        )
 
 
 @pytest.fixture(scope="module")
