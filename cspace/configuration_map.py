@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace.check import check_not_negative
+from cspace.check import check_not_negative, check_rows
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.batches import (
-    MIN_EDGES_PER_THREAD,
-    Configuration,
-    ConfigurationBatch,
-    Kernel,
-    Query,
-    as_points,
-    evaluate_batch,
-)
+from cspace.map.batches import Configuration, evaluate, evaluate_edges
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
-from cspace.threads import MIN_ITEMS_PER_THREAD
 
 if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
@@ -36,20 +26,6 @@ if TYPE_CHECKING:
 
 
 Result = TypeVar("Result")
-
-
-class Backend(Protocol):
-    """Cells of a map, over which compiled kernels run."""
-
-    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """Return a query that runs a kernel.
-
-        It runs over the rows of a batch. The kernel is called as ``kernel(map_, *arguments, *rows,
-        out)`` with the record of the map. Each thread gets at least ``least`` rows.
-        """
-
-    def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` on a consistent state of the map."""
 
 
 class Components(Protocol):
@@ -175,18 +151,14 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         Raises InputError if one is not usable.
         """
-        points = as_points(q, name, self.size)
-        evaluate_batch(
-            points, self.size, self._classify(), np.uint8, int, name, self._angles
-        )  # raises if one is not finite
+        points = check_rows(q, name, self.size).astype(np.float64, copy=False)
+        evaluate(points, self.size, self._write_states, np.uint8, self._angles, name)
         return points
 
     @overload
     def is_connected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_connected(self, q0: ConfigurationBatch, q1: ArrayLike) -> Bools: ...
-    @overload
-    def is_connected(self, q0: ArrayLike, q1: ConfigurationBatch) -> Bools: ...
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if a collision-free path is proven to exist between configurations.
 
@@ -207,14 +179,14 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             known = self._connection_of_one(q0, q1)
             if known is not None:
                 return known[0]
-        return _bool_or_array(self._connectivity(q0, q1)[0])
+        write = partial(self._write_connections, False)
+        joined: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return joined
 
     @overload
     def is_disconnected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_disconnected(self, q0: ConfigurationBatch, q1: ArrayLike) -> Bools: ...
-    @overload
-    def is_disconnected(self, q0: ArrayLike, q1: ConfigurationBatch) -> Bools: ...
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if configurations are proven disconnected.
 
@@ -235,7 +207,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             known = self._connection_of_one(q0, q1)
             if known is not None:
                 return known[1]
-        return _bool_or_array(self._connectivity(q0, q1)[1])
+        write = partial(self._write_connections, True)
+        apart: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return apart
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...]
@@ -246,57 +220,41 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """
         return None
 
-    def _connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
-        """Return which pairs are proven connected or disconnected.
+    def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write which pairs are proven connected, or with ``apart`` disconnected.
 
-        The two masks have shape (...).
+        Returns the index of the first unusable pair, or -1.
         """
-        return self._at_one_moment(lambda: self._compute_connectivity(q0, q1))
+        return self._at_one_moment(partial(self._find_connections, apart, starts, ends, out))
 
-    def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
-        """Compute :meth:`_connectivity` while no update changes the cells."""
-        endpoints = [as_points(q, name, self.size) for q, name in ((q0, "q0"), (q1, "q1"))]
-        both = np.concatenate([points.reshape(-1, self.size) for points in endpoints])
-        states = np.empty(len(both), dtype=np.uint8)
-        if self._classify()([both], states) >= 0:
-            (
-                self._check_configurations(q0, "q0"),
-                self._check_configurations(q1, "q1"),
-            )  # one of them raises
-        for points, name in zip(endpoints, ("q0", "q1"), strict=True):
-            if points.ndim == 1:
-                warn_of_degrees(points, self._angles, name)
-        cells, count = self._cells_of(both), endpoints[0].size // self.size
-
-        def pairs(values: NDArray[Any]) -> list[NDArray[Any]]:
-            halves = values[:count], values[count:]
-            return [
-                half.reshape(points.shape[:-1])
-                for half, points in zip(halves, endpoints, strict=True)
-            ]
+    def _find_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Do the work of :meth:`_write_connections` while no update changes the cells."""
+        highest = np.zeros(len(out), dtype=np.uint8)
+        for rows in (starts, ends):
+            states = np.empty(len(out), dtype=np.uint8)
+            bad = self._write_states(rows, states)
+            if bad >= 0:
+                return bad
+            np.maximum(highest, states, out=highest)
+        cells = self._cells_of(starts), self._cells_of(ends)
 
         def find_joined(candidates: Bools, mixed: bool) -> Bools:
-            """Return which candidate pairs share a component.
-
-            Without candidates, no component is computed.
-            """
+            """Return which candidate pairs share a component; without any, compute no component."""
             if not candidates.any():
                 return candidates
-            first, second = pairs(self._components.of(cells, mixed))
+            first, second = (self._components.of(each, mixed) for each in cells)
             return np.asarray(candidates & (first == second) & (first != -1))
 
-        highest = np.maximum(*pairs(states))
-        possible = np.asarray(highest <= MIXED)
-        joined = find_joined(possible & (highest == FREE), mixed=False)
-        open_pairs = find_joined(possible & ~joined, mixed=True)
-        return np.asarray(joined), np.asarray(~(joined | open_pairs))
+        joined = find_joined(np.asarray(highest == FREE), mixed=False)
+        if apart:
+            joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
+        np.not_equal(joined, apart, out=out)
+        return -1
 
     @overload
     def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free_around(
-        self, q: ConfigurationBatch, distance: float, angle: float = 0.0
-    ) -> Bools: ...
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
         """Return True if all near configurations are proven free.
 
@@ -317,19 +275,16 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
-        from cspace.map.points import boxes_are_free
-
-        reach = (
-            check_not_negative(distance, "distance"),
-            check_not_negative(angle, "angle", "pass it in radians"),
-        )
-        query = self._backend.query(boxes_are_free, *reach)
-        return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
+        reach = check_not_negative(distance, "distance")
+        turn = check_not_negative(angle, "angle", "pass it in radians")
+        write = partial(self._write_free_around, reach, turn)
+        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        return free
 
     @overload
     def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
     @overload
-    def clearance(self, q: ConfigurationBatch) -> Floats: ...
+    def clearance(self, q: ArrayLike) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Return a lower bound of the distance to configurations that are not FREE.
 
@@ -356,9 +311,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return evaluate_batch(
-            q, self.size, self._clearances(), np.float64, float, angles=self._angles
+        metres: float | Floats = evaluate(
+            q, self.size, self._write_clearances, np.float64, self._angles
         )
+        return metres
 
     # ---- what differs ----------------------------------------------------------------------------
 
@@ -372,43 +328,23 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
 
-    @property
-    def _backend(self) -> Backend:
-        """The cells as input of kernels, of a map in memory."""
-        raise NotImplementedError
-
+    @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` on a consistent state of the map."""
-        return self._backend.at_one_moment(work)
-
-    @cached_property
-    def _states_query(self) -> Query:
-        """Return the query that writes the state of each configuration."""
-        from cspace.map.points import classify
-
-        return self._backend.query(classify)
-
-    def _classify(self) -> Query:
-        return self._states_query
-
-    def _frees(self, exact: bool) -> Query:
-        return (
-            self._backend.query(self._exact.points)
-            if exact
-            else partial(_are_free, self._classify())
-        )
-
-    def _edges(self, exact: bool) -> Query:
-        """Return the query that tests edges; with ``exact``, geometry decides."""
-        from cspace.map.edges import edges_are_free
-
-        if exact:
-            return self._backend.query(self._exact.edges, least=MIN_EDGES_PER_THREAD)
-        return self._backend.query(edges_are_free, least=MIN_EDGES_PER_THREAD)
 
     @abstractmethod
-    def _clearances(self) -> Query:
-        """Return the kernel of clearances."""
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        """Write whether all near configurations are free; return as :meth:`_write_states`."""
+
+    @abstractmethod
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        """Write clearances; return as :meth:`_write_states`."""
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        states = out.view(np.uint8)
+        bad = self._write_states(rows, states)
+        np.equal(states, FREE, out=out)
+        return bad
 
     @property
     @abstractmethod
@@ -427,18 +363,3 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations.find_cells(points)[..., None], cells], axis=-1)
-
-
-def _bool_or_array(proven: Bools) -> bool | Bools:
-    return proven if proven.ndim else bool(proven)
-
-
-def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Write whether configurations are FREE.
-
-    Returns the index of an invalid one, or -1.
-    """
-    states = out.view(np.uint8)
-    bad = classify(parts, states)
-    np.equal(states, FREE, out=out)
-    return bad

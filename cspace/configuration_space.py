@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.arrays import FREE, Bools, Floats
+from cspace.arrays import FREE, Bools, Floats, States
 from cspace.check import check_pairs
 from cspace.errors import InputError
-from cspace.map.batches import (
-    Configuration,
-    ConfigurationBatch,
-    Query,
-    evaluate_batch,
-    evaluate_edges,
-    evaluate_pairs,
-)
+from cspace.map.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace.rotations.base import angle_axes
 from cspace.shown import SpaceView
 
@@ -98,8 +91,8 @@ class ConfigurationSpace(SpaceView, ABC):
     @overload
     def classify(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
-    def classify(self, q: ConfigurationBatch) -> NDArray[np.uint8]: ...
-    def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
+    def classify(self, q: ArrayLike) -> States: ...
+    def classify(self, q: ArrayLike) -> int | States:
         """Return the state of configurations: FREE, MIXED or BLOCKED.
 
         Parameters
@@ -126,12 +119,13 @@ class ConfigurationSpace(SpaceView, ABC):
         """
         if isinstance(q, tuple) and (state := self._state_of_one(q)) is not None:
             return state
-        return evaluate_batch(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
+        states: int | States = evaluate(q, self.size, self._write_states, np.uint8, self._angles)
+        return states
 
     @overload
     def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free(self, q: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> Bools: ...
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Return True if configurations are proven collision-free.
 
@@ -142,20 +136,16 @@ class ConfigurationSpace(SpaceView, ABC):
         """
         if isinstance(q, tuple) and not exact and (state := self._state_of_one(q)) is not None:
             return state == FREE
-        return evaluate_batch(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
+        write = partial(self._write_free, exact)
+        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        return free
 
     @overload
     def motion_is_free(  # type: ignore[overload-overlap]
         self, q0: Configuration, q1: Configuration, *, exact: bool = False
     ) -> bool: ...
     @overload
-    def motion_is_free(
-        self, q0: ConfigurationBatch, q1: ArrayLike, *, exact: bool = False
-    ) -> Bools: ...
-    @overload
-    def motion_is_free(
-        self, q0: ArrayLike, q1: ConfigurationBatch, *, exact: bool = False
-    ) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Return True if straight motions are proven collision-free all along.
 
@@ -184,7 +174,9 @@ class ConfigurationSpace(SpaceView, ABC):
             state = self._state_of_motion(q0, q1)
             if state is not None:
                 return state == FREE
-        return evaluate_edges(q0, q1, self.size, self._edges(exact), self._angles)
+        write = partial(self._write_motions, exact)
+        free: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return free
 
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
@@ -233,15 +225,18 @@ class ConfigurationSpace(SpaceView, ABC):
         points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
-            return evaluate_pairs(np.ascontiguousarray(points), pairs, self._edges(exact))
+            starts, ends = points[pairs[:, 0]], points[pairs[:, 1]]
+            return evaluate_rows(starts, ends, partial(self._write_motions, exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule, hint = (
                 "a path has at least one configuration",
                 f"pass an array of shape (n, {self.size})",
             )
             raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
-        q0, q1 = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(evaluate_edges(q0, q1, self.size, self._edges(exact)))
+        shape = (*points.shape[:-2], points.shape[-2] - 1)
+        starts = points[..., :-1, :].reshape(-1, self.size)
+        ends = points[..., 1:, :].reshape(-1, self.size)
+        return evaluate_rows(starts, ends, partial(self._write_motions, exact)).reshape(shape)
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[TileSubproblem]:
         """Split a planning problem into parts.
@@ -271,16 +266,16 @@ class ConfigurationSpace(SpaceView, ABC):
     # ---- what differs ----------------------------------------------------------------------------
 
     @abstractmethod
-    def _classify(self) -> Query:
-        """Return the kernel of states."""
+    def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of rows; return the index of the first unusable one, or -1."""
 
     @abstractmethod
-    def _frees(self, exact: bool) -> Query:
-        """Return the kernel that tests whether configurations are free."""
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether rows are proven free; return as :meth:`_write_states`."""
 
     @abstractmethod
-    def _edges(self, exact: bool) -> Query:
-        """Return the kernel that tests edges."""
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write whether motions are proven free; return as :meth:`_write_states`."""
 
 
 TileSubproblem = tuple[Callable[[], ConfigurationSpace], Floats, Floats]

@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -15,21 +15,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
-from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
+from cspace.check import (
+    check_count,
+    check_finite,
+    check_flag,
+    check_positive,
+    check_rng,
+    check_rows,
+)
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import narrower_rotations, slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import check_memory
 from cspace.map.batches import (
+    MIN_EDGES_PER_THREAD,
     Configuration,
-    ConfigurationBatch,
-    Kernel,
-    Query,
     as_contiguous,
-    as_points,
-    evaluate_batch,
-    in_threaded_chunks,
+    evaluate,
+    write_in_threads,
 )
 from cspace.map.callbacks import NOT_USABLE
 from cspace.map.contents import Contents
@@ -45,7 +49,6 @@ from cspace.raster import Raster
 from cspace.rotations.base import MAX_EXPECTED_ANGLE
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
-from cspace.threads import MIN_ITEMS_PER_THREAD
 from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
@@ -58,31 +61,6 @@ if TYPE_CHECKING:
     from cspace.map.search import Costs
     from cspace.obstacles import ObstacleLayers
     from cspace.update import Update, Updater
-
-
-@dataclass(frozen=True, slots=True)
-class MemoryBackend:
-    """Cells in memory.
-
-    Attributes
-    ----------
-    map_ : Map
-        Record of the map; it follows updates.
-    lock : threading.RLock
-        Held by an update while it changes cells.
-    """
-
-    map_: Map
-    lock: Any
-
-    def query(self, kernel: Kernel, *arguments: Any, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """Return a query; see :class:`cspace.configuration_map.Backend`."""
-        return in_threaded_chunks(partial(kernel, self.map_, *arguments), least)
-
-    def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` under the lock; see :class:`cspace.configuration_map.Backend`."""
-        with self.lock:
-            return work()
 
 
 class CSpace(ConfigurationMap, MapExport):
@@ -237,7 +215,7 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
-    def overlap_count(self, q: ConfigurationBatch) -> Ints: ...
+    def overlap_count(self, q: ArrayLike) -> Ints: ...
     def overlap_count(self, q: ArrayLike) -> int | Ints:
         """Count the cells in which robot and obstacles overlap.
 
@@ -261,7 +239,7 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def contains_robot(self, q: ConfigurationBatch) -> Bools: ...
+    def contains_robot(self, q: ArrayLike) -> Bools: ...
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Return True if the robot is proven to lie inside the obstacles.
 
@@ -314,9 +292,7 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
-        from cspace.map.points import classify
-
-        points = as_points(q, "q", self.size)
+        points = check_rows(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = check_finite(given, name)
@@ -327,7 +303,7 @@ class CSpace(ConfigurationMap, MapExport):
                 )
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
-        if classify(self._kernel_map, rows, states) >= 0:
+        if self._write_states(rows, states) >= 0:
             self._check_configurations(points)  # raises
         left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
@@ -1220,29 +1196,48 @@ class CSpace(ConfigurationMap, MapExport):
         look_up = self._look_up_motion
         return lambda *both: look_up(*both) == FREE
 
-    @lazy
-    def _backend(self) -> MemoryBackend:
-        """Backend of the queries."""
-        return MemoryBackend(self._kernel_map, self._lock)
+    # ---- queries of rows -------------------------------------------------------------------------
 
-    # ---- kernels and checks ----------------------------------------------------------------------
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        with self._lock:
+            return work()
 
-    def _clearances(self) -> Query:
-        """Return the query that computes clearances."""
-        return self._write_clearances
+    def _write_states(self, rows: Floats, out: States) -> int:
+        from cspace.map.points import classify
 
-    def _write_clearances(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
-        """Write clearances of configurations; compute the distances of their slices first."""
+        return write_in_threads(partial(classify, self._kernel_map), rows, out)
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        if exact:
+            return write_in_threads(partial(self._exact.points, self._kernel_map), rows, out)
+        return super()._write_free(exact, rows, out)
+
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        from cspace.map.edges import edges_are_free
+
+        kernel = self._exact.edges if exact else edges_are_free
+        write = partial(kernel, self._kernel_map)
+        return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
+
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        from cspace.map.points import boxes_are_free
+
+        return write_in_threads(
+            partial(boxes_are_free, self._kernel_map, distance, angle), rows, out
+        )
+
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        """Write clearances; compute the distances of the slices of the rows first."""
         from cspace.map.distance import clearances
 
         table = self._distances.known
         if table is None:
-            bad = self._classify()(parts, np.empty(len(out), dtype=np.uint8))
+            bad = self._write_states(rows, np.empty(len(out), dtype=np.uint8))
             if bad >= 0:
                 return bad
-            slices = np.unique(self._slice_of[self.rotations.find_cells(np.asarray(parts[0]))])
+            slices = np.unique(self._slice_of[self.rotations.find_cells(rows)])
             table = self._distances.of_slices(slices.tolist())
-        return self._backend.query(clearances, table)(parts, out)
+        return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the overlaps of the robot with outer or inner cells."""
@@ -1252,8 +1247,10 @@ class CSpace(ConfigurationMap, MapExport):
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         has_one_side = self.workspace.inner is self.workspace.outer
         sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
-        query = self._backend.query(count_overlaps, sums, self._robot_rows, int(exterior_blocked))
-        return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
+        fixed = self._kernel_map, sums, self._robot_rows, int(exterior_blocked)
+        write = partial(write_in_threads, partial(count_overlaps, *fixed))
+        counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
+        return counts
 
     def _in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False

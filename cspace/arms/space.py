@@ -35,7 +35,7 @@ from cspace.check import (
 )
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.batches import Query, as_contiguous
+from cspace.map.batches import as_contiguous
 from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside
 from cspace.shapes import ShapeLike, as_shape
 from cspace.shown import ArmPlot
@@ -929,48 +929,30 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             images = np.concatenate([images, others])
         return images
 
-    def _classify(self) -> Query:
-        """Return the query that writes the state of each configuration."""
-        snapshot = self._snapshot
+    def _write_states(self, rows: Floats, out: States) -> int:
+        # BLOCKED is sought only where FREE is not proven.
+        self._check_configurations(rows, "q")
+        inner = self._snapshot.inner
+        free = _prove_all(self._snapshot.outer, rows)
+        out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
+        undecided = np.flatnonzero(~free)
 
-        def query(parts: Sequence[Any], out: States) -> int:
-            # BLOCKED is sought only where FREE is not proven.
-            (rows,) = self._rows(parts, ("q",))
-            free = _prove_all(snapshot.outer, rows)
-            out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
-            undecided = np.flatnonzero(~free)
+        def find_blocked(first: int, stop: int) -> int:
+            blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
+            are_blocked(inner, rows[chunk], blocked, make_scene_scratch(inner))
+            out[chunk[blocked]] = BLOCKED
+            return -1
 
-            def find_blocked(first: int, stop: int) -> int:
-                blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
-                are_blocked(
-                    snapshot.inner, rows[chunk], blocked, make_scene_scratch(snapshot.inner)
-                )
-                out[chunk[blocked]] = BLOCKED
-                return -1
+        return in_chunks(find_blocked, len(undecided), MIN_MOTIONS_PER_THREAD)
 
-            return in_chunks(find_blocked, len(undecided), MIN_MOTIONS_PER_THREAD)
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        self._check_configurations(rows, "q")
+        return _prove(self._snapshot.outer, [rows], out)
 
-        return query
-
-    def _frees(self, exact: bool) -> Query:
-        """Return the query that proves configurations free."""
-        scene = self._snapshot.outer
-        return lambda parts, out: _prove(scene, self._rows(parts, ("q",)), out)
-
-    def _edges(self, exact: bool) -> Query:
-        """Return the query that proves motions free."""
-        scene = self._snapshot.outer
-        return lambda parts, out: _prove(scene, self._rows(parts, ("q0", "q1")), out)
-
-    def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
-        """Check batches of configurations, and return them as contiguous arrays.
-
-        Each has shape (n, dof). ``names`` are the arguments that messages name.
-        """
-        return [
-            as_contiguous(self._check_configurations(part, name))
-            for part, name in zip(parts, names, strict=True)
-        ]
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        self._check_configurations(starts, "q0")
+        self._check_configurations(ends, "q1")
+        return _prove(self._snapshot.outer, [starts, ends], out)
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Check configurations, and return them as an array.

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import STATE_NAMES, Floats, StrPath
-from cspace.check import check_count, check_not_negative
+from cspace.arrays import STATE_NAMES, Bools, Floats, States, StrPath
+from cspace.check import check_count
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.files.access import retry_if_replaced
 from cspace.grid import Grid
-from cspace.map.batches import Query, as_contiguous, evaluate_batch
 from cspace.map.contents import Contents
 from cspace.space import CSpace
 from cspace.tiles.folder import ONE_MORE, TileFolder, find_moment, grow, unfinished_map_error
@@ -179,53 +178,64 @@ class TiledCSpace(ConfigurationMap):
 
     # ---- queries ---------------------------------------------------------------------------------
 
-    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Any:
-        """Return True if all near configurations are proven free.
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        def ask(part: CSpace, some: Floats) -> Bools:
+            return part.is_free_around(some, distance, angle)
 
-        See :meth:`CSpace.is_free_around`.
-        """
-        reach = check_not_negative(distance, "distance")
-        check_not_negative(angle, "angle", "pass it in radians")
-        query = self._query(lambda part, rows: part.is_free_around(rows, reach, angle), reach)
-        return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
+        return self._write_answers(ask, rows, out, distance)
 
-    def _query(self, ask: Ask, reach: float | None = None) -> Query:
-        """Return a query of configurations that the tiles answer."""
-        return self._in_pieces(lambda rows, out: self._tiles.ask(ask, rows, out, reach))
+    def _write_answers(
+        self, ask: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None
+    ) -> int:
+        """Write the answers of the tiles; return the index of the first unusable row, or -1."""
 
-    def _in_pieces(self, work: Callable[..., None]) -> Query:
-        """Return a query that works on checked rows, a piece of the batch at a time."""
+        def answer(part: Floats, answers: NDArray[Any]) -> None:
+            self._tiles.ask(ask, part, answers, reach)
 
-        def fill(parts: Sequence[Any], out: NDArray[Any]) -> int:
-            check = self._tiles.frame._classify()
-            for first in range(0, len(out), MAX_ROWS):
-                answers = out[first : first + MAX_ROWS]
-                rows = [as_contiguous(given[first : first + MAX_ROWS]) for given in parts]
-                for part in rows:
-                    bad = check([part], np.empty(len(part), dtype=np.uint8))
+        return self._in_pieces(answer, rows, out)
+
+    def _in_pieces(self, work: Callable[..., None], *arrays: NDArray[Any]) -> int:
+        """Call ``work`` on checked pieces of arrays; return the first unusable row, or -1."""
+
+        def write() -> int:
+            for first in range(0, len(arrays[0]), MAX_ROWS):
+                pieces = [array[first : first + MAX_ROWS] for array in arrays]
+                for rows in pieces[:-1]:
+                    states = np.empty(len(rows), dtype=np.uint8)
+                    bad = self._tiles.frame._write_states(rows, states)
                     if bad >= 0:
                         return first + bad
-                work(*rows, answers)
+                work(*pieces)
             return -1
 
-        return lambda parts, out: self._at_one_moment(partial(fill, parts, out))
+        return self._at_one_moment(write)
 
-    def _classify(self) -> Query:
-        return self._query(lambda part, rows: part.classify(rows))
+    def _write_states(self, rows: Floats, out: States) -> int:
+        return self._write_answers(lambda part, some: part.classify(some), rows, out)
 
-    def _frees(self, exact: bool) -> Query:
-        return super()._frees(exact and self._exact is not None)
-
-    def _edges(self, exact: bool) -> Query:
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         if exact:
-            _ = self._exact
-        return self._in_pieces(lambda *rows: self._tiles.motions_are_free(*rows))
+            _ = self._exact  # raises
+        return super()._write_free(exact, rows, out)
 
-    def _clearances(self) -> Query:
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        if exact:
+            _ = self._exact  # raises
+
+        def prove(first: Floats, last: Floats, proven: Bools) -> None:
+            self._tiles.motions_are_free(first, last, proven)
+
+        return self._in_pieces(prove, starts, ends, out)
+
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
         # cells too small.
         limit = (self.halo - 2) * self.grid.spacing
-        return self._query(lambda part, rows: np.minimum(part.clearance(rows), limit), limit)
+
+        def ask(part: CSpace, some: Floats) -> Floats:
+            return np.minimum(part.clearance(some), limit)
+
+        return self._write_answers(ask, rows, out, limit)
 
     @property
     def _exact(self) -> ExactQueries:

@@ -97,4 +97,4 @@ def test_copies_of_a_map_share_neither_lock_nor_parts(copied):
         thread.start()
         thread.join(10.0)
     assert answers == [True]
-    assert not {"_components", "_states_query"} & vars(copied(space)).keys()
+    assert not {"_components", "_distances"} & vars(copied(space)).keys()
