@@ -172,14 +172,15 @@ def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: C
     """
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
     # along z.
+    x_rate, y_rate = time_per_cell(p[0], q[0]), time_per_cell(p[1], q[1])
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     for i in range(max(low[0], first), min(high[0], last) + 1):
-        start, stop = slab_times(p[0], q[0], i, i)
+        start, stop = slab_times(p[0], x_rate, i)
         if start > stop:
             continue
         left, right = cells_between(p[1], q[1], start, stop)
         for j in range(max(low[1], left), min(high[1], right) + 1):
-            enter, leave = slab_times(p[1], q[1], j, j)
+            enter, leave = slab_times(p[1], y_rate, j)
             enter, leave = max(enter, start), min(leave, stop)
             if enter > leave:
                 continue
@@ -190,18 +191,22 @@ def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: C
 
 
 @inlined
-def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
+def time_per_cell(p: float, q: float) -> float:
+    """Return the change of t for each cell of a coordinate p + t (q - p); 0 if it hardly changes."""
+    return 0.0 if abs(q - p) < MIN_EXTENT_CELLS else 1.0 / (q - p)
+
+
+@inlined
+def slab_times(p: float, rate: float, cell: int) -> tuple[float, float]:
     """Return the range of t in a slab of cells.
 
-    A segment has the coordinates p + t (q - p), in cells; the slab has cells `first` to `last`. The
-    range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab. Every
-    operation rounds monotonically, so the range of several cells contains the range of each. SLACK
-    covers rounding, which grows with the length of the segment.
+    A segment has the coordinates p + t / rate, in cells; all of it is in the slab if the rate is 0.
+    The range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab.
+    SLACK covers rounding, which grows with the length of the segment.
     """
-    if abs(q - p) < MIN_EXTENT_CELLS:
+    if rate == 0.0:
         return 0.0, 1.0
-    scale = 1.0 / (q - p)
-    enter, leave = (first - SLACK - p) * scale, (last + 1 + SLACK - p) * scale
+    enter, leave = (cell - SLACK - p) * rate, (cell + 1 + SLACK - p) * rate
     return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
 
 
