@@ -45,8 +45,9 @@ FILES_WITHOUT_KERNELS: Final = (
     "cspace/arrays.py",
     "cspace/exact/__init__.py",
     "cspace/grid.py",
+    "cspace/rotations/base.py",
 )
-"""Files that kernels depend on; the last three have constants that are compiled into kernels."""
+"""Files that kernels depend on; the last four have constants that are compiled into kernels."""
 
 _KERNELS: Final = re.compile(rb"^@(kernel|inlined|allocating)\b", re.MULTILINE)
 

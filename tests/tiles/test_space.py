@@ -79,7 +79,9 @@ def test_queries_with_any_cache_size_equal_the_map_in_memory(tmp_path):
     for limit in (1, 20_000, 2**29):  # holds one tile, a few tiles or all tiles
         opened = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
         np.testing.assert_array_equal(opened.classify(q), space.classify(q))
-    assert (type(tiled.is_free(q[0])), type(tiled.classify(q[0]))) == (bool, int)
+    one = q[0].tolist()
+    assert (type(tiled.is_free(one)), type(tiled.classify(one))) == (bool, int)
+    assert (type(tiled.is_free(q[0])), type(tiled.classify(q[0]))) == (np.bool_, np.uint8)
 
 
 @pytest.mark.parametrize("name", ["plane", "yaw", "yaw in space"])
