@@ -184,5 +184,5 @@ def test_connectivity_broadcasts_and_refuses_nan():
     assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"edge number 0 is .*nan"):
         space.is_connected((np.nan, 1.0), (1.0, 1.0))
-    with pytest.raises(InputError, match=r"q1 number 2 is .*nan"):
+    with pytest.raises(InputError, match=r"edge number 2 is .*nan"):
         space.is_disconnected(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])
