@@ -198,8 +198,8 @@ class Correlation:
         groups: RasterGroups,
         state: NDArray[np.uint8],
         overlaps: NDArray[np.int32] | None,
-    ) -> str:
-        """Fill all slices; return the arithmetic used.
+    ) -> None:
+        """Fill all slices.
 
         ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one. ``state``,
         shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts.
@@ -207,13 +207,11 @@ class Correlation:
         """
         collides = state.view(np.bool_)
         counts = collides if overlaps is None else overlaps
-        precision = self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
+        self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=collides)
         if len(groups) > 1:
-            added = self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
-            precision = max(precision, added)
-        return precision
+            self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
 
     def _collide(
         self,
@@ -222,8 +220,8 @@ class Correlation:
         out: Sequence[NDArray[Any]],
         share: tuple[int, int],
         add: bool = False,
-    ) -> str:
-        """Run one correlation; return the arithmetic used.
+    ) -> None:
+        """Run one correlation.
 
         ``share`` is its index and the number of correlations, for the progress.
         """
@@ -237,7 +235,7 @@ class Correlation:
                     STEPS_PER_CORRELATION * count,
                 )
 
-        precision = self.engine.collide(
+        self.engine.collide(
             occupied,
             rasters,
             out,
@@ -247,4 +245,3 @@ class Correlation:
             progress=advance,
         )
         advance(1, 1)  # even if there was nothing to do
-        return precision
