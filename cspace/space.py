@@ -18,7 +18,7 @@ from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_count, check_finite, check_flag, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
-from cspace.engines.slices import narrower_rotations, slice_rasters
+from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import check_memory
 from cspace.map.batches import (
@@ -837,11 +837,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _nothing_free(self) -> ConfigurationError:
         """Return the error for a map without FREE cells."""
-        narrower = [
-            text for text, _ in narrower_rotations(self.robot, self.rotations, self.grid.spacing)
-        ]
-        # Within one of these rotation cells, no point of the robot moves farther than the spacing.
-        rotations = f"{narrower[-1]}, " if narrower else ""
+        rotations = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
         hint = (
             f"use a smaller robot, a finer spacing, {rotations}or unknown='free' for a sensor map"
         )

@@ -6,7 +6,7 @@ A raster has the cells that the robot covers at one rotation; a slice of the map
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -19,7 +19,7 @@ from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
-from cspace.rotations import RotationCell, Rotations
+from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 from cspace.words import Method
 
@@ -73,26 +73,6 @@ def raster_bytes(
     cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
     # A slice has an outer and an inner raster.
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
-
-
-def narrower_rotations(
-    robot: Robot, rotations: Rotations, distance: float
-) -> Iterator[tuple[str, Rotations]]:
-    """Yield ever more rotation cells, with their argument for messages.
-
-    In the last ones, the first for which that is true, no corner of the robot's bounding box moves
-    by more than ``distance``, metres.
-    """
-    if rotations.preserve(robot.shape):
-        return
-    corners = _box_corners(robot)
-    while True:
-        widest = RotationCell(None, float(rotations.covering_angles.max()), rotations.about_z)
-        narrower = rotations.make_finer()
-        if narrower is None or float(widest.displacement(corners).max()) <= distance:
-            return
-        _, rotations = narrower
-        yield narrower
 
 
 def _box_corners(robot: Robot) -> Floats:

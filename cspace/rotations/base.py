@@ -489,10 +489,6 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return cells of half the width and their argument, or None."""
-        return None
-
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 

@@ -37,9 +37,6 @@ FACE_STEP: Final = 1e-6
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
-MAX_SUGGESTED_PARTS: Final = 16
-"""Largest number of parts of an axis that messages suggest: 16,384 cells."""
-
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
 
@@ -238,13 +235,6 @@ class QuaternionRotations(Rotations):
         It must be a ball about its reference point.
         """
         return shape.is_round
-
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return eight times as many cells and their argument, or None."""
-        n = 2 * self.n
-        if n > MAX_SUGGESTED_PARTS:
-            return None
-        return f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)
 
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.

@@ -210,11 +210,6 @@ class YawRotations(Rotations):
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return twice as many cells, of one width, and their argument, or None."""
-        count = 2 * len(self)
-        return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
-
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 

@@ -98,8 +98,7 @@ def test_engines_read_maps_that_are_not_contiguous(engine):
     raster = Raster.from_bitmap(np.ones((3, 5), bool), (-1, -2))
     for part in (wide.T, wide[:, ::3]):
         assert (
-            collide(engine, part, [raster], True)[0]
-            == (overlaps_by_shifts(part, raster, True) > 0)
+            collide(engine, part, [raster], True)[0] == (overlaps_by_shifts(part, raster, True) > 0)
         ).all()
 
 
