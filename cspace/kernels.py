@@ -117,6 +117,15 @@ def extent_along(n: Row, half: Row) -> float:
 
 
 @kernel
+def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
+    """Return t in [0, 1] with ``p + t u`` nearest to the origin, and its squared distance."""
+    square = dot(u, u)
+    t = min(max(-dot(p, u) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    point = add_scaled(p, u, t)
+    return t, dot(point, point)
+
+
+@kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     """Return the weights of a triangle's nearest point.
 
@@ -124,30 +133,23 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly
     zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    ab, ac = minus(b, a), minus(c, a)
-    d1, d2 = -dot(ab, a), -dot(ac, a)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return 0.0, 0.0
-    d3, d4 = -dot(ab, b), -dot(ac, b)
-    if d3 >= 0.0 and d4 <= d3:
-        return 1.0, 0.0
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return (d1 / (d1 - d3) if d1 > d3 else 0.0), 0.0
-    d5, d6 = -dot(ab, c), -dot(ac, c)
-    if d6 >= 0.0 and d5 <= d6:
-        return 0.0, 1.0
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return 0.0, (d2 / (d2 - d6) if d2 > d6 else 0.0)
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        total = (d4 - d3) + (d5 - d6)
-        t = (d4 - d3) / total if total > 0.0 else 0.0
-        return 1.0 - t, t
-    total = va + vb + vc
-    s = min(max(vb / total, 0.0), 1.0) if total > 0.0 else 0.0
-    return s, (min(max(vc / total, 0.0), 1.0 - s) if total > 0.0 else 0.0)
+    ab, ac, bc = minus(b, a), minus(c, a), minus(c, b)
+    weight_a = dot(ab, b) * dot(ac, c) - dot(ab, c) * dot(ac, b)
+    weight_b = dot(ab, c) * dot(ac, a) - dot(ab, a) * dot(ac, c)
+    weight_c = dot(ab, a) * dot(ac, b) - dot(ab, b) * dot(ac, a)
+    if weight_a > 0.0 and weight_b > 0.0 and weight_c > 0.0:
+        total = weight_a + weight_b + weight_c
+        s = min(weight_b / total, 1.0)
+        return s, min(weight_c / total, 1.0 - s)
+    # Otherwise the nearest point lies on a side.
+    t_ab, square_ab = nearest_of_segment(a, ab)
+    t_ac, square_ac = nearest_of_segment(a, ac)
+    t_bc, square_bc = nearest_of_segment(b, bc)
+    if square_ab <= square_ac and square_ab <= square_bc:
+        return t_ab, 0.0
+    if square_ac <= square_bc:
+        return 0.0, t_ac
+    return 1.0 - t_bc, t_bc
 
 
 @kernel

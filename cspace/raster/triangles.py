@@ -223,49 +223,57 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
 
 
 @kernel
-def _clip(polygon: Floats, n: int, low: float, high: float, clipped: Floats) -> int:
-    """Clip a convex polygon of ``n`` corners to an interval of its first coordinate.
+def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
+    """Clip a triangle to the slab ``low <= x <= high``.
 
-    Writes the other coordinates of the corners in order, and returns the number of corners.
+    Writes the (y, z) of the corners in order, and returns the number of corners.
     """
     count = 0
-    for e in range(n):
-        p, q = polygon[e], polygon[(e + 1) % n]
+    for e in range(3):
+        p, q = triangle[e], triangle[(e + 1) % 3]
         if low <= p[0] <= high:
-            for axis in range(1, len(p)):
-                clipped[count, axis - 1] = p[axis]
+            clipped[count, 0], clipped[count, 1] = p[1], p[2]
             count += 1
-        for side in range(2):
-            plane = low if (side == 0) == (p[0] < q[0]) else high
+        first, second = (low, high) if p[0] < q[0] else (high, low)
+        for plane in (first, second):
             if min(p[0], q[0]) < plane < max(p[0], q[0]):
-                for axis in range(1, len(p)):
-                    clipped[count, axis - 1] = interpolate_at(plane, p[0], q[0], p[axis], q[axis])
+                clipped[count, 0] = interpolate_at(plane, p[0], q[0], p[1], q[1])
+                clipped[count, 1] = interpolate_at(plane, p[0], q[0], p[2], q[2])
                 count += 1
     return count
 
 
 @kernel
-def _cubes_along(
-    corners: Floats,
-    n: int,
-    axis: int,
-    below: float,
-    above: float,
-    start: int,
-    stop: int,
-) -> tuple[int, int]:
-    """Return the first and the last box along an axis that corners can meet.
+def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
+    """Return the z-interval of the part of a polygon with ``low <= y <= high``.
 
-    Boxes reach ``above`` past their index, and ``below`` before it; they are in
-    ``range(start, stop)``.
+    The polygon is convex, with ``n`` corners (y, z). Returns (inf, -inf) if there is no such part.
     """
-    if n == 0:
-        return 0, -1
-    low, high = math.inf, -math.inf
+    lowest, highest = math.inf, -math.inf
     for e in range(n):
-        low = min(low, corners[e, axis])
-        high = max(high, corners[e, axis])
-    return max(start, math.ceil(low - above)), min(stop - 1, math.floor(high + below))
+        p, q = polygon[e], polygon[(e + 1) % n]
+        if low <= p[0] <= high:
+            lowest, highest = min(lowest, p[1]), max(highest, p[1])
+        for plane in (low, high):
+            if min(p[0], q[0]) < plane < max(p[0], q[0]):
+                z = interpolate_at(plane, p[0], q[0], p[1], q[1])
+                lowest, highest = min(lowest, z), max(highest, z)
+    return lowest, highest
+
+
+@kernel
+def _cubes_between(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
+    """Return the first and the last index of ``range(start, stop)`` in an interval."""
+    if low > high:
+        return start, start - 1
+    return max(start, math.ceil(low)), min(stop - 1, math.floor(high))
+
+
+@kernel
+def _corner_range(triangle: Floats, axis: int) -> tuple[float, float]:
+    """Return the lowest and the highest coordinate of a triangle along an axis."""
+    a, b, c = triangle[0, axis], triangle[1, axis], triangle[2, axis]
+    return min(a, b, c), max(a, b, c)
 
 
 @allocating
@@ -286,15 +294,18 @@ def _mark_touched(
     _, ny, nz = out.shape
     before, after = b0 - slack, b1 + slack
     polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
-    heights = np.empty((27, 1))  # corners (z) of that polygon clipped to an interval of y
     for t in range(len(triangles)):
-        first_x, last_x = _cubes_along(triangles[t], 3, 0, -before, after, start, stop)
+        low, high = _corner_range(triangles[t], 0)
+        first_x, last_x = _cubes_between(low - after, high - before, start, stop)
         for i in range(first_x, last_x + 1):
-            n = _clip(triangles[t], 3, i + before, i + after, polygon)
-            first_y, last_y = _cubes_along(polygon, n, 0, -before, after, 0, ny)
+            n = _clip(triangles[t], i + before, i + after, polygon)
+            low, high = math.inf, -math.inf
+            for e in range(n):
+                low, high = min(low, polygon[e, 0]), max(high, polygon[e, 0])
+            first_y, last_y = _cubes_between(low - after, high - before, 0, ny)
             for j in range(first_y, last_y + 1):
-                m = _clip(polygon, n, j + before, j + after, heights)
-                first_z, last_z = _cubes_along(heights, m, 0, -before, after, 0, nz)
+                low, high = _heights_between(polygon, n, j + before, j + after)
+                first_z, last_z = _cubes_between(low - after, high - before, 0, nz)
                 for k in range(first_z, last_z + 1):
                     out[i, j, k] = True
 
@@ -388,11 +399,11 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within a radius of what triangle ``t`` sweeps.
-
-    The cube is not beyond the farthest point of the triangle.
-    """
+    """Return True if a cube is within a radius of what triangle ``t`` sweeps."""
     x, y, z = minus(center, row_at(swept.origin, 0))
+    level = 0.0 if swept.about_z else z
+    if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:
+        return False
     square = (abs(x) + half) ** 2 + (abs(y) + half) ** 2
     if not swept.about_z:
         square += (abs(z) + half) ** 2
@@ -425,47 +436,24 @@ def _mark_within(
         # A point that rotates about z keeps its height.
         rise = half + (radius + slack if swept.about_z else near)
         reach = half + near
-        first_x, last_x = _cubes_along(triangle, 3, 0, reach, reach, start, stop)
-        first_y, last_y = _cubes_along(triangle, 3, 1, reach, reach, 0, ny)
-        first_z, last_z = _cubes_along(triangle, 3, 2, rise, rise, 0, nz)
+        low, high = _corner_range(triangle, 0)
+        first_x, last_x = _cubes_between(low - reach, high + reach, start, stop)
+        low, high = _corner_range(triangle, 1)
+        first_y, last_y = _cubes_between(low - reach, high + reach, 0, ny)
+        low, high = _corner_range(triangle, 2)
+        first_z, last_z = _cubes_between(low - rise, high + rise, 0, nz)
         # Cubes far from the plane of the triangle cannot be near either.
         a = row_at(triangle[0], 0)
         along_x, along_y, half_height = _plane_heights(triangle, near, half)
         for i in range(first_x, last_x + 1):
             for j in range(first_y, last_y + 1):
                 height = a[2] + along_x * (i - a[0]) + along_y * (j - a[1])
-                low, high = _heights_in_sphere(swept, t, i, j, half, radius + slack)
-                first = max(first_z, math.ceil(max(low, height - half_height)))
-                last = min(last_z, math.floor(min(high, height + half_height)))
+                first = max(first_z, math.ceil(height - half_height))
+                last = min(last_z, math.floor(height + half_height))
                 for k in range(first, last + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
-
-
-@kernel
-def _heights_in_sphere(
-    swept: SweptTriangles,
-    t: int,
-    x: float,
-    y: float,
-    half: float,
-    distance: float,
-) -> tuple[float, float]:
-    """Return the z-interval of the cubes above (x, y) that triangle ``t`` can reach.
-
-    They are within a distance of the sphere, or the cylinder about z, of its farthest point.
-    """
-    farthest = swept.farthest[t] + distance
-    gap_x = max(0.0, abs(x - swept.origin[0]) - half)
-    gap_y = max(0.0, abs(y - swept.origin[1]) - half)
-    rest = farthest * farthest - gap_x * gap_x - gap_y * gap_y
-    if rest < 0.0:
-        return 1.0, 0.0
-    rise = _UNLIMITED
-    if not swept.about_z:
-        rise = min(rise, half + math.sqrt(rest))
-    return swept.origin[2] - rise, swept.origin[2] + rise
 
 
 @kernel

@@ -653,6 +653,3 @@ class OneRotation(Rotations):
         """Return no axes."""
         return ()
 
-    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
-        """Return cell 0 ``n`` times, without a draw."""
-        return np.zeros(n, dtype=np.int64)

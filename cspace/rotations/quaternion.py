@@ -172,13 +172,10 @@ class QuaternionRotations(Rotations):
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of quaternions, shape (..., 3, 3)."""
-        x, y, z, w = np.moveaxis(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True), -1, 0)
-        rows = [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        from scipy.spatial.transform import Rotation
+
+        matrices = Rotation.from_quat(rotation.reshape(-1, 4)).as_matrix()
+        return np.asarray(matrices.reshape(*rotation.shape[:-1], 3, 3))
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -204,13 +201,7 @@ class QuaternionRotations(Rotations):
             raise InputError(
                 "rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation
             )
-        wrong = np.abs((q * q).sum(axis=-1) - 1.0) > 2.0 * NORM_SLACK
-        if wrong.any():
-            norm = float(np.linalg.norm(q[wrong][0]))
-            rule = f"a quaternion's norm must be 1, within {NORM_SLACK:g}"
-            raise InputError(
-                "rotation", f"has a norm of {norm:.9g}", rule, "divide it by its norm", value=norm
-            )
+        self.canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
         quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)

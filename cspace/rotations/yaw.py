@@ -75,38 +75,18 @@ class YawRotations(Rotations):
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
-            if np.size(value) > MAX_YAW_CELLS + 1:
-                rule = f"there may be at most {MAX_YAW_CELLS} cells"
-                raise InputError(
-                    "rotations",
-                    f"has {np.size(value)} borders",
-                    rule,
-                    "pass e.g. 72 cells",
-                    value=value,
-                )
+            if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
+                rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
+                hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
+                problem = f"has shape {np.shape(value)}"
+                raise InputError("rotations", problem, rule, hint, value=value)
             angles = check_finite(value, "rotations")
-            if angles.ndim != 1 or len(angles) < 2:
-                rule, hint = (
-                    "it must hold at least two borders",
-                    "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
-                )
-                raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
-            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI:
-                raise InputError(
-                    "rotations",
-                    "are borders that do not ascend, or begin more than a turn from zero",
-                    "they must ascend, from one between -2 pi and 2 pi",
-                    "sort them, in radians",
-                    value=value,
-                )
-            if abs(angles[-1] - angles[0] - TWO_PI) > ANGLE_SLACK:
-                raise InputError(
-                    "rotations",
-                    f"reach from {angles[0]:g} to {angles[-1]:g} rad",
-                    f"they must cover the whole circle, 2 pi = {TWO_PI:.9f}",
-                    "end with the first border plus 2 pi (numpy.radians turns degrees)",
-                    value=value,
-                )
+            is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
+            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI or not is_turn:
+                problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
+                rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
+                hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
+                raise InputError("rotations", problem, rule, hint, value=value)
             borders = angles[:-1].tolist()
         return cls((*borders, borders[0] + TWO_PI))
 

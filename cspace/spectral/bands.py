@@ -79,9 +79,7 @@ class Rings(NamedTuple):
         half = box[len(box) // 2 :]
         moduli = np.linalg.norm(half / lengths, axis=1)
         ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
-        order = np.argsort(
-            ring.astype(np.min_scalar_type(ring.max())), kind="stable"
-        )  # short integers sort faster
+        order = np.argsort(ring, kind="stable")
         counts = np.bincount(ring)
         starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         indices = np.ascontiguousarray(half[order])

@@ -188,9 +188,9 @@ def decompose(
     )
     centers, radii, gap = choose_balls(lattice, count, length)
     order = np.argsort(-radii, kind="stable")
-    best = centers[order], radii[order]
-    measures = Bounds(*bound_ball_measure(*best)), Bounds(*region.measure)
-    return BallDecomposition(*map(frozen, best), kind, *measures, Bounds(*gap))
+    centers, radii = frozen(centers[order]), frozen(radii[order])
+    measure = Bounds(*bound_ball_measure(centers, radii))
+    return BallDecomposition(centers, radii, kind, measure, Bounds(*region.measure), Bounds(*gap))
 
 
 # ---- choice of balls -----------------------------------------------------------------------------

@@ -34,8 +34,13 @@ from cspace.spectral.descriptors import (
     check_same_dim,
     common_bump,
 )
-from cspace.spectral.pairs import PAIR_TABLE_NODES, norm_square, sum_pairs
-from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, ball_spectrum, evaluate_real_series
+from cspace.spectral.pairs import norm_square, sum_pairs
+from cspace.spectral.spectra import (
+    MAX_FREQUENCIES,
+    MIN_SPECTRUM_TOLERANCE,
+    ball_spectrum,
+    evaluate_real_series,
+)
 from cspace.spectral.trees import (
     HIT,
     MAX_PENDING_NODE_PAIRS,
@@ -49,9 +54,6 @@ from cspace.spectral.trees import (
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-
-MAX_FREQUENCIES: Final = 2**26
-"""Largest number of frequencies of a band that the caller chooses."""
 
 MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
@@ -434,13 +436,10 @@ class FourierOverlap:
         """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
         a, b = self._original, self._b
         arms, fixed = (a.centers - a.center) @ self._rotation.T, b.centers - self._center_b
-        different = len(np.unique(a.radii)) * len(np.unique(b.radii))
-        # Tables of few pairs of radii are kept for the next rotation.
-        many, slack = 0 if different <= 256 else PAIR_TABLE_NODES, 4.0 * self._placement_error
         moved = (arms + each for each in relative)
+        balls = fixed, b.radii, np.ones(len(fixed))
         return np.stack(
-            sum_pairs(a.bump, moved, a.radii, (fixed, b.radii, np.ones(len(fixed))), slack, many),
-            axis=1,
+            sum_pairs(a.bump, moved, a.radii, balls, 4.0 * self._placement_error), axis=1
         )
 
     def _choose_halves(

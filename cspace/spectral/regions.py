@@ -17,7 +17,6 @@ from cspace.grid import Grid
 from cspace.kernels import box_distance, point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.spectral.trees import BallTree
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -72,6 +71,9 @@ MAX_GAP_HALVINGS: Final = 14
 
 MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
+
+MAX_DISTANCES_PER_BLOCK: Final = 2**18
+"""Number of distances held at once, which fit into a cache."""
 
 
 class ShapeBoundary:
@@ -455,79 +457,23 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
 def cube_gaps(
     points: Floats, half: float, centers: Floats, radii: Floats
 ) -> tuple[Floats, Floats, Ints]:
-    """Measure cubes around points against balls, in threads.
+    """Measure cubes around points against balls.
 
     ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays
-    of shape (n,): the distance from each point to the nearest ball, the least length by which a
-    ball must grow to contain the cube, and the index of that ball. Lengths are negative deep in a
-    ball.
+    of shape (n,): the distance from each point to the nearest ball, the length by which that ball
+    must grow to contain the cube, and the index of the ball. Lengths are negative deep in a ball.
     """
-    near, far, owners = (
-        np.empty(len(points)),
-        np.empty(len(points)),
-        np.empty(len(points), dtype=np.int64),
-    )
-    flat = 3 - points.shape[1]
-    # Trees need radii of zero or above; all grow by one length, which the results lose again.
-    growth = max(0.0, -float(radii.min()))
-    tree, spatial = (
-        BallTree.of(centers, radii + growth),
-        np.ascontiguousarray(np.pad(points, ((0, 0), (0, flat)))),
-    )
-    halves = np.array([half] * points.shape[1] + [0.0] * flat)
+    from scipy.spatial.distance import cdist
 
-    def work(start: int, stop: int) -> int:
-        chunk, pending = slice(start, stop), np.empty(MAX_PENDING_NODES, dtype=np.int64)
-        measure_cubes(spatial[chunk], halves, tree, pending, near[chunk], far[chunk], owners[chunk])
-        return -1
-
-    in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
-    return near + growth, far + growth, tree.order[owners]
-
-
-@kernel
-def measure_cubes(
-    points: Floats,
-    halves: Floats,
-    tree: BallTree,
-    pending: Ints,
-    near: Floats,
-    far: Floats,
-    owners: Ints,
-) -> None:
-    """Write results of :func:`cube_gaps`, owners in the tree's leaf order.
-
-    ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is
-    scratch.
-    """
-    nodes, sizes = tree.nodes, tree.sizes
-    half, owner, owner_node = halves[0], 0, 0
-    for n in range(len(points)):
-        nearest, growth = math.inf, math.inf
-        # A node is stored with the index of its first leaf. The previous owner comes first, because
-        # it is mostly near.
-        pending[0], pending[1], count = 0, owner_node << 32 | owner, 1 + (n > 0)
-        while count > 0:
-            count -= 1
-            node, start = pending[count] >> 32, pending[count] & 0xFFFFFFFF
-            center_square, corner_square = 0.0, 0.0
-            for axis in range(3):
-                offset = abs(points[n, axis] - nodes[node, axis])
-                center_square += offset * offset
-                corner_square += (offset + halves[axis]) * (offset + halves[axis])
-            # A ball of the node is no nearer than the node, and its corner distance exceeds that by
-            # half a side or more. Few nodes pass, so that most roots are not needed.
-            reach = max(max(nearest, growth - half) + nodes[node, 3], 0.0)
-            if center_square >= reach * reach:
-                continue
-            if sizes[node] > 1:
-                middle = sizes[node] // 2
-                pending[count] = (node + 2 * middle) << 32 | (start + middle)
-                pending[count + 1] = (node + 1) << 32 | start
-                count += 2
-                continue
-            nearest = min(nearest, math.sqrt(center_square) - nodes[node, 3])
-            needed = math.sqrt(corner_square) - nodes[node, 3]
-            if needed < growth:
-                growth, owner, owner_node = needed, start, node
-        near[n], far[n], owners[n] = nearest, growth, owner
+    near, far = np.empty((2, len(points)))
+    owners = np.empty(len(points), dtype=np.int64)
+    size = max(1, MAX_DISTANCES_PER_BLOCK // len(radii))
+    for start in range(0, len(points), size):
+        block = slice(start, start + size)
+        gaps = cdist(points[block], centers) - radii
+        nearest = gaps.argmin(axis=1)
+        near[block] = gaps.min(axis=1)
+        corners = np.abs(points[block] - centers[nearest]) + half
+        far[block] = np.linalg.norm(corners, axis=1) - radii[nearest]
+        owners[block] = nearest
+    return near, far, owners
