@@ -133,7 +133,9 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly
     zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    ab, ac, bc = minus(b, a), minus(c, a), minus(c, b)
+    ab = minus(b, a)
+    ac = minus(c, a)
+    bc = minus(c, b)
     weight_a = dot(ab, b) * dot(ac, c) - dot(ab, c) * dot(ac, b)
     weight_b = dot(ab, c) * dot(ac, a) - dot(ab, a) * dot(ac, c)
     weight_c = dot(ab, a) * dot(ac, b) - dot(ab, b) * dot(ac, a)
@@ -167,7 +169,11 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     Collision Detection", 2005, section 5.1.9.
     """
     r = minus(p, q)
-    uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
+    uu = dot(u, u)
+    vv = dot(v, v)
+    uv = dot(u, v)
+    ur = dot(u, r)
+    vr = dot(v, r)
     area = uu * vv - uv * uv
     s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0) if area > 0.0 else 0.0
     t = min(max((uv * s + vr) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
@@ -198,12 +204,17 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
     For a triangle thinner than :data:`THIN`, it is up to THIN times the longest side too small.
     """
-    a, b, c = row_at(triangle[0], 0), row_at(triangle[1], 0), row_at(triangle[2], 0)
-    ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
+    a = row_at(triangle[0], 0)
+    b = row_at(triangle[1], 0)
+    c = row_at(triangle[2], 0)
+    ab = minus(b, a)
+    bc = minus(c, b)
+    ca = minus(a, c)
     distance = math.sqrt(
         min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
     )
-    longest, n = max(dot(ab, ab), dot(bc, bc), dot(ca, ca)), normal_of(triangle)
+    longest = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+    n = normal_of(triangle)
     length = math.sqrt(dot(n, n))
     if length <= THIN * longest:
         # Every point of the triangle is within its height of its sides.

@@ -328,7 +328,8 @@ def dilate(
                 wider[k] = wide[k] | low | high
             wide, wider = wider, wide
             length += step
-        jump, shift = np.uint64(distances[run] >> 6), np.uint64(distances[run] & 63)
+        jump = np.uint64(distances[run] >> 6)
+        shift = np.uint64(distances[run] & 63)
         for k in range(np.uint64(result.size)):
             low = wide[k + jump] >> shift
             high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)

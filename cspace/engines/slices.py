@@ -8,13 +8,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
@@ -32,9 +31,6 @@ MIN_CELLS_FOR_THREADS = 50_000
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
 
-RasterTask = Callable[[], list[tuple[int, RasterPair]]]
-"""Function that rasterizes the robot for some slices; it returns their indices and rasters."""
-
 
 def slice_rasters(
     robot: Robot,
@@ -44,13 +40,34 @@ def slice_rasters(
 ) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
-    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres.
+    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres. Rasters are made from
+    the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
+    mirrors. Then the raster is an image too.
     """
-    tasks = raster_tasks(robot, spacing, margin, rotations)
+    if rotations.preserve(robot.shape):
+        return [robot.rasters(spacing, margin)]
+    rotation_cells = rotations.make_shape_cells(robot.dim)
+    slice_of = rotations.assign_slices(robot.shape)
+    first_cells = np.unique(slice_of, return_index=True)[1]
+    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
+    images = rotations.find_images(robot.shape)
+    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
+    sources = image_slices.min(axis=0).tolist()
+    matrices = [images[image][0].T for image in image_slices.argmin(axis=0).tolist()]
+    originals = [number for number, source in enumerate(sources) if source == number]
     cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
-    threads = cores() if len(tasks) * cells > MIN_CELLS_FOR_THREADS else 1
-    rasters = dict(itertools.chain.from_iterable(in_threads(lambda task: task(), tasks, threads)))
-    return [rasters[number] for number in range(len(rasters))]
+    threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    made = in_threads(
+        lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
+        originals,
+        threads,
+    )
+    rasters = dict(zip(originals, made, strict=True))
+    for number, (source, matrix) in enumerate(zip(sources, matrices, strict=True)):
+        if number not in rasters:
+            outer, inner = rasters[source]
+            rasters[number] = outer.rotate(matrix), inner.rotate(matrix)
+    return [rasters[number] for number in range(len(sources))]
 
 
 def raster_bytes(
@@ -67,54 +84,12 @@ def raster_bytes(
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
-    positions = np.zeros((len(centers), robot.dim))
-    matrices = rotations.rotation_matrices(np.hstack([positions, centers]))
-    sides = np.ptp(_box_corners(robot) @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
+    matrices = rotations.make_matrices(centers, robot.dim)
+    corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
+    sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
     cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
     # A slice has an outer and an inner raster.
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
-
-
-def _box_corners(robot: Robot) -> Floats:
-    """Return the corners of the robot's bounding box, shape (2^d, d)."""
-    return np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
-
-
-def raster_tasks(
-    robot: Robot,
-    spacing: float,
-    margin: float,
-    rotations: Rotations,
-) -> list[RasterTask]:
-    """Return tasks that together rasterize the robot for all slices.
-
-    Rasters are made from the rotated geometry, unless a slice is the image of another slice by
-    quarter turns or mirrors. Then the raster is an image too, made in the same task as that slice.
-    """
-    if rotations.preserve(robot.shape):
-        return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations.assign_slices(robot.shape)
-    first_cells = np.unique(slice_of, return_index=True)[1]
-    cells = rotations.make_shape_cells(robot.dim)
-    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
-    images = rotations.find_images(robot.shape)
-    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
-    sources = image_slices.min(axis=0)
-    matrices = [images[index][0].T for index in image_slices.argmin(axis=0).tolist()]
-    is_source = sources == np.arange(len(sources))
-    images_of: dict[int, list[int]] = {}
-    for index in np.flatnonzero(~is_source).tolist():
-        images_of.setdefault(int(sources[index]), []).append(index)
-
-    def rasterise(source: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(source, robot.rasters(spacing, margin, cells[first_cells[source]]))]
-        for known, (outer, inner) in rasters:  # grows during the loop
-            for image in images_of.get(known, ()):
-                matrix = matrices[image]
-                rasters.append((image, (outer.rotate(matrix), inner.rotate(matrix))))
-        return rasters
-
-    return [partial(rasterise, source) for source in np.flatnonzero(is_source).tolist()]
 
 
 Progress = Callable[[int, int], None]

@@ -104,9 +104,11 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
     lower = np.asarray(grid.lower)
-    lows, highs = (boxes.lows - lower) / grid.spacing, (boxes.highs - lower) / grid.spacing
+    lows = (boxes.lows - lower) / grid.spacing
+    highs = (boxes.highs - lower) / grid.spacing
     local = RoundedBoxes(lows, highs, boxes.radii / grid.spacing)
-    starts, stops = lows - local.radii[:, None], highs + local.radii[:, None]
+    starts = lows - local.radii[:, None]
+    stops = highs + local.radii[:, None]
     check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
     # Boxes a full cell away from the grid meet none of its cells.
     near = ((stops > -1.0) & (starts < np.add(grid.shape, 1.0))).all(axis=1)

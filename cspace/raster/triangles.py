@@ -301,7 +301,8 @@ def _mark_touched(
             n = _clip(triangles[t], i + before, i + after, polygon)
             low, high = math.inf, -math.inf
             for e in range(n):
-                low, high = min(low, polygon[e, 0]), max(high, polygon[e, 0])
+                low = min(low, polygon[e, 0])
+                high = max(high, polygon[e, 0])
             first_y, last_y = _cubes_between(low - after, high - before, 0, ny)
             for j in range(first_y, last_y + 1):
                 low, high = _heights_between(polygon, n, j + before, j + after)
@@ -328,7 +329,9 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
     best = math.inf
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        du, dv, da = q[u] - p[u], q[v] - p[v], q[axis] - p[axis]
+        du = q[u] - p[u]
+        dv = q[v] - p[v]
+        da = q[axis] - p[axis]
         square = du * du + dv * dv
         if square == 0.0:
             continue
@@ -374,7 +377,9 @@ def _is_near(
     for _ in range(_MAX_PROJECTIONS):
         # Project the cube's point onto the triangle, and the result back onto the cube.
         px, py, pz = nearest_of_triangle(minus((x, y, z), a), minus(b, a), minus(c, a))
-        px, py, pz = px + a[0], py + a[1], pz + a[2]
+        px = px + a[0]
+        py = py + a[1]
+        pz = pz + a[2]
         x = min(max(px, -half), half)
         y = min(max(py, -half), half)
         z = min(max(pz, -half), half)
@@ -465,7 +470,8 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     allowance for rounding; with the slope it grows faster than the error of the heights.
     """
     a, n = row_at(triangle[0], 0), normal_of(triangle)
-    ab, ac = minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a)
+    ab = minus(row_at(triangle[1], 0), a)
+    ac = minus(row_at(triangle[2], 0), a)
     bc = minus(ac, ab)
     longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
     length = math.sqrt(dot(n, n))

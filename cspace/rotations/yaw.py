@@ -20,7 +20,6 @@ from cspace.rotations.base import (
     MAX_ANGLE,
     TWO_PI,
     Coordinate,
-    RotationCell,
     Rotations,
     RotationTable,
     Symmetric,
@@ -138,12 +137,10 @@ class YawRotations(Rotations):
         """Return the matrices of yaws."""
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
-        matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = (
-            cos,
-            -sin,
-            sin,
-            cos,
-        )
+        matrices[..., 0, 0] = cos
+        matrices[..., 0, 1] = -sin
+        matrices[..., 1, 0] = sin
+        matrices[..., 1, 1] = cos
         return matrices
 
     def __len__(self) -> int:
@@ -200,18 +197,6 @@ class YawRotations(Rotations):
             return np.zeros_like(cells)
         if len(self) % shape.symmetry == 0 and self.is_uniform():
             return cells % (len(self) // shape.symmetry)
-        return cells
-
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form that shapes need.
-
-        They are rotations about the z axis.
-        """
-        cells = []
-        for yaw, angle in zip(self._yaws.tolist(), self.covering_angles.tolist(), strict=True):
-            matrix = np.eye(dim)
-            matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-            cells.append(RotationCell(matrix, angle, about_z=True))
         return cells
 
     @property

@@ -159,10 +159,8 @@ def decompose(
     """
     check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem, rule = (
-            f"is {number!r} and tolerance is {tolerance!r}",
-            "exactly one of them chooses the balls",
-        )
+        problem = f"is {number!r} and tolerance is {tolerance!r}"
+        rule = "exactly one of them chooses the balls"
         raise InputError(
             "number",
             problem,
@@ -177,10 +175,8 @@ def decompose(
         hint = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
-        problem, rule = (
-            f"is {number}, but the shape is {region.size:g} m across",
-            "its lattice needs a finite size",
-        )
+        problem = f"is {number}, but the shape is {region.size:g} m across"
+        rule = "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
     lattice = (
@@ -234,10 +230,8 @@ def _fill_shape(
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
             "shape only"
         )
-        rule, hint = (
-            "parts thinner than the lattice have no balls",
-            "pass a larger tolerance, or kind='outer'",
-        )
+        rule = "parts thinner than the lattice have no balls"
+        hint = "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
     return centers, radii, gap
 
@@ -267,7 +261,8 @@ def _cover_shape(
             f"pass a larger {name}",
             value=value,
         )
-    centers, radii = lattice.to_metres(balls.centers), _radii_of(balls, lattice)
+    centers = lattice.to_metres(balls.centers)
+    radii = _radii_of(balls, lattice)
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
@@ -299,7 +294,8 @@ def _nearest_balls(
     with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
     the bounds are None.
     """
-    points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
+    points = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0])
+    best = math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (
         np.empty((0, lattice.region.dim)),
         *np.empty((2, 0)),
@@ -317,7 +313,8 @@ def _nearest_balls(
         ):
             low, high, growths = bound_shape_to_balls(lattice, centers, depths)
             if high < best:
-                best, found = high, (centers, depths, growths, (low, high))
+                best = high
+                found = (centers, depths, growths, (low, high))
     return found
 
 
@@ -348,7 +345,8 @@ def _cover_with(
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found.
     """
-    bad, good = 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side
+    bad = 1.001 * lattice.diagonal
+    good = 2.0 * lattice.region.size / lattice.side
     best = _cover_within(lattice, candidates, good, number, inside=inside)
     for _ in range(12):
         if best is None or good < 1.02 * bad:
@@ -525,7 +523,8 @@ class Cover:
         prefix_sums = np.cumsum(
             np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32
         )
-        rows, half = math.prod(counts.shape[:2]), lattice.half if whole else np.zeros(3)
+        rows = math.prod(counts.shape[:2])
+        half = lattice.half if whole else np.zeros(3)
         open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
         self._cells = CellCounts(
             counts,
@@ -549,10 +548,8 @@ class Cover:
         bounds = np.minimum(
             UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
         )
-        chosen, open_count = (
-            np.empty(min(max_balls, len(bounds)), dtype=np.int64),
-            int(self._cells.open_counts.sum()),
-        )
+        chosen = np.empty(min(max_balls, len(bounds)), dtype=np.int64)
+        open_count = int(self._cells.open_counts.sum())
         return chosen[
             : choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)
         ]
@@ -761,7 +758,8 @@ def polish(
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
-                        centers[ball, axis], radii[ball] = trial[axis], radius
+                        centers[ball, axis] = trial[axis]
+                        radii[ball] = radius
                 if not better:
                     step *= 0.5
             _count_ball(cells, centers[ball], radii[ball], 1)

@@ -61,7 +61,9 @@ def sum_pairs(
     rounding of a distance, metres. The results have shape (n,).
     """
     centers, other_radii, weights = fixed
-    found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
+    found = [np.empty((5, 0))]
+    number = 0
+    dim = centers.shape[1]
     for placement, points in enumerate(moved):
         number = placement + 1
         for i, j, gaps in _close_pairs(points, radii, centers, other_radii, slack):
@@ -95,7 +97,8 @@ def tabulated_integrals(
     # The integrals of indicators are not smooth in the distance.
     tabulated = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
     for number in np.flatnonzero(tabulated):
-        (large, small), members = (keys[number].real, keys[number].imag), group == number
+        large, small = (keys[number].real, keys[number].imag)
+        members = group == number
         fit, error = _tabulate_pair(bump, float(large), float(small), dim)
         values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
         errors[members] = error

@@ -116,7 +116,8 @@ class ShapeBoundary:
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
         """Compute lower bounds of distances to the shape, at most ``cap``."""
-        outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
+        outside = ~self.shape.contains(points)
+        gaps = np.zeros(len(points))
         gaps[outside] = np.maximum(self.distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
@@ -159,7 +160,9 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
-        self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.outer.bounds)
+        self.shape = shape
+        self.dim = shape.dim
+        self.bounds = np.array(shape.outer.bounds)
         self.outer = ShapeBoundary(shape.outer)
         self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
         self.depths, self.gaps = self.inner.depths, self.outer.gaps
@@ -172,7 +175,8 @@ class Region:
 
     def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
         """Return masks: points proven inside, and not proven ``radius`` away."""
-        contained, error = self.outer.shape.contains(points), self.outer.error
+        contained = self.outer.shape.contains(points)
+        error = self.outer.error
         near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
         is_inside = (
             contained & (near > error)
@@ -222,7 +226,9 @@ class Lattice:
     def __init__(self, region: Region, spacing: float) -> None:
         grid, flat = region.make_grid(spacing), 3 - region.dim
         cells = region.shape.cells(grid)[0]
-        self.region, self.side, self.diagonal = region, grid.spacing, math.sqrt(region.dim)
+        self.region = region
+        self.side = grid.spacing
+        self.diagonal = math.sqrt(region.dim)
         self.half = np.array([0.0] * flat + [0.5] * region.dim)
         self.corner = np.array([-0.5 * self.side] * flat + list(grid.lower))
         self.cells = cells.reshape((1,) * flat + cells.shape)
@@ -299,8 +305,11 @@ class PieceTree(NamedTuple):
 @allocating
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
     """Return bounds of the distance to the nearest piece, at most ``cap``."""
-    position, near, far = row_at(point, 0), cap, cap
-    pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
+    position = row_at(point, 0)
+    near = cap
+    far = cap
+    pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
+    gaps = np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
     while count > 0:
         count -= 1
@@ -318,22 +327,19 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                     gap = math.sqrt(
                         point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0))
                     )
-                near, far = min(near, gap), min(far, gap + tree.errors[n])
+                near = min(near, gap)
+                far = min(far, gap + tree.errors[n])
             continue
         child_a, child_b = node + 1, node + 2 * (size // 2)
-        gap_a, gap_b = (
-            box_distance(tree.boxes[child_a], position),
-            box_distance(tree.boxes[child_b], position),
-        )
+        gap_a = box_distance(tree.boxes[child_a], position)
+        gap_b = box_distance(tree.boxes[child_b], position)
         # Push the nearer box last, so that it is popped first.
         if gap_a < gap_b:
             child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
-        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = (
-            child_a,
-            child_b,
-            gap_a,
-            gap_b,
-        )
+        pending[count] = child_a
+        pending[count + 1] = child_b
+        gaps[count] = gap_a
+        gaps[count + 1] = gap_b
         count += 2
     return near, far
 
@@ -402,7 +408,9 @@ def bound_shape_to_balls(
     the ball that contains it after the least growth, so the grown balls cover the shape. The growth
     is -inf for a ball without boxes.
     """
-    region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
+    region = lattice.region
+    half = 0.5 * lattice.side
+    dim = lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
     low = float(cube_gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
     box_centers, high = lattice.to_metres(lattice.cell_centers), 0.0
@@ -425,10 +433,8 @@ def bound_shape_to_balls(
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))
         np.maximum.at(growths, owners[~is_open], far[~is_open])
-        box_centers, half = (
-            (box_centers[is_open, None] + half * halves).reshape(-1, dim),
-            0.5 * half,
-        )
+        box_centers = (box_centers[is_open, None] + half * halves).reshape(-1, dim)
+        half = 0.5 * half
         if not len(box_centers):
             break
     return max(low - error, 0.0), max(high, low) + error, growths + error

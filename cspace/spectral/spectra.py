@@ -218,13 +218,12 @@ def radius_basis(
     leaves as many combinations as the tolerance needs. The strength of a ball in each combination
     depends on its radius.
     """
-    max_modulus, max_radius, min_radius = (
-        float(moduli.max()),
-        float(radii.max()),
-        float(radii.min()),
-    )
+    max_modulus = float(moduli.max())
+    max_radius = float(radii.max())
+    min_radius = float(radii.min())
     within = BASIS_TOLERANCE_SHARE * tolerance
-    center, half = 0.5 * (min_radius + max_radius), 0.5 * (max_radius - min_radius)
+    center = 0.5 * (min_radius + max_radius)
+    half = 0.5 * (max_radius - min_radius)
     highest = max_radius * max_modulus
     count = count_nodes(within, 2.0 * math.pi * max_modulus * half)
     if count > 6 * max_terms:  # finding the basis would take longer than it saves
@@ -361,14 +360,11 @@ class Correlation:
 
     def splines(self) -> Iterator[Floats]:
         """Yield cubic spline coefficients of each term's field on the lattice."""
+        from scipy.ndimage import spline_filter
+
         for term in self.terms:
-            spectrum = self._spectrum * self.lattice.spread(term.factor)
-            for axis, size in enumerate(self.shape):
-                # The samples of a cubic B-spline at the steps are 1/6, 2/3 and 1/6.
-                angles = 2.0 * math.pi / size * frequency_indices(self.lattice.counts[axis])
-                samples = (2.0 + np.cos(angles)) / 3.0
-                spectrum /= samples.reshape(-1, *[1] * (spectrum.ndim - 1 - axis))
-            yield self._invert(spectrum)
+            field = self._invert(self._spectrum * self.lattice.spread(term.factor))
+            yield np.asarray(spline_filter(field, mode="grid-wrap"))
 
     def _invert(self, spectrum: Complexes) -> Floats:
         """Return the values of a spectrum on the lattice."""
