@@ -47,11 +47,13 @@ besides.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Row
+from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
 from cspace.kernels import THIN, dot, minus, nearest_of_triangle, normal_of, point_triangle, row_at
@@ -99,7 +101,24 @@ def mark_touched(
     below ``slack`` counts as touching.
     """
     min_slabs = len(out) if len(triangles) < _MIN_TRIANGLES_FOR_THREADS else 1
-    in_slabs(_mark_touched, out, triangles, b0, b1, slack, min_slabs=min_slabs)
+    before = b0 - slack
+    after = b1 + slack
+    # The clipped triangle may reach 2^-27 cells farther than its corners.
+    boxes = _index_boxes(triangles, 0.001 - before, 0.001 + after, out.shape)
+    in_slabs(_mark_touched, out, triangles, *boxes, before, after, min_slabs=min_slabs)
+
+
+def _index_boxes(
+    triangles: Floats, below: ArrayLike, above: ArrayLike, shape: Sequence[int]
+) -> tuple[Ints, Ints]:
+    """Return the first and the last indices, shape (n, 3), of the boxes that triangles can meet.
+
+    Boxes reach ``above`` past their index, and ``below`` before it.
+    """
+    first = np.ceil(triangles.min(axis=1) - above)
+    last = np.floor(triangles.max(axis=1) + below)
+    largest = np.array(shape) - 1.0
+    return np.maximum(first, 0.0).astype(np.int64), np.minimum(last, largest).astype(np.int64)
 
 
 class SweptTriangles(NamedTuple):
@@ -206,7 +225,11 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
     min_slabs = 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size)
-    in_slabs(_mark_within, out, swept, half, radius, slack, min_slabs=min_slabs)
+    reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
+    if swept.about_z:
+        reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
+    boxes = _index_boxes(swept.triangles, reach, reach, out.shape)
+    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack, min_slabs=min_slabs)
 
 
 @kernel
@@ -261,52 +284,41 @@ def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[
     return lowest, highest
 
 
-@kernel
-def _cubes_between(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
-    """Return the first and the last index of ``range(start, stop)`` in an interval."""
-    if low > high:
-        return start, start - 1
-    return max(start, math.ceil(low)), min(stop - 1, math.floor(high))
-
-
-@kernel
-def _corner_range(triangle: Floats, axis: int) -> tuple[float, float]:
-    """Return the lowest and the highest coordinate of a triangle along an axis."""
-    a, b, c = triangle[0, axis], triangle[1, axis], triangle[2, axis]
-    return min(a, b, c), max(a, b, c)
-
-
 @allocating
 def _mark_touched(
     out: Bools,
     triangles: Floats,
-    b0: float,
-    b1: float,
-    slack: float,
+    first: Ints,
+    last: Ints,
+    before: float,
+    after: float,
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i, j, k]`` if that box is within ``slack`` of a triangle.
+    """Set ``out[i, j, k]`` if that box meets a triangle.
 
-    Box (i, j, k) spans ``[i + b0, i + b1]`` along x, and likewise along y and z; all lengths are in
-    cells. Only boxes with ``start <= i < stop`` are set.
+    Box (i, j, k) spans ``[i + before, i + after]`` along x, and likewise along y and z; all lengths
+    are in cells. Only boxes with ``start <= i < stop`` are set. ``first`` and ``last``, shape
+    (n, 3), are the indices of the boxes around each triangle.
     """
-    _, ny, nz = out.shape
-    before, after = b0 - slack, b1 + slack
     polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
     for t in range(len(triangles)):
-        low, high = _corner_range(triangles[t], 0)
-        first_x, last_x = _cubes_between(low - after, high - before, start, stop)
-        for i in range(first_x, last_x + 1):
+        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
             n = _clip(triangles[t], i + before, i + after, polygon)
-            low, high = math.inf, -math.inf
+            if n == 0:
+                continue
+            low, high = polygon[0, 0], polygon[0, 0]
             for e in range(n):
                 low = min(low, polygon[e, 0])
                 high = max(high, polygon[e, 0])
-            first_y, last_y = _cubes_between(low - after, high - before, 0, ny)
+            first_y = max(first[t, 1], math.ceil(low - after))
+            last_y = min(last[t, 1], math.floor(high - before))
             for j in range(first_y, last_y + 1):
                 low, high = _heights_between(polygon, n, j + before, j + after)
-                first_z, last_z = _cubes_between(low - after, high - before, 0, nz)
+                if low > high:
+                    continue
+                first_z = max(first[t, 2], math.ceil(low - after))
+                last_z = min(last[t, 2], math.floor(high - before))
                 for k in range(first_z, last_z + 1):
                     out[i, j, k] = True
 
@@ -424,6 +436,8 @@ def _is_swept_near(
 def _mark_within(
     out: Bools,
     swept: SweptTriangles,
+    first: Ints,
+    last: Ints,
     half: float,
     radius: float,
     slack: float,
@@ -432,30 +446,21 @@ def _mark_within(
 ) -> None:
     """Mark cubes near swept triangles; see :func:`mark_within`.
 
-    Covers first indices in ``range(start, stop)``.
+    Covers first indices in ``range(start, stop)``. ``first`` and ``last``, shape (n, 3), are the
+    indices of the cubes around each swept triangle.
     """
-    _, ny, nz = out.shape
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
-        near = swept.growth[t] + radius + slack
-        # A point that rotates about z keeps its height.
-        rise = half + (radius + slack if swept.about_z else near)
-        reach = half + near
-        low, high = _corner_range(triangle, 0)
-        first_x, last_x = _cubes_between(low - reach, high + reach, start, stop)
-        low, high = _corner_range(triangle, 1)
-        first_y, last_y = _cubes_between(low - reach, high + reach, 0, ny)
-        low, high = _corner_range(triangle, 2)
-        first_z, last_z = _cubes_between(low - rise, high + rise, 0, nz)
         # Cubes far from the plane of the triangle cannot be near either.
-        a = row_at(triangle[0], 0)
+        near = swept.growth[t] + radius + slack
+        x, y, z = triangle[0]
         along_x, along_y, half_height = _plane_heights(triangle, near, half)
-        for i in range(first_x, last_x + 1):
-            for j in range(first_y, last_y + 1):
-                height = a[2] + along_x * (i - a[0]) + along_y * (j - a[1])
-                first = max(first_z, math.ceil(height - half_height))
-                last = min(last_z, math.floor(height + half_height))
-                for k in range(first, last + 1):
+        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
+            for j in range(first[t, 1], last[t, 1] + 1):
+                height = z + along_x * (i - x) + along_y * (j - y)
+                first_z = max(first[t, 2], math.ceil(height - half_height))
+                last_z = min(last[t, 2], math.floor(height + half_height))
+                for k in range(first_z, last_z + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
