@@ -405,8 +405,8 @@ def bound_shape_to_balls(
     the shape.
 
     Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
-    the ball that contains it after the least growth, so the grown balls cover the shape. The growth
-    is -inf for a ball without boxes.
+    the ball nearest to its center, which grows to contain it, so the grown balls cover the shape.
+    The growth is -inf for a ball without boxes.
     """
     region = lattice.region
     half = 0.5 * lattice.side
