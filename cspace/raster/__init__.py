@@ -116,6 +116,13 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
     return owner, np.arange(len(owner)) - first[owner]
 
 
+def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
+    """Return the first and the last indices of an array that lie in boxes, shape (n, d)."""
+    first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
+    last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
+    return first, last
+
+
 def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any, min_slabs: int) -> None:
     """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
 

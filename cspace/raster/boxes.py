@@ -43,7 +43,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap, in_slabs
+from cspace.raster import Raster, allocate_bitmap, in_slabs, index_boxes
 from cspace.raster.segments import OBSTACLE_REACH
 
 MIN_COLUMNS_FOR_THREADS = 100_000
@@ -151,8 +151,7 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     columns = float(np.minimum(extents, solid.shape)[:, :2].prod(axis=1).sum())
     min_slabs = 1 if columns > MIN_COLUMNS_FOR_THREADS else len(out)
     radii = boxes.radii[:, None]
-    first = np.maximum(np.ceil(lows - radii - b1), 0.0).astype(np.int64)
-    last = np.minimum(np.floor(highs + radii - b0), np.array(solid.shape) - 1.0).astype(np.int64)
+    first, last = index_boxes(lows - radii - b1, highs + radii - b0, solid.shape)
     boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
     in_slabs(_mark_near, solid, boxes, first, last, b0, b1, min_slabs=min_slabs)
 

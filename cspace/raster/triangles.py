@@ -47,17 +47,15 @@ besides.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
 from cspace.kernels import THIN, dot, minus, nearest_of_triangle, normal_of, point_triangle, row_at
-from cspace.raster import in_slabs
+from cspace.raster import in_slabs, index_boxes
 
 MIN_NORMAL_Z: Final = 2.0**-5
 """Minimum z-component of a unit normal for which the heights of its plane are used."""
@@ -104,21 +102,10 @@ def mark_touched(
     before = b0 - slack
     after = b1 + slack
     # The clipped triangle may reach 2^-27 cells farther than its corners.
-    boxes = _index_boxes(triangles, 0.001 - before, 0.001 + after, out.shape)
+    lows = triangles.min(axis=1) - (after + 0.001)
+    highs = triangles.max(axis=1) - (before - 0.001)
+    boxes = index_boxes(lows, highs, out.shape)
     in_slabs(_mark_touched, out, triangles, *boxes, before, after, min_slabs=min_slabs)
-
-
-def _index_boxes(
-    triangles: Floats, below: ArrayLike, above: ArrayLike, shape: Sequence[int]
-) -> tuple[Ints, Ints]:
-    """Return the first and the last indices, shape (n, 3), of the boxes that triangles can meet.
-
-    Boxes reach ``above`` past their index, and ``below`` before it.
-    """
-    first = np.ceil(triangles.min(axis=1) - above)
-    last = np.floor(triangles.max(axis=1) + below)
-    largest = np.array(shape) - 1.0
-    return np.maximum(first, 0.0).astype(np.int64), np.minimum(last, largest).astype(np.int64)
 
 
 class SweptTriangles(NamedTuple):
@@ -228,7 +215,9 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
     if swept.about_z:
         reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
-    boxes = _index_boxes(swept.triangles, reach, reach, out.shape)
+    lows = swept.triangles.min(axis=1) - reach
+    highs = swept.triangles.max(axis=1) + reach
+    boxes = index_boxes(lows, highs, out.shape)
     in_slabs(_mark_within, out, swept, *boxes, half, radius, slack, min_slabs=min_slabs)
 
 
