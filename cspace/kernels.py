@@ -117,6 +117,15 @@ def extent_along(n: Row, half: Row) -> float:
 
 
 @kernel
+def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
+    """Return t in [0, 1] with ``p + t u`` nearest to the origin, and its squared distance."""
+    square = dot(u, u)
+    t = min(max(-dot(p, u) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    point = add_scaled(p, u, t)
+    return t, dot(point, point)
+
+
+@kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     """Return the weights of a triangle's nearest point.
 
@@ -124,30 +133,25 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly
     zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    ab, ac = minus(b, a), minus(c, a)
-    d1, d2 = -dot(ab, a), -dot(ac, a)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return 0.0, 0.0
-    d3, d4 = -dot(ab, b), -dot(ac, b)
-    if d3 >= 0.0 and d4 <= d3:
-        return 1.0, 0.0
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return (d1 / (d1 - d3) if d1 > d3 else 0.0), 0.0
-    d5, d6 = -dot(ab, c), -dot(ac, c)
-    if d6 >= 0.0 and d5 <= d6:
-        return 0.0, 1.0
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return 0.0, (d2 / (d2 - d6) if d2 > d6 else 0.0)
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        total = (d4 - d3) + (d5 - d6)
-        t = (d4 - d3) / total if total > 0.0 else 0.0
-        return 1.0 - t, t
-    total = va + vb + vc
-    s = min(max(vb / total, 0.0), 1.0) if total > 0.0 else 0.0
-    return s, (min(max(vc / total, 0.0), 1.0 - s) if total > 0.0 else 0.0)
+    ab = minus(b, a)
+    ac = minus(c, a)
+    bc = minus(c, b)
+    weight_a = dot(ab, b) * dot(ac, c) - dot(ab, c) * dot(ac, b)
+    weight_b = dot(ab, c) * dot(ac, a) - dot(ab, a) * dot(ac, c)
+    weight_c = dot(ab, a) * dot(ac, b) - dot(ab, b) * dot(ac, a)
+    if weight_a > 0.0 and weight_b > 0.0 and weight_c > 0.0:
+        total = weight_a + weight_b + weight_c
+        s = min(weight_b / total, 1.0)
+        return s, min(weight_c / total, 1.0 - s)
+    # Otherwise the nearest point lies on a side.
+    t_ab, square_ab = nearest_of_segment(a, ab)
+    t_ac, square_ac = nearest_of_segment(a, ac)
+    t_bc, square_bc = nearest_of_segment(b, bc)
+    if square_ab <= square_ac and square_ab <= square_bc:
+        return t_ab, 0.0
+    if square_ac <= square_bc:
+        return 0.0, t_ac
+    return 1.0 - t_bc, t_bc
 
 
 @kernel
@@ -165,7 +169,11 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     Collision Detection", 2005, section 5.1.9.
     """
     r = minus(p, q)
-    uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
+    uu = dot(u, u)
+    vv = dot(v, v)
+    uv = dot(u, v)
+    ur = dot(u, r)
+    vr = dot(v, r)
     area = uu * vv - uv * uv
     s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0) if area > 0.0 else 0.0
     t = min(max((uv * s + vr) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
@@ -196,12 +204,17 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
     For a triangle thinner than :data:`THIN`, it is up to THIN times the longest side too small.
     """
-    a, b, c = row_at(triangle[0], 0), row_at(triangle[1], 0), row_at(triangle[2], 0)
-    ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
+    a = row_at(triangle[0], 0)
+    b = row_at(triangle[1], 0)
+    c = row_at(triangle[2], 0)
+    ab = minus(b, a)
+    bc = minus(c, b)
+    ca = minus(a, c)
     distance = math.sqrt(
         min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
     )
-    longest, n = max(dot(ab, ab), dot(bc, bc), dot(ca, ca)), normal_of(triangle)
+    longest = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+    n = normal_of(triangle)
     length = math.sqrt(dot(n, n))
     if length <= THIN * longest:
         # Every point of the triangle is within its height of its sides.

@@ -25,7 +25,7 @@ from cspace.check import (
 )
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
-from cspace.engines.slices import narrower_rotations, slice_rasters
+from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import check_memory
 from cspace.map.batches import (
@@ -813,11 +813,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _nothing_free(self) -> ConfigurationError:
         """Return the error for a map without FREE cells."""
-        narrower = [
-            text for text, _ in narrower_rotations(self.robot, self.rotations, self.grid.spacing)
-        ]
-        # Within one of these rotation cells, no point of the robot moves farther than the spacing.
-        rotations = f"{narrower[-1]}, " if narrower else ""
+        rotations = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
         hint = (
             f"use a smaller robot, a finer spacing, {rotations}or unknown='free' for a sensor map"
         )

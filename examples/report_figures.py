@@ -19,7 +19,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
@@ -153,7 +155,11 @@ figure, (left, right) = plt.subplots(
     1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True
 )
 balls = decompose(SHAPE, kind="inner", number=48)
-balls.plot(left, title=f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area")
+discs = PatchCollection(list(map(Circle, balls.centers, balls.radii)), alpha=0.16, ec=COLORS[0])
+left.add_collection(discs)
+left.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
+left.set_aspect("equal")
+plain(left, f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area", "x [m]", "y [m]")
 grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
 values = BallDescriptor(balls.centers, balls.radii, Bump(2.0)).sample(grid).values
 extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])

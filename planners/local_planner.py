@@ -28,7 +28,6 @@ from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_finite, check_flag, check_positive, check_word
 from cspace.configuration_space import ConfigurationSpace
-from cspace.engines.slices import narrower_rotations
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.callbacks import bind_kernel
 from cspace.rotations.base import (
@@ -476,11 +475,9 @@ class EdgesOnMap(LocalPlanner):
                 "a FREE cell"
             )
         hints = []
-        if self.in_memory and state == MIXED and not self.exact:
-            # Within one of these rotation cells, no point of the robot moves farther than half a
-            # cell.
-            narrower = narrower_rotations(space.robot, space.rotations, 0.5 * space.grid.spacing)
-            hints += [f"build the map with {text}" for text, _ in list(narrower)[-1:]]
+        is_turned = self.in_memory and not space.rotations.preserve(space.robot.shape)
+        if is_turned and state == MIXED and not self.exact:
+            hints.append("build the map with more rotations")
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())

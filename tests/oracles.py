@@ -194,13 +194,14 @@ def overlaps_by_shifts(occupied, raster, outside):
 
 
 def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
-    """Run an engine; return its new arrays and its arithmetic."""
+    """Run an engine; return its new arrays."""
     occupied, out = (
         occupied.view(),
         [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters],
     )
     occupied.setflags(write=False)  # like the cells of a workspace
-    return out, engine.collide(occupied, rasters, out, outside=outside, **options)
+    engine.collide(occupied, rasters, out, outside=outside, **options)
+    return out
 
 
 def segment_meets_block(start, end, low, high):

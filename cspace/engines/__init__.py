@@ -31,9 +31,6 @@ class Engine(Protocol):
     COUNTS: bool
     """True if the engine can count overlaps."""
 
-    PRECISION: str
-    """The most precise arithmetic that it takes: "integer" or "float64"."""
-
     def collide(
         self,
         occupied: Bools,
@@ -44,7 +41,7 @@ class Engine(Protocol):
         add: bool = False,
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> str:
+    ) -> None:
         """Write the overlaps at every cell k of the map.
 
         The overlaps at k are the offsets m with ``W[k + m]`` set.
@@ -67,22 +64,6 @@ class Engine(Protocol):
             Threads; by default one for each core that the process may use.
         progress : callable, optional
             Called with (finished parts, all parts), from the calling thread.
-
-        Returns
-        -------
-        {"integer", "float32", "float64"}
-            Arithmetic that was used.
-        """
-
-    def bytes_needed(
-        self,
-        shape: Sequence[int],
-        rasters: Sequence[Raster],
-        workers: int | None = None,
-    ) -> int:
-        """Return the peak memory of :meth:`collide`, in bytes.
-
-        Input and results are excluded.
         """
 
 

@@ -30,9 +30,6 @@ from cspace.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
 
-PRECISION: Final = "integer"
-"""This engine computes with words of bits."""
-
 COUNTS: Final = False
 """True if the engine can count overlaps."""
 
@@ -90,7 +87,7 @@ def collide(
     add: bool = False,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> str:
+) -> None:
     """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`.
 
     Small work takes one thread.
@@ -107,7 +104,7 @@ def collide(
         else:
             result[...] = is_blocked
     if not used:
-        return PRECISION
+        return
     bits = PaddedBits(occupied.reshape(shape), results, [raster for raster, _, _ in used], outside)
     tasks: list[Task] = []
     for _, runs_of_raster, result in used:
@@ -121,23 +118,6 @@ def collide(
     groups = [group for group in groups if group]
     advance = None if progress is None else lambda done: progress(done, len(groups))
     in_threads(partial(bits.dilate_blocks, add), groups, threads, advance)
-    return PRECISION
-
-
-def bytes_needed(
-    shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None
-) -> int:
-    """Return the peak memory of :func:`collide`, in bytes.
-
-    Excludes its input, its results and up to a few megabytes.
-    """
-    used = [raster for raster in rasters if raster.cells.size]
-    if not used:
-        return 0
-    layers, rows, cells = to_three_axes(shape)
-    padding = Padding.of((layers, rows, cells), (layers, rows, cells), used)
-    unpadded = layers * rows * round_up(cells)
-    return (padding.total_rows * padding.cells + unpadded) // BYTE_BITS
 
 
 class ClippedRuns(NamedTuple):
@@ -348,7 +328,8 @@ def dilate(
                 wider[k] = wide[k] | low | high
             wide, wider = wider, wide
             length += step
-        jump, shift = np.uint64(distances[run] >> 6), np.uint64(distances[run] & 63)
+        jump = np.uint64(distances[run] >> 6)
+        shift = np.uint64(distances[run] & 63)
         for k in range(np.uint64(result.size)):
             low = wide[k + jump] >> shift
             high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)

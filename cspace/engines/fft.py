@@ -46,9 +46,6 @@ from cspace.arrays import Bools, Ints
 from cspace.raster import Raster
 from cspace.threads import cores, in_threads
 
-PRECISION: Final = "float64"
-"""This engine takes single precision if its error bound allows, and double precision otherwise."""
-
 COUNTS: Final = True
 """True if the engine can count overlaps."""
 
@@ -70,9 +67,6 @@ CACHE_BYTES: Final = 2**22
 MAX_SPECTRA_BYTES: Final = 2**26
 """Memory for the spectra of the rasters that are used at a time, bytes."""
 
-ARRAYS_PER_THREAD: Final = 4
-"""Number of arrays of the size of a tile that a thread uses at once."""
-
 
 def collide(
     occupied: Bools,
@@ -83,7 +77,7 @@ def collide(
     add: bool = False,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> str:
+) -> None:
     """Correlate one bitmap with several rasters; see :class:`cspace.engines.Engine`.
 
     With one worker everything runs in the calling thread, where ``scipy.fft.set_backend`` holds.
@@ -97,7 +91,7 @@ def collide(
         else:
             _write(result, 0.0, missing, add)
     if not members:
-        return "float32"
+        return
     tiling = choose_tiling(out[0].shape, [member.raster for member in members])
     axes = zip(out[0].shape, tiling.step.tolist(), strict=True)
     corners = list(itertools.product(*(range(0, n, step) for n, step in axes)))
@@ -113,24 +107,6 @@ def collide(
         pairs = list(zip(batch, spectra, strict=True))
         tasks = [(corner, pairs[part::parts]) for corner in corners for part in range(parts)]
         in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
-    return tiling.precision
-
-
-def bytes_needed(
-    shape: Sequence[int],
-    rasters: Sequence[Raster],
-    workers: int | None = None,
-) -> int:
-    """Return the peak memory of :func:`collide`, in bytes.
-
-    Excludes its input and its results.
-    """
-    used = [near for raster in rasters if (near := clip_raster(raster, shape)).count]
-    if not used:
-        return 0
-    tile = choose_tiling(shape, used).bytes
-    spectra = min(len(used) * tile, max(tile, MAX_SPECTRA_BYTES))
-    return spectra + ARRAYS_PER_THREAD * (workers or cores()) * tile
 
 
 class Member(NamedTuple):

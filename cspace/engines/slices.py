@@ -6,20 +6,19 @@ A raster has the cells that the robot covers at one rotation; a slice of the map
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
-from cspace.rotations import RotationCell, Rotations
+from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 from cspace.words import Method
 
@@ -32,9 +31,6 @@ MIN_CELLS_FOR_THREADS = 50_000
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
 
-RasterTask = Callable[[], list[tuple[int, RasterPair]]]
-"""Function that rasterizes the robot for some slices; it returns their indices and rasters."""
-
 
 def slice_rasters(
     robot: Robot,
@@ -44,13 +40,34 @@ def slice_rasters(
 ) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
-    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres.
+    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres. Rasters are made from
+    the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
+    mirrors. Then the raster is an image too.
     """
-    tasks = raster_tasks(robot, spacing, margin, rotations)
+    if rotations.preserve(robot.shape):
+        return [robot.rasters(spacing, margin)]
+    rotation_cells = rotations.make_shape_cells(robot.dim)
+    slice_of = rotations.assign_slices(robot.shape)
+    first_cells = np.unique(slice_of, return_index=True)[1]
+    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
+    images = rotations.find_images(robot.shape)
+    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
+    sources = image_slices.min(axis=0).tolist()
+    matrices = [images[image][0].T for image in image_slices.argmin(axis=0).tolist()]
+    originals = [number for number, source in enumerate(sources) if source == number]
     cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
-    threads = cores() if len(tasks) * cells > MIN_CELLS_FOR_THREADS else 1
-    rasters = dict(itertools.chain.from_iterable(in_threads(lambda task: task(), tasks, threads)))
-    return [rasters[number] for number in range(len(rasters))]
+    threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    made = in_threads(
+        lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
+        originals,
+        threads,
+    )
+    rasters = dict(zip(originals, made, strict=True))
+    for number, (source, matrix) in enumerate(zip(sources, matrices, strict=True)):
+        if number not in rasters:
+            outer, inner = rasters[source]
+            rasters[number] = outer.rotate(matrix), inner.rotate(matrix)
+    return [rasters[number] for number in range(len(sources))]
 
 
 def raster_bytes(
@@ -67,74 +84,12 @@ def raster_bytes(
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
-    positions = np.zeros((len(centers), robot.dim))
-    matrices = rotations.rotation_matrices(np.hstack([positions, centers]))
-    sides = np.ptp(_box_corners(robot) @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
+    matrices = rotations.make_matrices(centers, robot.dim)
+    corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
+    sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
     cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
     # A slice has an outer and an inner raster.
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
-
-
-def narrower_rotations(
-    robot: Robot, rotations: Rotations, distance: float
-) -> Iterator[tuple[str, Rotations]]:
-    """Yield ever more rotation cells, with their argument for messages.
-
-    In the last ones, the first for which that is true, no corner of the robot's bounding box moves
-    by more than ``distance``, metres.
-    """
-    if rotations.preserve(robot.shape):
-        return
-    corners = _box_corners(robot)
-    while True:
-        widest = RotationCell(None, float(rotations.covering_angles.max()), rotations.about_z)
-        narrower = rotations.make_finer()
-        if narrower is None or float(widest.displacement(corners).max()) <= distance:
-            return
-        _, rotations = narrower
-        yield narrower
-
-
-def _box_corners(robot: Robot) -> Floats:
-    """Return the corners of the robot's bounding box, shape (2^d, d)."""
-    return np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
-
-
-def raster_tasks(
-    robot: Robot,
-    spacing: float,
-    margin: float,
-    rotations: Rotations,
-) -> list[RasterTask]:
-    """Return tasks that together rasterize the robot for all slices.
-
-    Rasters are made from the rotated geometry, unless a slice is the image of another slice by
-    quarter turns or mirrors. Then the raster is an image too, made in the same task as that slice.
-    """
-    if rotations.preserve(robot.shape):
-        return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations.assign_slices(robot.shape)
-    first_cells = np.unique(slice_of, return_index=True)[1]
-    cells = rotations.make_shape_cells(robot.dim)
-    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
-    images = rotations.find_images(robot.shape)
-    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
-    sources = image_slices.min(axis=0)
-    matrices = [images[index][0].T for index in image_slices.argmin(axis=0).tolist()]
-    is_source = sources == np.arange(len(sources))
-    images_of: dict[int, list[int]] = {}
-    for index in np.flatnonzero(~is_source).tolist():
-        images_of.setdefault(int(sources[index]), []).append(index)
-
-    def rasterise(source: int) -> list[tuple[int, RasterPair]]:
-        rasters = [(source, robot.rasters(spacing, margin, cells[first_cells[source]]))]
-        for known, (outer, inner) in rasters:  # grows during the loop
-            for image in images_of.get(known, ()):
-                matrix = matrices[image]
-                rasters.append((image, (outer.rotate(matrix), inner.rotate(matrix))))
-        return rasters
-
-    return [partial(rasterise, source) for source in np.flatnonzero(is_source).tolist()]
 
 
 Progress = Callable[[int, int], None]
@@ -198,8 +153,8 @@ class Correlation:
         groups: RasterGroups,
         state: NDArray[np.uint8],
         overlaps: NDArray[np.int32] | None,
-    ) -> str:
-        """Fill all slices; return the arithmetic used.
+    ) -> None:
+        """Fill all slices.
 
         ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one. ``state``,
         shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts.
@@ -207,13 +162,11 @@ class Correlation:
         """
         collides = state.view(np.bool_)
         counts = collides if overlaps is None else overlaps
-        precision = self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
+        self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=collides)
         if len(groups) > 1:
-            added = self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
-            precision = max(precision, added)
-        return precision
+            self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
 
     def _collide(
         self,
@@ -222,8 +175,8 @@ class Correlation:
         out: Sequence[NDArray[Any]],
         share: tuple[int, int],
         add: bool = False,
-    ) -> str:
-        """Run one correlation; return the arithmetic used.
+    ) -> None:
+        """Run one correlation.
 
         ``share`` is its index and the number of correlations, for the progress.
         """
@@ -237,7 +190,7 @@ class Correlation:
                     STEPS_PER_CORRELATION * count,
                 )
 
-        precision = self.engine.collide(
+        self.engine.collide(
             occupied,
             rasters,
             out,
@@ -247,4 +200,3 @@ class Correlation:
             progress=advance,
         )
         advance(1, 1)  # even if there was nothing to do
-        return precision

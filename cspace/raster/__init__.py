@@ -12,17 +12,10 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
-from cspace.limits import free_bytes
 from cspace.threads import in_chunks
 
 MAX_RASTER_CELLS = 2**28
 """Maximum number of cells in the bounding box of a raster."""
-
-UNCHECKED_CELLS = 2**22
-"""Number of cells up to which a robot is rasterised without checking the free memory."""
-
-RASTERISING_BYTES_PER_CELL = 6
-"""Memory for each cell of a robot while it is rasterised, which takes several bitmaps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +116,13 @@ def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
     return owner, np.arange(len(owner)) - first[owner]
 
 
+def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
+    """Return the first and the last indices of an array that lie in boxes, shape (n, d)."""
+    first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
+    last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
+    return first, last
+
+
 def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any, min_slabs: int) -> None:
     """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
 
@@ -144,16 +144,12 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower
-    cells = float(np.prod(shape))
-    max_cells = MAX_RASTER_CELLS
-    if cells > UNCHECKED_CELLS:
-        max_cells = min(MAX_RASTER_CELLS, free_bytes() // RASTERISING_BYTES_PER_CELL)
-    if cells > max_cells:
+    if float(np.prod(shape)) > MAX_RASTER_CELLS:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
             "robot",
             f"is {size} cells large at this spacing",
-            f"the free memory allows at most {max_cells}",
+            f"it may have at most {MAX_RASTER_CELLS}",
             "use a larger spacing, or check the robot's units (metres)",
         )
     return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in lower)

@@ -40,10 +40,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap, in_slabs
+from cspace.raster import Raster, allocate_bitmap, in_slabs, index_boxes
 from cspace.raster.segments import OBSTACLE_REACH
 
 MIN_COLUMNS_FOR_THREADS = 100_000
@@ -104,9 +104,11 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
     lower = np.asarray(grid.lower)
-    lows, highs = (boxes.lows - lower) / grid.spacing, (boxes.highs - lower) / grid.spacing
+    lows = (boxes.lows - lower) / grid.spacing
+    highs = (boxes.highs - lower) / grid.spacing
     local = RoundedBoxes(lows, highs, boxes.radii / grid.spacing)
-    starts, stops = lows - local.radii[:, None], highs + local.radii[:, None]
+    starts = lows - local.radii[:, None]
+    stops = highs + local.radii[:, None]
     check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
     # Boxes a full cell away from the grid meet none of its cells.
     near = ((stops > -1.0) & (starts < np.add(grid.shape, 1.0))).all(axis=1)
@@ -148,14 +150,18 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     extents = highs - lows + 2.0 * boxes.radii[:, None] + abs(b1 - b0) + 1.0
     columns = float(np.minimum(extents, solid.shape)[:, :2].prod(axis=1).sum())
     min_slabs = 1 if columns > MIN_COLUMNS_FOR_THREADS else len(out)
+    radii = boxes.radii[:, None]
+    first, last = index_boxes(lows - radii - b1, highs + radii - b0, solid.shape)
     boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    in_slabs(_mark_near, solid, boxes, b0, b1, min_slabs=min_slabs)
+    in_slabs(_mark_near, solid, boxes, first, last, b0, b1, min_slabs=min_slabs)
 
 
 @kernel
 def _mark_near(
     out: Bools,
     boxes: RoundedBoxes,
+    first: Ints,
+    last: Ints,
     b0: float,
     b1: float,
     start: int,
@@ -163,33 +169,24 @@ def _mark_near(
 ) -> None:
     """Set ``out[i]`` if cube ``i`` is within the radius of a box.
 
-    Covers first indices in ``[start, stop)``. The gap along an axis is zero if the intervals of
-    cube and box meet. With ``b0`` above ``b1`` it is measured to the farther end of the cube, so it
-    becomes the excess of the cube over the box.
+    Covers first indices in ``[start, stop)``. ``first`` and ``last``, shape (n, 3), are the indices
+    of the cubes around each box. The gap along an axis is zero if the intervals of cube and box
+    meet. With ``b0`` above ``b1`` it is measured to the farther end of the cube, so it becomes the
+    excess of the cube over the box.
     """
     lows, highs, radii = boxes
-    _, ny, nz = out.shape
-    for n in range(lows.shape[0]):
-        radius = radii[n]
-        square = radius * radius
-        xlow, ylow, zlow = lows[n]
-        xhigh, yhigh, zhigh = highs[n]
-        i_first = max(start, math.ceil(xlow - radius - b1))
-        i_last = min(stop - 1, math.floor(xhigh + radius - b0))
-        if i_first > i_last or zlow - radius - b1 > nz or zhigh + radius - b0 < -1.0:
-            continue
-        j_first = max(0, math.ceil(ylow - radius - b1))
-        j_last = min(ny - 1, math.floor(yhigh + radius - b0))
-        for i in range(i_first, i_last + 1):
-            dx = max(0.0, xlow - (i + b1), (i + b0) - xhigh)
-            for j in range(j_first, j_last + 1):
-                dy = max(0.0, ylow - (j + b1), (j + b0) - yhigh)
+    for n in range(len(radii)):
+        square = radii[n] * radii[n]
+        for i in range(max(start, first[n, 0]), min(stop - 1, last[n, 0]) + 1):
+            dx = max(0.0, lows[n, 0] - (i + b1), (i + b0) - highs[n, 0])
+            for j in range(first[n, 1], last[n, 1] + 1):
+                dy = max(0.0, lows[n, 1] - (j + b1), (j + b0) - highs[n, 1])
                 rest = square - dx * dx - dy * dy
                 if rest < 0.0:
                     continue
                 # The rest of the squared radius bounds the gap along z: one run of cubes.
                 half = math.sqrt(rest)
-                k_first = max(0, math.ceil(zlow - half - b1))
-                k_last = min(nz - 1, math.floor(zhigh + half - b0))
+                k_first = max(first[n, 2], math.ceil(lows[n, 2] - half - b1))
+                k_last = min(last[n, 2], math.floor(highs[n, 2] + half - b0))
                 for k in range(k_first, k_last + 1):
                     out[i, j, k] = True

@@ -268,11 +268,11 @@ def _mark_enclosed(
     for i in range(start, stop):
         for entry in range(starts[i], starts[i + 1]):
             t = members[entry]
-            sign, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], i)
+            sign, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], float(i))
             if sign == 0:
                 continue
             for j in range(max(0, math.ceil(low_y)), min(ny, math.ceil(high_y))):
-                z = interpolate_at(j, low_y, high_y, low_z, high_z)
+                z = interpolate_at(float(j), low_y, high_y, low_z, high_z)
                 # From below, a ray enters through triangles that face down.
                 changes[j, min(max(math.ceil(z), 0), nz)] -= sign * windings[t]
         for j in range(ny):

@@ -51,11 +51,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Row
+from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
 from cspace.kernels import THIN, dot, minus, nearest_of_triangle, normal_of, point_triangle, row_at
-from cspace.raster import in_slabs
+from cspace.raster import in_slabs, index_boxes
 
 MIN_NORMAL_Z: Final = 2.0**-5
 """Minimum z-component of a unit normal for which the heights of its plane are used."""
@@ -99,7 +99,13 @@ def mark_touched(
     below ``slack`` counts as touching.
     """
     min_slabs = len(out) if len(triangles) < _MIN_TRIANGLES_FOR_THREADS else 1
-    in_slabs(_mark_touched, out, triangles, b0, b1, slack, min_slabs=min_slabs)
+    before = b0 - slack
+    after = b1 + slack
+    # The clipped triangle may reach 2^-27 cells farther than its corners.
+    lows = triangles.min(axis=1) - (after + 0.001)
+    highs = triangles.max(axis=1) - (before - 0.001)
+    boxes = index_boxes(lows, highs, out.shape)
+    in_slabs(_mark_touched, out, triangles, *boxes, before, after, min_slabs=min_slabs)
 
 
 class SweptTriangles(NamedTuple):
@@ -206,7 +212,13 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
     min_slabs = 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size)
-    in_slabs(_mark_within, out, swept, half, radius, slack, min_slabs=min_slabs)
+    reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
+    if swept.about_z:
+        reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
+    lows = swept.triangles.min(axis=1) - reach
+    highs = swept.triangles.max(axis=1) + reach
+    boxes = index_boxes(lows, highs, out.shape)
+    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack, min_slabs=min_slabs)
 
 
 @kernel
@@ -223,78 +235,79 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
 
 
 @kernel
-def _clip(polygon: Floats, n: int, low: float, high: float, clipped: Floats) -> int:
-    """Clip a convex polygon of ``n`` corners to an interval of its first coordinate.
+def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
+    """Clip a triangle to the slab ``low <= x <= high``.
 
-    Writes the other coordinates of the corners in order, and returns the number of corners.
+    Writes the (y, z) of the corners in order, and returns the number of corners.
     """
     count = 0
-    for e in range(n):
-        p, q = polygon[e], polygon[(e + 1) % n]
+    for e in range(3):
+        p, q = triangle[e], triangle[(e + 1) % 3]
         if low <= p[0] <= high:
-            for axis in range(1, len(p)):
-                clipped[count, axis - 1] = p[axis]
+            clipped[count, 0], clipped[count, 1] = p[1], p[2]
             count += 1
-        for side in range(2):
-            plane = low if (side == 0) == (p[0] < q[0]) else high
+        first, second = (low, high) if p[0] < q[0] else (high, low)
+        for plane in (first, second):
             if min(p[0], q[0]) < plane < max(p[0], q[0]):
-                for axis in range(1, len(p)):
-                    clipped[count, axis - 1] = interpolate_at(plane, p[0], q[0], p[axis], q[axis])
+                clipped[count, 0] = interpolate_at(plane, p[0], q[0], p[1], q[1])
+                clipped[count, 1] = interpolate_at(plane, p[0], q[0], p[2], q[2])
                 count += 1
     return count
 
 
 @kernel
-def _cubes_along(
-    corners: Floats,
-    n: int,
-    axis: int,
-    below: float,
-    above: float,
-    start: int,
-    stop: int,
-) -> tuple[int, int]:
-    """Return the first and the last box along an axis that corners can meet.
+def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
+    """Return the z-interval of the part of a polygon with ``low <= y <= high``.
 
-    Boxes reach ``above`` past their index, and ``below`` before it; they are in
-    ``range(start, stop)``.
+    The polygon is convex, with ``n`` corners (y, z). Returns (inf, -inf) if there is no such part.
     """
-    if n == 0:
-        return 0, -1
-    low, high = math.inf, -math.inf
+    lowest, highest = math.inf, -math.inf
     for e in range(n):
-        low = min(low, corners[e, axis])
-        high = max(high, corners[e, axis])
-    return max(start, math.ceil(low - above)), min(stop - 1, math.floor(high + below))
+        p, q = polygon[e], polygon[(e + 1) % n]
+        if low <= p[0] <= high:
+            lowest, highest = min(lowest, p[1]), max(highest, p[1])
+        for plane in (low, high):
+            if min(p[0], q[0]) < plane < max(p[0], q[0]):
+                z = interpolate_at(plane, p[0], q[0], p[1], q[1])
+                lowest, highest = min(lowest, z), max(highest, z)
+    return lowest, highest
 
 
 @allocating
 def _mark_touched(
     out: Bools,
     triangles: Floats,
-    b0: float,
-    b1: float,
-    slack: float,
+    first: Ints,
+    last: Ints,
+    before: float,
+    after: float,
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i, j, k]`` if that box is within ``slack`` of a triangle.
+    """Set ``out[i, j, k]`` if that box meets a triangle.
 
-    Box (i, j, k) spans ``[i + b0, i + b1]`` along x, and likewise along y and z; all lengths are in
-    cells. Only boxes with ``start <= i < stop`` are set.
+    Box (i, j, k) spans ``[i + before, i + after]`` along x, and likewise along y and z; all lengths
+    are in cells. Only boxes with ``start <= i < stop`` are set. ``first`` and ``last``, shape
+    (n, 3), are the indices of the boxes around each triangle.
     """
-    _, ny, nz = out.shape
-    before, after = b0 - slack, b1 + slack
     polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
-    heights = np.empty((27, 1))  # corners (z) of that polygon clipped to an interval of y
     for t in range(len(triangles)):
-        first_x, last_x = _cubes_along(triangles[t], 3, 0, -before, after, start, stop)
-        for i in range(first_x, last_x + 1):
-            n = _clip(triangles[t], 3, i + before, i + after, polygon)
-            first_y, last_y = _cubes_along(polygon, n, 0, -before, after, 0, ny)
+        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
+            n = _clip(triangles[t], i + before, i + after, polygon)
+            if n == 0:
+                continue
+            low, high = polygon[0, 0], polygon[0, 0]
+            for e in range(n):
+                low = min(low, polygon[e, 0])
+                high = max(high, polygon[e, 0])
+            first_y = max(first[t, 1], math.ceil(low - after))
+            last_y = min(last[t, 1], math.floor(high - before))
             for j in range(first_y, last_y + 1):
-                m = _clip(polygon, n, j + before, j + after, heights)
-                first_z, last_z = _cubes_along(heights, m, 0, -before, after, 0, nz)
+                low, high = _heights_between(polygon, n, j + before, j + after)
+                if low > high:
+                    continue
+                first_z = max(first[t, 2], math.ceil(low - after))
+                last_z = min(last[t, 2], math.floor(high - before))
                 for k in range(first_z, last_z + 1):
                     out[i, j, k] = True
 
@@ -317,7 +330,9 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
     best = math.inf
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        du, dv, da = q[u] - p[u], q[v] - p[v], q[axis] - p[axis]
+        du = q[u] - p[u]
+        dv = q[v] - p[v]
+        da = q[axis] - p[axis]
         square = du * du + dv * dv
         if square == 0.0:
             continue
@@ -363,7 +378,9 @@ def _is_near(
     for _ in range(_MAX_PROJECTIONS):
         # Project the cube's point onto the triangle, and the result back onto the cube.
         px, py, pz = nearest_of_triangle(minus((x, y, z), a), minus(b, a), minus(c, a))
-        px, py, pz = px + a[0], py + a[1], pz + a[2]
+        px = px + a[0]
+        py = py + a[1]
+        pz = pz + a[2]
         x = min(max(px, -half), half)
         y = min(max(py, -half), half)
         z = min(max(pz, -half), half)
@@ -388,11 +405,11 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within a radius of what triangle ``t`` sweeps.
-
-    The cube is not beyond the farthest point of the triangle.
-    """
+    """Return True if a cube is within a radius of what triangle ``t`` sweeps."""
     x, y, z = minus(center, row_at(swept.origin, 0))
+    level = 0.0 if swept.about_z else z
+    if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:
+        return False
     square = (abs(x) + half) ** 2 + (abs(y) + half) ** 2
     if not swept.about_z:
         square += (abs(z) + half) ** 2
@@ -408,6 +425,8 @@ def _is_swept_near(
 def _mark_within(
     out: Bools,
     swept: SweptTriangles,
+    first: Ints,
+    last: Ints,
     half: float,
     radius: float,
     slack: float,
@@ -416,56 +435,24 @@ def _mark_within(
 ) -> None:
     """Mark cubes near swept triangles; see :func:`mark_within`.
 
-    Covers first indices in ``range(start, stop)``.
+    Covers first indices in ``range(start, stop)``. ``first`` and ``last``, shape (n, 3), are the
+    indices of the cubes around each swept triangle.
     """
-    _, ny, nz = out.shape
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
-        near = swept.growth[t] + radius + slack
-        # A point that rotates about z keeps its height.
-        rise = half + (radius + slack if swept.about_z else near)
-        reach = half + near
-        first_x, last_x = _cubes_along(triangle, 3, 0, reach, reach, start, stop)
-        first_y, last_y = _cubes_along(triangle, 3, 1, reach, reach, 0, ny)
-        first_z, last_z = _cubes_along(triangle, 3, 2, rise, rise, 0, nz)
         # Cubes far from the plane of the triangle cannot be near either.
-        a = row_at(triangle[0], 0)
+        near = swept.growth[t] + radius + slack
+        x, y, z = triangle[0]
         along_x, along_y, half_height = _plane_heights(triangle, near, half)
-        for i in range(first_x, last_x + 1):
-            for j in range(first_y, last_y + 1):
-                height = a[2] + along_x * (i - a[0]) + along_y * (j - a[1])
-                low, high = _heights_in_sphere(swept, t, i, j, half, radius + slack)
-                first = max(first_z, math.ceil(max(low, height - half_height)))
-                last = min(last_z, math.floor(min(high, height + half_height)))
-                for k in range(first, last + 1):
+        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
+            for j in range(first[t, 1], last[t, 1] + 1):
+                height = z + along_x * (i - x) + along_y * (j - y)
+                first_z = max(first[t, 2], math.ceil(height - half_height))
+                last_z = min(last[t, 2], math.floor(height + half_height))
+                for k in range(first_z, last_z + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
-
-
-@kernel
-def _heights_in_sphere(
-    swept: SweptTriangles,
-    t: int,
-    x: float,
-    y: float,
-    half: float,
-    distance: float,
-) -> tuple[float, float]:
-    """Return the z-interval of the cubes above (x, y) that triangle ``t`` can reach.
-
-    They are within a distance of the sphere, or the cylinder about z, of its farthest point.
-    """
-    farthest = swept.farthest[t] + distance
-    gap_x = max(0.0, abs(x - swept.origin[0]) - half)
-    gap_y = max(0.0, abs(y - swept.origin[1]) - half)
-    rest = farthest * farthest - gap_x * gap_x - gap_y * gap_y
-    if rest < 0.0:
-        return 1.0, 0.0
-    rise = _UNLIMITED
-    if not swept.about_z:
-        rise = min(rise, half + math.sqrt(rest))
-    return swept.origin[2] - rise, swept.origin[2] + rise
 
 
 @kernel
@@ -477,7 +464,8 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     allowance for rounding; with the slope it grows faster than the error of the heights.
     """
     a, n = row_at(triangle[0], 0), normal_of(triangle)
-    ab, ac = minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a)
+    ab = minus(row_at(triangle[1], 0), a)
+    ac = minus(row_at(triangle[2], 0), a)
     bc = minus(ac, ab)
     longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
     length = math.sqrt(dot(n, n))

@@ -341,10 +341,8 @@ class Rotations(ABC):
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
-        (position0, rotation0), (position1, rotation1) = (
-            self.split_configurations(q0),
-            self.split_configurations(q1),
-        )
+        position0, rotation0 = self.split_configurations(q0)
+        position1, rotation1 = self.split_configurations(q1)
         return np.concatenate(
             [position1 - position0, self.rotation_between(rotation0, rotation1)], axis=-1
         )
@@ -489,10 +487,6 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return cells of half the width and their argument, or None."""
-        return None
-
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
@@ -503,7 +497,12 @@ class Rotations(ABC):
 
     def make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes of dimension ``dim``."""
-        return [NO_ROTATION]
+        matrices = self.make_matrices(self.centers, dim)
+        angles = self.covering_angles.tolist()
+        return [
+            RotationCell(matrix, angle, self.about_z)
+            for matrix, angle in zip(matrices, angles, strict=True)
+        ]
 
     @property
     def centers(self) -> Floats:
@@ -562,7 +561,9 @@ class Rotations(ABC):
         shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
         cell, shape (m,) each, in the order of the configurations; rounding is included.
         """
-        rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // len(self))
+        rows = []
+        cells = []
+        batch = max(1, MAX_PAIRS_PER_BATCH // len(self))
         for k in range(0, max(len(q), 1), batch):
             reach = self.covering_angles + angles[k : k + batch, None]
             row, cell = np.nonzero(self.angles_to_centers(q[k : k + batch]) <= reach)
@@ -653,10 +654,10 @@ class OneRotation(Rotations):
         """Return an empty text."""
         return ""
 
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
+        """Return the cell without a rotation."""
+        return [NO_ROTATION]
+
     def leading_axes(self, n: int) -> tuple[int, ...]:
         """Return no axes."""
         return ()
-
-    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
-        """Return cell 0 ``n`` times, without a draw."""
-        return np.zeros(n, dtype=np.int64)

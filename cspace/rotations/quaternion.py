@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from cspace.errors import InputError
 from cspace.rotations.base import (
     COVERING_ANGLE,
     Coordinate,
-    RotationCell,
     Rotations,
     RotationTable,
     Symmetric,
@@ -36,9 +34,6 @@ FACE_STEP: Final = 1e-6
 
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
-
-MAX_SUGGESTED_PARTS: Final = 16
-"""Largest number of parts of an axis that messages suggest: 16,384 cells."""
 
 OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Indices of the other three components, for each component of a quaternion."""
@@ -175,13 +170,10 @@ class QuaternionRotations(Rotations):
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of quaternions, shape (..., 3, 3)."""
-        x, y, z, w = np.moveaxis(rotation / np.linalg.norm(rotation, axis=-1, keepdims=True), -1, 0)
-        rows = [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        from scipy.spatial.transform import Rotation
+
+        matrices = Rotation.from_quat(rotation.reshape(-1, 4)).as_matrix()
+        return np.asarray(matrices.reshape(*rotation.shape[:-1], 3, 3))
 
     def __len__(self) -> int:
         """Return the number of cells."""
@@ -207,13 +199,7 @@ class QuaternionRotations(Rotations):
             raise InputError(
                 "rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation
             )
-        wrong = np.abs((q * q).sum(axis=-1) - 1.0) > 2.0 * NORM_SLACK
-        if wrong.any():
-            norm = float(np.linalg.norm(q[wrong][0]))
-            rule = f"a quaternion's norm must be 1, within {NORM_SLACK:g}"
-            raise InputError(
-                "rotation", f"has a norm of {norm:.9g}", rule, "divide it by its norm", value=norm
-            )
+        self.canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
         quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)
@@ -238,13 +224,6 @@ class QuaternionRotations(Rotations):
         It must be a ball about its reference point.
         """
         return shape.is_round
-
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return eight times as many cells and their argument, or None."""
-        n = 2 * self.n
-        if n > MAX_SUGGESTED_PARTS:
-            return None
-        return f"rotations=Rotations.quaternions({n})", Rotations.quaternions(n)
 
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
@@ -291,14 +270,6 @@ class QuaternionRotations(Rotations):
             changes_seen.setdefault(change.tobytes(), (matrix, change))
         return changes_seen.values()
 
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form that shapes need."""
-        matrices = self.make_matrices(self.centers, dim)
-        return [
-            RotationCell(matrix, a)
-            for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)
-        ]
-
     @property
     def centers(self) -> Floats:
         """Centers of the cells, shape (count, 4).
@@ -343,7 +314,8 @@ class QuaternionRotations(Rotations):
         # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell
         # nearest to zero.
         max_density = 1.0 + (np.maximum(np.maximum(low, -low - widths), 0.0) ** 2).sum(axis=1)
-        quotients, pending = np.empty((len(cells), 3)), np.arange(len(cells))
+        quotients = np.empty((len(cells), 3))
+        pending = np.arange(len(cells))
         while len(pending):
             drawn = low[pending] + widths[pending] * rng.uniform(
                 margin, 1.0 - margin, (len(pending), 3)
@@ -457,27 +429,22 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     """Return the center and covering angle of boxes.
 
     The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
-    nearest to all corners. The smallest ball about the corners on the sphere has two to four
-    corners on its boundary. Its center has the direction of the point nearest to zero in the affine
-    hull of these corners. All choices of corners are tried.
+    nearest to all corners. It has the direction of the point nearest to zero in the convex hull of
+    the corners on the sphere: of all ``X w`` with ``w >= 0``, those with the least
+    ``|X w|^2 + (sum w - 1)^2`` have that direction.
     """
+    from scipy.optimize import nnls
+
     corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
-    best, center = np.full(len(boxes), -1.0), np.zeros((len(boxes), 4))
-    for chosen in (chosen for size in (2, 3, 4) for chosen in combinations(range(8), size)):
-        first, sides = corners[:, chosen[0]], corners[:, chosen[1:]] - corners[:, chosen[:1]]
-        gram = sides @ sides.swapaxes(1, 2)
-        flat = np.linalg.det(gram) <= 1e-9 * np.prod(np.diagonal(gram, axis1=1, axis2=2), axis=1)
-        gram[flat] = np.eye(len(chosen) - 1)
-        steps = np.linalg.solve(gram, -(sides @ first[..., None]))
-        point = first + (steps * sides).sum(axis=1)
-        point /= np.linalg.norm(point, axis=1, keepdims=True)
-        cosine = (corners @ point[..., None]).min(axis=(1, 2))
-        better = ~flat & (cosine > best)
-        best[better], center[better] = cosine[better], point[better]
+    equations = np.concatenate([corners, np.ones((*boxes.shape[:2], 1))], axis=2)
+    weights = np.array([nnls(each.T, np.eye(5)[4])[0] for each in equations])
+    center = np.einsum("mk,mki->mi", weights, corners)
+    center /= np.linalg.norm(center, axis=1, keepdims=True)
+    cosines = np.einsum("mki,mi->mk", corners, center).min(axis=1)
     # The angle of a rotation is twice that of its quaternion, which is at most the distance of the
     # quotients.
-    angles = 2.0 * np.arccos(best) + 4.0 * QUOTIENT_SLACK
+    angles = 2.0 * np.arccos(cosines) + 4.0 * QUOTIENT_SLACK
     return center[:, :3] / center[:, 3:], angles
 
 
@@ -497,7 +464,8 @@ def multiply(first: Floats, second: Floats) -> Floats:
 
     The second rotation is about axes rotated by the first.
     """
-    (x, y, z, w), (a, b, c, d) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    x, y, z, w = np.moveaxis(first, -1, 0)
+    a, b, c, d = np.moveaxis(second, -1, 0)
     return np.stack(
         [
             w * a + x * d + y * c - z * b,
@@ -685,7 +653,8 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, bool]
     sign = math.copysign(1.0, p[0])
     share, parts = 1.0, (i, j, k)
     for n in range(3):
-        low, high = borders[parts[n]] - QUOTIENT_SLACK, borders[parts[n] + 1] + QUOTIENT_SLACK
+        low = borders[parts[n]] - QUOTIENT_SLACK
+        high = borders[parts[n] + 1] + QUOTIENT_SLACK
         share = clip_to_interval(
             share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high
         )
@@ -716,7 +685,8 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
         center - swing <= -3.0 * QUARTER_PI or center + swing >= 3.0 * QUARTER_PI
     ):  # beyond the other end as well
         return 0, last
-    low, high = max(center - swing, -QUARTER_PI), min(center + swing, QUARTER_PI)
+    low = max(center - swing, -QUARTER_PI)
+    high = min(center + swing, QUARTER_PI)
     if low > high:
         return 0, -1
     return find_part(borders, math.tan(low) - QUOTIENT_SLACK), find_part(
@@ -728,10 +698,13 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
 def slerp(q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """Interpolate between two rotations along an arc (SLERP)."""
     path = find_arc(q0, q1, arc)
-    a, b, angle = path.first, path.second, 2.0 * path.half_angle
+    a = path.first
+    b = path.second
+    angle = 2.0 * path.half_angle
     weight0, weight1 = 1.0 - t, t
     if angle > MIN_ARC_ANGLE:
-        weight0, weight1 = math.sin(weight0 * angle), math.sin(weight1 * angle)
+        weight0 = math.sin(weight0 * angle)
+        weight1 = math.sin(weight1 * angle)
     q = (
         weight0 * a[0] + weight1 * b[0],
         weight0 * a[1] + weight1 * b[1],

@@ -20,7 +20,6 @@ from cspace.rotations.base import (
     MAX_ANGLE,
     TWO_PI,
     Coordinate,
-    RotationCell,
     Rotations,
     RotationTable,
     Symmetric,
@@ -75,38 +74,18 @@ class YawRotations(Rotations):
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
-            if np.size(value) > MAX_YAW_CELLS + 1:
-                rule = f"there may be at most {MAX_YAW_CELLS} cells"
-                raise InputError(
-                    "rotations",
-                    f"has {np.size(value)} borders",
-                    rule,
-                    "pass e.g. 72 cells",
-                    value=value,
-                )
+            if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
+                rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
+                hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
+                problem = f"has shape {np.shape(value)}"
+                raise InputError("rotations", problem, rule, hint, value=value)
             angles = check_finite(value, "rotations")
-            if angles.ndim != 1 or len(angles) < 2:
-                rule, hint = (
-                    "it must hold at least two borders",
-                    "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
-                )
-                raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
-            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI:
-                raise InputError(
-                    "rotations",
-                    "are borders that do not ascend, or begin more than a turn from zero",
-                    "they must ascend, from one between -2 pi and 2 pi",
-                    "sort them, in radians",
-                    value=value,
-                )
-            if abs(angles[-1] - angles[0] - TWO_PI) > ANGLE_SLACK:
-                raise InputError(
-                    "rotations",
-                    f"reach from {angles[0]:g} to {angles[-1]:g} rad",
-                    f"they must cover the whole circle, 2 pi = {TWO_PI:.9f}",
-                    "end with the first border plus 2 pi (numpy.radians turns degrees)",
-                    value=value,
-                )
+            is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
+            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI or not is_turn:
+                problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
+                rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
+                hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
+                raise InputError("rotations", problem, rule, hint, value=value)
             borders = angles[:-1].tolist()
         return cls((*borders, borders[0] + TWO_PI))
 
@@ -158,12 +137,10 @@ class YawRotations(Rotations):
         """Return the matrices of yaws."""
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
-        matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = (
-            cos,
-            -sin,
-            sin,
-            cos,
-        )
+        matrices[..., 0, 0] = cos
+        matrices[..., 0, 1] = -sin
+        matrices[..., 1, 0] = sin
+        matrices[..., 1, 1] = cos
         return matrices
 
     def __len__(self) -> int:
@@ -210,11 +187,6 @@ class YawRotations(Rotations):
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def make_finer(self) -> tuple[str, Rotations] | None:
-        """Return twice as many cells, of one width, and their argument, or None."""
-        count = 2 * len(self)
-        return (f"rotations={count}", Rotations.of(count)) if count <= MAX_YAW_CELLS else None
-
     def assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
@@ -225,18 +197,6 @@ class YawRotations(Rotations):
             return np.zeros_like(cells)
         if len(self) % shape.symmetry == 0 and self.is_uniform():
             return cells % (len(self) // shape.symmetry)
-        return cells
-
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form that shapes need.
-
-        They are rotations about the z axis.
-        """
-        cells = []
-        for yaw, angle in zip(self._yaws.tolist(), self.covering_angles.tolist(), strict=True):
-            matrix = np.eye(dim)
-            matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-            cells.append(RotationCell(matrix, angle, about_z=True))
         return cells
 
     @property

@@ -79,9 +79,7 @@ class Rings(NamedTuple):
         half = box[len(box) // 2 :]
         moduli = np.linalg.norm(half / lengths, axis=1)
         ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
-        order = np.argsort(
-            ring.astype(np.min_scalar_type(ring.max())), kind="stable"
-        )  # short integers sort faster
+        order = np.argsort(ring, kind="stable")
         counts = np.bincount(ring)
         starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         indices = np.ascontiguousarray(half[order])
@@ -112,7 +110,8 @@ class Rings(NamedTuple):
     def to_box(self, half: Complexes) -> Complexes:
         """Convert half a spectrum in ring order to numpy's order."""
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
-        flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
+        flat[self._flat_indices(-1)] = half.conj()
+        flat[self._flat_indices(1)] = half
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
@@ -184,7 +183,8 @@ class Terms(NamedTuple):
         errors = weights * (
             moduli_a * second.error + moduli_b * first.error + first.error * second.error
         )
-        per_ring, errors_per_ring = rings.sums(moduli), rings.sums(errors)
+        per_ring = rings.sums(moduli)
+        errors_per_ring = rings.sums(errors)
         after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
         # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per
         # term and per ring.
@@ -264,11 +264,9 @@ def separate(
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
     """Return verdicts, counts, and sums with bounds of :func:`separate`."""
     number = len(placements)
-    verdicts, counts, sums = (
-        np.empty(number, np.uint8),
-        np.empty(number, np.int64),
-        np.empty((number, 2)),
-    )
+    verdicts = np.empty(number, np.uint8)
+    counts = np.empty(number, np.int64)
+    sums = np.empty((number, 2))
     phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
     for n in range(number):
         verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(

@@ -277,7 +277,8 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     from scipy.special import j0
 
     # Frequencies of an octave share a rule, because higher frequencies need more nodes.
-    kernel, flat = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim], np.ravel(frequencies)
+    kernel = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim]
+    flat = np.ravel(frequencies)
     result = np.empty(flat.shape)
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
@@ -314,10 +315,8 @@ class RadialTable:
         if k.size and not (
             k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9
         ):  # for rounding
-            problem, rule = (
-                f"reach from {k.min():g} to {k.max():g}",
-                f"the table ends at {self.max_frequency:g}",
-            )
+            problem = f"reach from {k.min():g} to {k.max():g}"
+            rule = f"the table ends at {self.max_frequency:g}"
             raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
         interval = np.minimum(
             (k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1

@@ -9,27 +9,20 @@ whole cell. An *open* cell lies in no chosen ball.
 from __future__ import annotations
 
 import heapq
-import json
 import math
-import os
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, frozen
-from cspace.check import check_count, check_finite, check_positive, check_word
+from cspace.check import check_count, check_positive, check_word
 from cspace.compiling import allocating, kernel
-from cspace.errors import FileError, GeometryError, InputError
-from cspace.files.access import check_suffix, replacing
-from cspace.files.plain import read_json, read_yaml
-from cspace.shapes import Balls, ExactShape, Shape, ShapeLike, as_shape
+from cspace.errors import GeometryError, InputError
+from cspace.shapes import ShapeLike, as_shape
 from cspace.spectral.bump import UNIT_BALL_VOLUME
-from cspace.spectral.descriptors import check_solid_balls
 from cspace.spectral.regions import (
     Lattice,
     PieceTree,
@@ -41,33 +34,10 @@ from cspace.spectral.regions import (
     cube_gaps,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 Kind = Literal["inner", "outer"]
 
 BALL_KINDS: Final = ("inner", "outer")
 """Values of ``kind``: balls in the shape, or balls that cover it."""
-
-BALLS_FORMAT: Final = "cspace-balls"
-"""Name of the format in files of balls."""
-
-BALLS_VERSION: Final = 2
-"""Version of the format that this library writes and reads."""
-
-KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
-"""Colors of balls by kind, from Okabe and Ito (2008)."""
-
-BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {
-    ".json": read_json,
-    ".yaml": read_yaml,
-    ".yml": read_yaml,
-}
-"""Function that reads a file of balls, by suffix."""
-
-_BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
-"""Names of the attributes that are pairs of bounds."""
-
 
 Gap = tuple[float, float]
 """Lower and upper bound of a one-sided Hausdorff distance, metres."""
@@ -84,8 +54,7 @@ class Bounds(NamedTuple):
 class BallDecomposition:
     """Balls that fill or cover a shape.
 
-    In the plane they are discs. Made by :func:`cspace.spectral.decompose`, or read with
-    :meth:`open`.
+    In the plane they are discs. Made by :func:`cspace.spectral.decompose`.
 
     Attributes
     ----------
@@ -101,10 +70,6 @@ class BallDecomposition:
         Bounds of the non-zero one-sided Hausdorff distance, metres. For "inner", this is the
         largest distance of a point of the shape from the balls; for "outer", the largest distance
         of a point of the balls from the shape.
-    shape : Shape, or None
-        The shape, for pictures; files do not store it.
-
-    Raises InputError if there is no ball, arrays do not fit, or a value is not usable.
     """
 
     centers: Floats = field(repr=False)
@@ -113,25 +78,6 @@ class BallDecomposition:
     measure: Bounds
     shape_measure: Bounds
     hausdorff: Bounds
-    shape: Shape | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        """Check the arrays and the bounds."""
-        centers, radii = check_solid_balls(self.centers, self.radii)
-        check_word(self.kind, "kind", BALL_KINDS)
-        for name in _BOUNDS:
-            pair = check_finite(getattr(self, name), name)
-            if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
-                value, rule = (
-                    getattr(self, name),
-                    "it must be two numbers, zero or above, the lower one first",
-                )
-                raise InputError(
-                    name, f"is {value!r}", rule, "pass Bounds(lower, upper)", value=value
-                )
-            object.__setattr__(self, name, Bounds(*pair.tolist()))
-        object.__setattr__(self, "centers", frozen(centers))
-        object.__setattr__(self, "radii", frozen(radii))
 
     def __len__(self) -> int:
         """Return the number of balls."""
@@ -155,110 +101,6 @@ class BallDecomposition:
     def volume_ratio(self) -> float:
         """Mean of the bounds in :attr:`volume_bounds`."""
         return sum(self.volume_bounds) / 2.0
-
-    def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
-        """Draw the balls and, if known, their shape.
-
-        By default it makes a new figure without a window. The default title gives the number, the
-        kind and the distance to the shape. Raises InputError if the axes are of the plane and the
-        balls in space, or the reverse.
-        """
-        from matplotlib.collections import LineCollection, PatchCollection
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Circle
-
-        solid, color = self.dim == 3, KIND_COLORS[self.kind]
-        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(
-            projection="3d" if solid else None
-        )
-        if solid != hasattr(axes, "get_zlim"):
-            select = ("in the plane", "in space")
-            hint = (
-                "add_subplot(projection='3d') makes axes for balls, and one without a projection "
-                "for discs"
-            )
-            raise InputError(
-                "ax", f"is {select[not solid]}", f"the balls are {select[solid]}", hint, value=ax
-            )
-        if solid:
-            shapes: list[tuple[ExactShape, dict[str, Any]]] = [
-                (Balls(self.centers, self.radii), {"color": color})
-            ]
-            if self.shape is not None:
-                shapes.append(
-                    (
-                        self.shape.outer,
-                        {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5},
-                    )
-                )
-            for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
-                axes.plot_trisurf(*vertices.T, triangles=faces, **style)
-        else:
-            # Many discs overlap, so their colours must be translucent.
-            discs = PatchCollection(
-                list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6
-            )
-            discs.set_edgecolor((color, 0.75))
-            axes.add_collection(discs)
-            if self.shape is not None:
-                axes.add_collection(
-                    LineCollection(list(self.shape.outer.boundary().simplices), colors="#262626")
-                )
-            axes.autoscale_view()
-        axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
-        text = (
-            f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within "
-            f"{self.hausdorff.upper:.3g} m"
-        )
-        axes.set_title(text if title is None else title, fontsize=10)
-        return axes  # type: ignore[no-any-return]
-
-    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-        """Write the balls to a YAML or JSON file.
-
-        The suffix is ``.yaml``, ``.yml`` or ``.json``. The file is lossless but does not contain
-        the shape. Raises InputError for another suffix. Raises FileError if the file exists and
-        ``overwrite`` is not set, or cannot be written.
-        """
-        check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")
-        record: dict[str, Any] = {
-            "format": BALLS_FORMAT,
-            "version": BALLS_VERSION,
-            "kind": self.kind,
-        }
-        record |= {name: list(getattr(self, name)) for name in _BOUNDS}
-        record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
-        with replacing(path, overwrite) as temporary:
-            temporary.write_text(json.dumps(record), encoding="utf-8")  # which is YAML as well
-        return Path(path)
-
-    @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> BallDecomposition:
-        """Read a file written by :meth:`save`.
-
-        Raises InputError for another suffix, and FileError if the file is missing, malformed, or of
-        another version.
-        """
-        load = BALL_READERS[check_suffix(path, BALL_READERS, "balls go into .yaml, .yml or .json")]
-        record, name = load(path, "file of balls"), os.fspath(path)
-        if not isinstance(record, Mapping) or record.get("format") != BALLS_FORMAT:
-            rule = f"its format must be {BALLS_FORMAT!r}"
-            raise FileError(name, "holds no balls", rule, "pass a file of BallDecomposition.save")
-        if record.get("version") != BALLS_VERSION:
-            version = f"has version {record.get('version')!r}"
-            raise FileError(
-                name,
-                version,
-                f"this library reads {BALLS_VERSION}",
-                "use the library that wrote it",
-            )
-        try:
-            bounds = {key: record[key] for key in _BOUNDS}
-            return cls(record["centers"], record["radii"], record["kind"], **bounds)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            problem = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
-            rule = "it must be as BallDecomposition.save writes it"
-            raise FileError(name, problem, rule, "correct it or write it again") from error
 
 
 MAX_CANDIDATES: Final = 6_000
@@ -317,10 +159,8 @@ def decompose(
     """
     check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem, rule = (
-            f"is {number!r} and tolerance is {tolerance!r}",
-            "exactly one of them chooses the balls",
-        )
+        problem = f"is {number!r} and tolerance is {tolerance!r}"
+        rule = "exactly one of them chooses the balls"
         raise InputError(
             "number",
             problem,
@@ -335,10 +175,8 @@ def decompose(
         hint = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
-        problem, rule = (
-            f"is {number}, but the shape is {region.size:g} m across",
-            "its lattice needs a finite size",
-        )
+        problem = f"is {number}, but the shape is {region.size:g} m across"
+        rule = "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
     lattice = (
@@ -346,9 +184,9 @@ def decompose(
     )
     centers, radii, gap = choose_balls(lattice, count, length)
     order = np.argsort(-radii, kind="stable")
-    best = centers[order], radii[order]
-    measures = Bounds(*bound_ball_measure(*best)), Bounds(*region.measure)
-    return BallDecomposition(*best, kind, *measures, Bounds(*gap), region.shape)
+    centers, radii = frozen(centers[order]), frozen(radii[order])
+    measure = Bounds(*bound_ball_measure(centers, radii))
+    return BallDecomposition(centers, radii, kind, measure, Bounds(*region.measure), Bounds(*gap))
 
 
 # ---- choice of balls -----------------------------------------------------------------------------
@@ -392,10 +230,8 @@ def _fill_shape(
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
             "shape only"
         )
-        rule, hint = (
-            "parts thinner than the lattice have no balls",
-            "pass a larger tolerance, or kind='outer'",
-        )
+        rule = "parts thinner than the lattice have no balls"
+        hint = "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
     return centers, radii, gap
 
@@ -425,7 +261,8 @@ def _cover_shape(
             f"pass a larger {name}",
             value=value,
         )
-    centers, radii = lattice.to_metres(balls.centers), _radii_of(balls, lattice)
+    centers = lattice.to_metres(balls.centers)
+    radii = _radii_of(balls, lattice)
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
@@ -457,7 +294,8 @@ def _nearest_balls(
     with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
     the bounds are None.
     """
-    points, best = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0]), math.inf
+    points = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0])
+    best = math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (
         np.empty((0, lattice.region.dim)),
         *np.empty((2, 0)),
@@ -475,7 +313,8 @@ def _nearest_balls(
         ):
             low, high, growths = bound_shape_to_balls(lattice, centers, depths)
             if high < best:
-                best, found = high, (centers, depths, growths, (low, high))
+                best = high
+                found = (centers, depths, growths, (low, high))
     return found
 
 
@@ -506,7 +345,8 @@ def _cover_with(
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found.
     """
-    bad, good = 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side
+    bad = 1.001 * lattice.diagonal
+    good = 2.0 * lattice.region.size / lattice.side
     best = _cover_within(lattice, candidates, good, number, inside=inside)
     for _ in range(12):
         if best is None or good < 1.02 * bad:
@@ -683,7 +523,8 @@ class Cover:
         prefix_sums = np.cumsum(
             np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32
         )
-        rows, half = math.prod(counts.shape[:2]), lattice.half if whole else np.zeros(3)
+        rows = math.prod(counts.shape[:2])
+        half = lattice.half if whole else np.zeros(3)
         open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
         self._cells = CellCounts(
             counts,
@@ -707,10 +548,8 @@ class Cover:
         bounds = np.minimum(
             UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
         )
-        chosen, open_count = (
-            np.empty(min(max_balls, len(bounds)), dtype=np.int64),
-            int(self._cells.open_counts.sum()),
-        )
+        chosen = np.empty(min(max_balls, len(bounds)), dtype=np.int64)
+        open_count = int(self._cells.open_counts.sum())
         return chosen[
             : choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)
         ]
@@ -919,7 +758,8 @@ def polish(
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
-                        centers[ball, axis], radii[ball] = trial[axis], radius
+                        centers[ball, axis] = trial[axis]
+                        radii[ball] = radius
                 if not better:
                     step *= 0.5
             _count_ball(cells, centers[ball], radii[ball], 1)

@@ -67,7 +67,8 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     """
     import shapely
 
-    first_parts, second_parts = _convex_parts(first), _convex_parts(second)
+    first_parts = _convex_parts(first)
+    second_parts = _convex_parts(second)
     corners = len(first_parts) * len(second_parts) * first_parts.shape[1] * second_parts.shape[1]
     if corners > MAX_SUM_CORNERS:
         parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
@@ -88,10 +89,8 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     )
     shapely.prepare(outer)
     if not shapely.covers(outer, sums).all():
-        problem, hint = (
-            "has a sum that GEOS unites wrongly",
-            "round both with shapely.set_precision",
-        )
+        problem = "has a sum that GEOS unites wrongly"
+        hint = "round both with shapely.set_precision"
         raise GeometryError("first", problem, "the union must cover its parts", hint, value=first)
     return PolygonSum(inner, outer)
 
@@ -325,7 +324,8 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
 def check_same_dim(name: str, dim: int, other: int) -> None:
     """Raise InputError if two dimensions differ."""
     if dim != other:
-        problem, rule = f"has {dim} dimensions, its counterpart has {other}", "they must agree"
+        problem = f"has {dim} dimensions, its counterpart has {other}"
+        rule = "they must agree"
         raise InputError(name, problem, rule, "pass all in the plane or all in space", value=dim)
 
 
@@ -340,10 +340,8 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
         if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        problem, rule = (
-            f"is a {type(source).__name__}",
-            "it must have centers and radii, or be a pair of them",
-        )
+        problem = f"is a {type(source).__name__}"
+        rule = "it must have centers and radii, or be a pair of them"
         raise InputError(name, problem, rule, "decompose other shapes first", value=source)
     return BallDescriptor(pair[0], pair[1], bump)
 
@@ -430,10 +428,8 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 def check_sampled(descriptor: Any) -> Descriptor:
     """Return a descriptor on a grid; raises InputError for others."""
     if not isinstance(descriptor, Descriptor):
-        problem, rule = (
-            f"is a {type(descriptor).__name__}, no Descriptor",
-            "it must be sampled on a grid",
-        )
+        problem = f"is a {type(descriptor).__name__}, no Descriptor"
+        rule = "it must be sampled on a grid"
         hint = "make one with sample(grid) or indicator(shape, grid)"
         raise InputError("descriptor", problem, rule, hint, value=descriptor)
     return descriptor
@@ -565,7 +561,9 @@ def minkowski_sum(
     if isinstance(first, Geometry) and isinstance(second, Geometry):
         return sum_polygons(first, second)
     one, other = check_sampled(first), check_sampled(second)
-    grid, f, g = one.grid, one.values, other.values
+    grid = one.grid
+    f = one.values
+    g = other.values
     if not _same_spacing(grid, other.grid):
         problem = f"has {other.dim} axes and a spacing of {other.grid.spacing:g} m, the first"
         problem += f" {one.dim} and {grid.spacing:g} m"

@@ -34,8 +34,13 @@ from cspace.spectral.descriptors import (
     check_same_dim,
     common_bump,
 )
-from cspace.spectral.pairs import PAIR_TABLE_NODES, norm_square, sum_pairs
-from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, ball_spectrum, evaluate_real_series
+from cspace.spectral.pairs import norm_square, sum_pairs
+from cspace.spectral.spectra import (
+    MAX_FREQUENCIES,
+    MIN_SPECTRUM_TOLERANCE,
+    ball_spectrum,
+    evaluate_real_series,
+)
 from cspace.spectral.trees import (
     HIT,
     MAX_PENDING_NODE_PAIRS,
@@ -49,9 +54,6 @@ from cspace.spectral.trees import (
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-
-MAX_FREQUENCIES: Final = 2**26
-"""Largest number of frequencies of a band that the caller chooses."""
 
 MAX_WAVE_INDEX: Final = 2**15 - 1
 """Highest frequency along an axis, cycles per period, that int16 holds."""
@@ -79,10 +81,8 @@ class Verdict(IntEnum):
 
     def __bool__(self) -> bool:
         """Raise InputError, because UNDECIDED is neither true nor false."""
-        rule, hint = (
-            "a verdict is neither true nor false",
-            "compare it, e.g. verdict == Verdict.MISS",
-        )
+        rule = "a verdict is neither true nor false"
+        hint = "compare it, e.g. verdict == Verdict.MISS"
         raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
 
 
@@ -173,7 +173,9 @@ class FourierOverlap:
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        self._b, self._original, self._rotation = second, first, np.eye(first.dim)
+        self._b = second
+        self._original = first
+        self._rotation = np.eye(first.dim)
         self._pivot, self._center_b = first.center, second.center
         reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (
             1.0 + 2.0**-40
@@ -181,10 +183,8 @@ class FourierOverlap:
         sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
         self._half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        self._span, far = (
-            math.sqrt(self.dim) * (first.span + second.span),
-            max(first.span, second.span),
-        )
+        self._span = math.sqrt(self.dim) * (first.span + second.span)
+        far = max(first.span, second.span)
         if far > min(1e40, 1e6 * float(lengths.min())):  # above 1e40, squares of volumes overflow
             problem = (
                 f"or a reaches {far:g} m from the origin of its frame, but both span only "
@@ -194,7 +194,8 @@ class FourierOverlap:
                 "b", problem, "rounding would matter", "move the origin nearer, or check the units"
             )
         if lengths.max() < 1e-100:
-            problem, rule = f"and a span only {lengths.max():g} m", "squares would underflow"
+            problem = f"and a span only {lengths.max():g} m"
+            rule = "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
         halves = self._choose_halves(first, lengths, band, tolerance)
         self._bands = _make_bands(first, second, lengths, halves)
@@ -249,10 +250,8 @@ class FourierOverlap:
                 raise InputError(
                     name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source
                 )
-        chosen, more = (
-            common_bump(bump, *given.values()),
-            check_not_negative(swell, "swell", "pass metres"),
-        )
+        chosen = common_bump(bump, *given.values())
+        more = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError(
@@ -378,7 +377,8 @@ class FourierOverlap:
         flat = placements.reshape(-1, self.dim)
         verdicts = self._contact_test.test(_in_space(flat))
         touching = np.flatnonzero(verdicts != MISS)
-        counts, sums = np.zeros(len(flat), dtype=np.int64), np.zeros((len(flat), 2))
+        counts = np.zeros(len(flat), dtype=np.int64)
+        sums = np.zeros((len(flat), 2))
         sums[touching, 1] = math.inf
         if self.threshold > 0.0 and len(touching):
             relative = self._relative(flat[touching])
@@ -411,7 +411,8 @@ class FourierOverlap:
         Returns verdicts (n,), numbers of frequencies (n,), and sums with their bounds (n, 2).
         """
         verdicts = np.full(len(relative), UNDECIDED, dtype=np.uint8)
-        counts, sums = np.zeros(len(relative), dtype=np.int64), np.zeros((len(relative), 2))
+        counts = np.zeros(len(relative), dtype=np.int64)
+        sums = np.zeros((len(relative), 2))
         rest = np.arange(len(relative))
         for level in self._levels:
             verdicts[rest], taken, sums[rest] = separate_all(
@@ -433,14 +434,12 @@ class FourierOverlap:
     def _sum_pairs(self, relative: Floats) -> Floats:
         """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
         a, b = self._original, self._b
-        arms, fixed = (a.centers - a.center) @ self._rotation.T, b.centers - self._center_b
-        different = len(np.unique(a.radii)) * len(np.unique(b.radii))
-        # Tables of few pairs of radii are kept for the next rotation.
-        many, slack = 0 if different <= 256 else PAIR_TABLE_NODES, 4.0 * self._placement_error
+        arms = (a.centers - a.center) @ self._rotation.T
+        fixed = b.centers - self._center_b
         moved = (arms + each for each in relative)
+        balls = fixed, b.radii, np.ones(len(fixed))
         return np.stack(
-            sum_pairs(a.bump, moved, a.radii, (fixed, b.radii, np.ones(len(fixed))), slack, many),
-            axis=1,
+            sum_pairs(a.bump, moved, a.radii, balls, 4.0 * self._placement_error), axis=1
         )
 
     def _choose_halves(
@@ -483,14 +482,16 @@ class FourierOverlap:
 
     def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
         """Build trees of balls about the centers that placements join."""
-        centers_a, centers_b = a.centers - self._original.center, b.centers - self._center_b
+        centers_a = a.centers - self._original.center
+        centers_b = b.centers - self._center_b
         return BallTree.of(centers_a, a.radii), BallTree.of(centers_b, b.radii)
 
     @cached_property
     def _contact_test(self) -> ContactTest:
         """Contact test of A, rotated, and B."""
         (outer_a, outer_b), (inner_a, inner_b) = self._trees
-        outer_a, inner_a = outer_a.rotated(self._rotation), inner_a.rotated(self._rotation)
+        outer_a = outer_a.rotated(self._rotation)
+        inner_a = inner_a.rotated(self._rotation)
         frame = _in_space(np.stack([self._pivot, self._center_b, self._half_sides]))
         slack = 4.0 * self._placement_error
         return ContactTest(outer_a, outer_b, inner_a, inner_b, frame, slack)
@@ -502,11 +503,10 @@ class FourierOverlap:
     @cached_property
     def _test_one(self) -> Callable[..., int]:
         """Contact test of one placement (x, y, z), compiled."""
-        test = bind_kernel(
-            test_placement, (self._contact_test,), 0.0, 0.0, 0.0, np.empty(0, dtype=np.int64)
-        )
+        no_pairs = np.empty((0, 2), dtype=np.int64)
+        test = bind_kernel(test_placement, (self._contact_test,), 0.0, 0.0, 0.0, no_pairs)
         # Memory of its own for each call, because threads may call at once.
-        return lambda x, y, z: test(x, y, z, np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64))
+        return lambda x, y, z: test(x, y, z, np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64))
 
     @property
     def _placement_error(self) -> float:
@@ -597,11 +597,9 @@ class _Level:
     """
 
     def __init__(self, band: _Band, centers: Floats, pivot: Floats, error: float) -> None:
-        self.band, self._a, self._pivot = (
-            band,
-            BallDescriptor(centers, band.a.radii, band.a.bump),
-            pivot,
-        )
+        self.band = band
+        self._a = BallDescriptor(centers, band.a.radii, band.a.bump)
+        self._pivot = pivot
         self._error = error
 
     @cached_property

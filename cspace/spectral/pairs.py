@@ -53,17 +53,17 @@ def sum_pairs(
     radii: Floats,
     fixed: tuple[Floats, Floats, Floats],
     slack: float,
-    many: int = PAIR_TABLE_NODES,
 ) -> tuple[Floats, Floats]:
     """Return overlaps as sums over pairs of balls, with error bounds.
 
     ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are
     ``radii``; ``fixed`` are the centers, radii and weights of the others. ``slack`` bounds the
-    rounding of a distance, metres. The results have shape (n,). More than ``many`` pairs of equal
-    radii get a table.
+    rounding of a distance, metres. The results have shape (n,).
     """
     centers, other_radii, weights = fixed
-    found, number, dim = [np.empty((5, 0))], 0, centers.shape[1]
+    found = [np.empty((5, 0))]
+    number = 0
+    dim = centers.shape[1]
     for placement, points in enumerate(moved):
         number = placement + 1
         for i, j, gaps in _close_pairs(points, radii, centers, other_radii, slack):
@@ -71,7 +71,7 @@ def sum_pairs(
                 np.stack([np.full(len(i), placement), radii[i], other_radii[j], gaps, weights[j]])
             )
     rows, first, second, distances, factors = np.concatenate(found, axis=1)
-    values, errors = tabulated_integrals(bump, first, second, distances, dim, many)
+    values, errors = tabulated_integrals(bump, first, second, distances, dim)
     # The common part of two balls changes by at most a cross-section of the smaller one times a
     # change of distance.
     edges = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
@@ -89,16 +89,16 @@ def tabulated_integrals(
     second: Floats,
     distances: Floats,
     dim: int,
-    many: int = PAIR_TABLE_NODES,
 ) -> tuple[Floats, Floats]:
     """Compute many :func:`pair_integrals`; equal radii share a table."""
     values, errors = np.zeros((2, len(distances)))
     pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
     keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
     # The integrals of indicators are not smooth in the distance.
-    tabulated = (counts > many) & (not bump.is_indicator)
+    tabulated = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
     for number in np.flatnonzero(tabulated):
-        (large, small), members = (keys[number].real, keys[number].imag), group == number
+        large, small = (keys[number].real, keys[number].imag)
+        members = group == number
         fit, error = _tabulate_pair(bump, float(large), float(small), dim)
         values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
         errors[members] = error

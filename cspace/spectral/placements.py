@@ -153,10 +153,8 @@ def best_placements(
     }
     kind = common_bump(bump, *sets.values())
     body, target, *others = (as_balls(source, name, kind) for name, source in sets.items())
-    number, cost = (
-        check_count(n, "n", 1, hint="pass e.g. 10"),
-        check_not_negative(penalty, "penalty", "pass e.g. 10"),
-    )
+    number = check_count(n, "n", 1, hint="pass e.g. 10")
+    cost = check_not_negative(penalty, "penalty", "pass e.g. 10")
     check_flag(refine_rotations, "refine_rotations")
     for balls in others:
         check_same_dim("avoid", balls.dim, target.dim)
@@ -269,10 +267,8 @@ class BallPenetration:
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
         overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
-        lengths, shape = (
-            np.array(overlap.lengths),
-            tuple(next_fast_len(count, real=True) for count in overlap.counts),
-        )
+        lengths = np.array(overlap.lengths)
+        shape = tuple(next_fast_len(count, real=True) for count in overlap.counts)
         self._lower, self._upper = overlap.domain
         made = Correlation(moving, balls, lengths, overlap.counts, shape, SEARCH_ACCURACY)
         self._fields = BallFields(made, balls.center)
@@ -353,7 +349,10 @@ class _Score:
         band: float | None,
         tolerance: float,
     ) -> None:
-        self.body, self.target, self.weights, self.dim = body, target, weights, body.dim
+        self.body = body
+        self.target = target
+        self.weights = weights
+        self.dim = body.dim
         from scipy.fft import next_fast_len
 
         scale = norm_square(body)[0]
@@ -368,10 +367,8 @@ class _Score:
         counts = tuple(
             2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts
         )
-        self.lengths, self.shape = (
-            np.array(overlap.lengths),
-            tuple(next_fast_len(count, real=True) for count in counts),
-        )
+        self.lengths = np.array(overlap.lengths)
+        self.shape = tuple(next_fast_len(count, real=True) for count in counts)
         self.correlation = Correlation(
             body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights
         )
@@ -434,7 +431,8 @@ class _Score:
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
         """Move poses by translations and rotations about the centroid."""
-        rotations, turns = poses.rotations, steps[:, self.dim :] / self.gyration
+        rotations = poses.rotations
+        turns = steps[:, self.dim :] / self.gyration
         if turns.shape[1] == 1:
             cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
             rotations = (

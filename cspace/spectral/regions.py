@@ -17,7 +17,6 @@ from cspace.grid import Grid
 from cspace.kernels import box_distance, point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.spectral.trees import BallTree
 from cspace.threads import in_chunks
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -73,6 +72,9 @@ MAX_GAP_HALVINGS: Final = 14
 MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
 
+MAX_DISTANCES_PER_BLOCK: Final = 2**18
+"""Number of distances held at once, which fit into a cache."""
+
 
 class ShapeBoundary:
     """Boundary of an exact shape, and distances from it, in metres.
@@ -114,7 +116,8 @@ class ShapeBoundary:
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
         """Compute lower bounds of distances to the shape, at most ``cap``."""
-        outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
+        outside = ~self.shape.contains(points)
+        gaps = np.zeros(len(points))
         gaps[outside] = np.maximum(self.distances(points[outside], cap)[0] - self.error, 0.0)
         return gaps
 
@@ -157,7 +160,9 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
-        self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.outer.bounds)
+        self.shape = shape
+        self.dim = shape.dim
+        self.bounds = np.array(shape.outer.bounds)
         self.outer = ShapeBoundary(shape.outer)
         self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
         self.depths, self.gaps = self.inner.depths, self.outer.gaps
@@ -170,7 +175,8 @@ class Region:
 
     def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
         """Return masks: points proven inside, and not proven ``radius`` away."""
-        contained, error = self.outer.shape.contains(points), self.outer.error
+        contained = self.outer.shape.contains(points)
+        error = self.outer.error
         near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
         is_inside = (
             contained & (near > error)
@@ -220,7 +226,9 @@ class Lattice:
     def __init__(self, region: Region, spacing: float) -> None:
         grid, flat = region.make_grid(spacing), 3 - region.dim
         cells = region.shape.cells(grid)[0]
-        self.region, self.side, self.diagonal = region, grid.spacing, math.sqrt(region.dim)
+        self.region = region
+        self.side = grid.spacing
+        self.diagonal = math.sqrt(region.dim)
         self.half = np.array([0.0] * flat + [0.5] * region.dim)
         self.corner = np.array([-0.5 * self.side] * flat + list(grid.lower))
         self.cells = cells.reshape((1,) * flat + cells.shape)
@@ -297,8 +305,11 @@ class PieceTree(NamedTuple):
 @allocating
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
     """Return bounds of the distance to the nearest piece, at most ``cap``."""
-    position, near, far = row_at(point, 0), cap, cap
-    pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
+    position = row_at(point, 0)
+    near = cap
+    far = cap
+    pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
+    gaps = np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
     while count > 0:
         count -= 1
@@ -316,22 +327,19 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                     gap = math.sqrt(
                         point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0))
                     )
-                near, far = min(near, gap), min(far, gap + tree.errors[n])
+                near = min(near, gap)
+                far = min(far, gap + tree.errors[n])
             continue
         child_a, child_b = node + 1, node + 2 * (size // 2)
-        gap_a, gap_b = (
-            box_distance(tree.boxes[child_a], position),
-            box_distance(tree.boxes[child_b], position),
-        )
+        gap_a = box_distance(tree.boxes[child_a], position)
+        gap_b = box_distance(tree.boxes[child_b], position)
         # Push the nearer box last, so that it is popped first.
         if gap_a < gap_b:
             child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
-        pending[count], pending[count + 1], gaps[count], gaps[count + 1] = (
-            child_a,
-            child_b,
-            gap_a,
-            gap_b,
-        )
+        pending[count] = child_a
+        pending[count + 1] = child_b
+        gaps[count] = gap_a
+        gaps[count + 1] = gap_b
         count += 2
     return near, far
 
@@ -397,10 +405,12 @@ def bound_shape_to_balls(
     the shape.
 
     Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
-    the ball that contains it after the least growth, so the grown balls cover the shape. The growth
-    is -inf for a ball without boxes.
+    the ball nearest to its center, which grows to contain it, so the grown balls cover the shape.
+    The growth is -inf for a ball without boxes.
     """
-    region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
+    region = lattice.region
+    half = 0.5 * lattice.side
+    dim = lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
     low = float(cube_gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
     box_centers, high = lattice.to_metres(lattice.cell_centers), 0.0
@@ -423,10 +433,8 @@ def bound_shape_to_balls(
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))
         np.maximum.at(growths, owners[~is_open], far[~is_open])
-        box_centers, half = (
-            (box_centers[is_open, None] + half * halves).reshape(-1, dim),
-            0.5 * half,
-        )
+        box_centers = (box_centers[is_open, None] + half * halves).reshape(-1, dim)
+        half = 0.5 * half
         if not len(box_centers):
             break
     return max(low - error, 0.0), max(high, low) + error, growths + error
@@ -455,79 +463,23 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
 def cube_gaps(
     points: Floats, half: float, centers: Floats, radii: Floats
 ) -> tuple[Floats, Floats, Ints]:
-    """Measure cubes around points against balls, in threads.
+    """Measure cubes around points against balls.
 
     ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays
-    of shape (n,): the distance from each point to the nearest ball, the least length by which a
-    ball must grow to contain the cube, and the index of that ball. Lengths are negative deep in a
-    ball.
+    of shape (n,): the distance from each point to the nearest ball, the length by which that ball
+    must grow to contain the cube, and the index of the ball. Lengths are negative deep in a ball.
     """
-    near, far, owners = (
-        np.empty(len(points)),
-        np.empty(len(points)),
-        np.empty(len(points), dtype=np.int64),
-    )
-    flat = 3 - points.shape[1]
-    # Trees need radii of zero or above; all grow by one length, which the results lose again.
-    growth = max(0.0, -float(radii.min()))
-    tree, spatial = (
-        BallTree.of(centers, radii + growth),
-        np.ascontiguousarray(np.pad(points, ((0, 0), (0, flat)))),
-    )
-    halves = np.array([half] * points.shape[1] + [0.0] * flat)
+    from scipy.spatial.distance import cdist
 
-    def work(start: int, stop: int) -> int:
-        chunk, pending = slice(start, stop), np.empty(MAX_PENDING_NODES, dtype=np.int64)
-        measure_cubes(spatial[chunk], halves, tree, pending, near[chunk], far[chunk], owners[chunk])
-        return -1
-
-    in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
-    return near + growth, far + growth, tree.order[owners]
-
-
-@kernel
-def measure_cubes(
-    points: Floats,
-    halves: Floats,
-    tree: BallTree,
-    pending: Ints,
-    near: Floats,
-    far: Floats,
-    owners: Ints,
-) -> None:
-    """Write results of :func:`cube_gaps`, owners in the tree's leaf order.
-
-    ``points`` has shape (n, 3), ``halves``, half the sides of a cube, shape (3,). ``pending`` is
-    scratch.
-    """
-    nodes, sizes = tree.nodes, tree.sizes
-    half, owner, owner_node = halves[0], 0, 0
-    for n in range(len(points)):
-        nearest, growth = math.inf, math.inf
-        # A node is stored with the index of its first leaf. The previous owner comes first, because
-        # it is mostly near.
-        pending[0], pending[1], count = 0, owner_node << 32 | owner, 1 + (n > 0)
-        while count > 0:
-            count -= 1
-            node, start = pending[count] >> 32, pending[count] & 0xFFFFFFFF
-            center_square, corner_square = 0.0, 0.0
-            for axis in range(3):
-                offset = abs(points[n, axis] - nodes[node, axis])
-                center_square += offset * offset
-                corner_square += (offset + halves[axis]) * (offset + halves[axis])
-            # A ball of the node is no nearer than the node, and its corner distance exceeds that by
-            # half a side or more. Few nodes pass, so that most roots are not needed.
-            reach = max(max(nearest, growth - half) + nodes[node, 3], 0.0)
-            if center_square >= reach * reach:
-                continue
-            if sizes[node] > 1:
-                middle = sizes[node] // 2
-                pending[count] = (node + 2 * middle) << 32 | (start + middle)
-                pending[count + 1] = (node + 1) << 32 | start
-                count += 2
-                continue
-            nearest = min(nearest, math.sqrt(center_square) - nodes[node, 3])
-            needed = math.sqrt(corner_square) - nodes[node, 3]
-            if needed < growth:
-                growth, owner, owner_node = needed, start, node
-        near[n], far[n], owners[n] = nearest, growth, owner
+    near, far = np.empty((2, len(points)))
+    owners = np.empty(len(points), dtype=np.int64)
+    size = max(1, MAX_DISTANCES_PER_BLOCK // len(radii))
+    for start in range(0, len(points), size):
+        block = slice(start, start + size)
+        gaps = cdist(points[block], centers) - radii
+        nearest = gaps.argmin(axis=1)
+        near[block] = gaps.min(axis=1)
+        corners = np.abs(points[block] - centers[nearest]) + half
+        far[block] = np.linalg.norm(corners, axis=1) - radii[nearest]
+        owners[block] = nearest
+    return near, far, owners

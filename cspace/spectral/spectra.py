@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Floats
 from cspace.check import check_finite
 from cspace.errors import InputError, import_optional
-from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, count_cells, free_bytes
 from cspace.spectral.bump import (
     MIN_TOLERANCE,
     TABLE_HALF_WIDTH,
@@ -65,8 +64,8 @@ dimension."""
 MIN_RADII_FOR_BASIS: Final = 8
 """Number of different radii up to which a basis saves no transform."""
 
-BYTES_PER_FREQUENCY: Final = {2: 120.0, 3: 184.0}
-"""Upper bound of the memory per value of a spectrum, bytes, by dimension."""
+MAX_FREQUENCIES: Final = 2**26
+"""Largest number of frequencies of a spectrum, whose values take a gigabyte."""
 
 BASIS_TOLERANCE_SHARE: Final = 0.02
 """Share of the tolerance for each source of error of a basis: spectra, nodes, decomposition and
@@ -113,9 +112,9 @@ def ball_spectrum(
     ndarray of complex128, shape counts
         Metres to the power ``dim``.
 
-    Raises InputError if a value is not usable, the balls do not fit into one period, or the result
-    does not fit into memory. Raises MissingPackageError if finufft is needed, for many balls of one
-    radius, and is not installed.
+    Raises InputError if a value is not usable, the balls do not fit into one period, or there are
+    more than 2^26 frequencies. Raises MissingPackageError if finufft is needed, for many balls of
+    one radius, and is not installed.
     """
     points, sizes = check_solid_balls(centers, radii)
     kind, dim = check_bump(bump), points.shape[1]
@@ -219,13 +218,12 @@ def radius_basis(
     leaves as many combinations as the tolerance needs. The strength of a ball in each combination
     depends on its radius.
     """
-    max_modulus, max_radius, min_radius = (
-        float(moduli.max()),
-        float(radii.max()),
-        float(radii.min()),
-    )
+    max_modulus = float(moduli.max())
+    max_radius = float(radii.max())
+    min_radius = float(radii.min())
     within = BASIS_TOLERANCE_SHARE * tolerance
-    center, half = 0.5 * (min_radius + max_radius), 0.5 * (max_radius - min_radius)
+    center = 0.5 * (min_radius + max_radius)
+    half = 0.5 * (max_radius - min_radius)
     highest = max_radius * max_modulus
     count = count_nodes(within, 2.0 * math.pi * max_modulus * half)
     if count > 6 * max_terms:  # finding the basis would take longer than it saves
@@ -362,14 +360,11 @@ class Correlation:
 
     def splines(self) -> Iterator[Floats]:
         """Yield cubic spline coefficients of each term's field on the lattice."""
+        from scipy.ndimage import spline_filter
+
         for term in self.terms:
-            spectrum = self._spectrum * self.lattice.spread(term.factor)
-            for axis, size in enumerate(self.shape):
-                # The samples of a cubic B-spline at the steps are 1/6, 2/3 and 1/6.
-                angles = 2.0 * math.pi / size * frequency_indices(self.lattice.counts[axis])
-                samples = (2.0 + np.cos(angles)) / 3.0
-                spectrum /= samples.reshape(-1, *[1] * (spectrum.ndim - 1 - axis))
-            yield self._invert(spectrum)
+            field = self._invert(self._spectrum * self.lattice.spread(term.factor))
+            yield np.asarray(spline_filter(field, mode="grid-wrap"))
 
     def _invert(self, spectrum: Complexes) -> Floats:
         """Return the values of a spectrum on the lattice."""
@@ -406,19 +401,14 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
 def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     """Return the number of frequencies along each axis.
 
-    Raises InputError for anything else, or if the spectrum would not fit into memory.
+    Raises InputError for anything else, or for too many frequencies.
     """
     numbers = np.asarray(counts)
     if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
         rule = f"it must be one whole number above zero or {dim} of them"
         raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256", value=counts)
-    shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
-    free, needed = free_bytes(), BYTES_PER_FREQUENCY[dim] * float(count_cells(shape))
-    if needed > MAX_MEMORY_FRACTION * free:
-        problem = (
-            f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
-        )
-        raise InputError(
-            "counts", problem, f"{bytes_text(free)} are free", "pass smaller counts", value=counts
-        )
+    shape = tuple(np.broadcast_to(numbers, dim).tolist())
+    if math.prod(shape) > MAX_FREQUENCIES:
+        rule = f"at most {MAX_FREQUENCIES} frequencies are computed"
+        raise InputError("counts", f"is {counts!r}", rule, "pass smaller counts", value=counts)
     return shape

@@ -43,12 +43,11 @@ class BallTree(NamedTuple):
             return cls(np.empty((0, 4)), *np.empty((2, 0), dtype=np.int64))
         from scipy.spatial import cKDTree
 
-        flat, order = 3 - centers.shape[1], cKDTree(centers, leafsize=1).indices
+        flat = 3 - centers.shape[1]
+        order = cKDTree(centers, leafsize=1).indices
         balls = np.column_stack([np.pad(centers, ((0, 0), (0, flat))), radii])[order]
-        nodes, sizes = (
-            np.empty((2 * len(balls) - 1, 4)),
-            np.empty(2 * len(balls) - 1, dtype=np.int64),
-        )
+        nodes = np.empty((2 * len(balls) - 1, 4))
+        sizes = np.empty(2 * len(balls) - 1, dtype=np.int64)
         fill_tree(balls, nodes, sizes, np.zeros_like(sizes))
         return cls(nodes, sizes, order.astype(np.int64))
 
@@ -79,10 +78,8 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
             for axis in range(3):
                 low, high = math.inf, -math.inf
                 for n in range(start, start + size):
-                    low, high = (
-                        min(low, balls[n, axis] - balls[n, 3]),
-                        max(high, balls[n, axis] + balls[n, 3]),
-                    )
+                    low = min(low, balls[n, axis] - balls[n, 3])
+                    high = max(high, balls[n, axis] + balls[n, 3])
                 nodes[node, axis] = 0.5 * (low + high)
             for n in range(start, start + size):
                 square = 0.0
@@ -91,7 +88,8 @@ def fill_tree(balls: Floats, nodes: Floats, sizes: Ints, starts: Ints) -> None:
                 radius = max(radius, (1.0 + 2.0**-40) * (math.sqrt(square) + balls[n, 3]))
             half = size // 2
             starts[node + 1], sizes[node + 1] = start, half
-            starts[node + 2 * half], sizes[node + 2 * half] = start + half, size - half
+            starts[node + 2 * half] = start + half
+            sizes[node + 2 * half] = size - half
         nodes[node, 3] = radius
 
 
@@ -102,17 +100,18 @@ def compare_placed(
     """Return MISS, HIT or UNDECIDED, the first tree moved by (x, y, z).
 
     ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is
-    scratch of MAX_PENDING_NODE_PAIRS items.
+    scratch of shape (MAX_PENDING_NODE_PAIRS, 2).
     """
-    result, count = MISS, min(1, len(a.sizes), len(b.sizes))
-    # A pair of nodes (i, j) is stored as one number, i in its upper half.
-    pending[0] = 0
+    result = MISS
+    count = min(1, len(a.sizes), len(b.sizes))
+    pending[0, 0], pending[0, 1] = 0, 0
     while count > 0:
         count -= 1
-        i, j = pending[count] >> 32, pending[count] & 0xFFFFFFFF
+        i, j = pending[count]
         p, q = a.nodes[i], b.nodes[j]
-        dx, dy, dz, reach = p[0] + x - q[0], p[1] + y - q[1], p[2] + z - q[2], p[3] + q[3]
+        dx, dy, dz = p[0] + x - q[0], p[1] + y - q[1], p[2] + z - q[2]
         square = dx * dx + dy * dy + dz * dz
+        reach = p[3] + q[3]
         if square > (reach + slack) * (reach + slack):
             continue
         size_a, size_b = a.sizes[i], b.sizes[j]
@@ -120,19 +119,16 @@ def compare_placed(
             if reach > slack and square < (reach - slack) * (reach - slack):
                 return HIT
             result = UNDECIDED
+            continue
         # Replace the node with the larger ball by its two children.
-        elif size_b == 1 or (size_a > 1 and p[3] > q[3]):
-            pending[count], pending[count + 1] = (
-                (i + 1) << 32 | j,
-                (i + 2 * (size_a // 2)) << 32 | j,
-            )
-            count += 2
+        i1, i2, j1, j2 = i, i, j, j
+        if size_b == 1 or (size_a > 1 and p[3] > q[3]):
+            i1, i2 = i + 1, i + 2 * (size_a // 2)
         else:
-            pending[count], pending[count + 1] = (
-                i << 32 | (j + 1),
-                i << 32 | (j + 2 * (size_b // 2)),
-            )
-            count += 2
+            j1, j2 = j + 1, j + 2 * (size_b // 2)
+        pending[count, 0], pending[count, 1] = i1, j1
+        pending[count + 1, 0], pending[count + 1, 1] = i2, j2
+        count += 2
     return result
 
 
@@ -159,7 +155,7 @@ class ContactTest(NamedTuple):
         out = np.empty(len(placements), dtype=np.uint8)
 
         def work(start: int, stop: int) -> int:
-            pending = np.empty(MAX_PENDING_NODE_PAIRS, dtype=np.int64)
+            pending = np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64)
             test_each(self, placements[start:stop], pending, out[start:stop])
             return -1
 
@@ -178,13 +174,12 @@ def test_each(test: ContactTest, placements: Floats, pending: Ints, out: Bytes) 
 def test_placement(test: ContactTest, x: float, y: float, z: float, pending: Ints) -> int:
     """Test a placement of a: the outer trees, then the inner ones."""
     a, b, half = test.frame
-    x, y, z = (x + a[0]) - b[0], (y + a[1]) - b[1], (z + a[2]) - b[2]
+    x = (x + a[0]) - b[0]
+    y = (y + a[1]) - b[1]
+    z = (z + a[2]) - b[2]
     if not (abs(x) <= half[0] and abs(y) <= half[1] and abs(z) <= half[2]):
         return MISS
     if compare_placed(test.outer_a, test.outer_b, x, y, z, test.slack, pending) == MISS:
         return MISS
-    return (
-        HIT
-        if compare_placed(test.inner_a, test.inner_b, x, y, z, test.slack, pending) == HIT
-        else UNDECIDED
-    )
+    inner = compare_placed(test.inner_a, test.inner_b, x, y, z, test.slack, pending)
+    return HIT if inner == HIT else UNDECIDED

@@ -27,7 +27,6 @@ from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
-from cspace.spectral import BallDecomposition
 from tests.refusals import refusals
 from tests.soak import files as soak
 
@@ -315,10 +314,8 @@ def open_with_spacing(path: Path) -> Workspace:
     [
         ("a.yaml", "max_description_bytes", Workspace.open),
         ("a.yaml", "max_description_bytes", open_as_scene),
-        ("a.yaml", "max_description_bytes", BallDecomposition.open),
         ("a.urdf", "max_description_bytes", cspace.Robot.from_urdf),
         ("a.srdf", "max_description_bytes", open_as_srdf),
-        ("a.json", "max_text_bytes", BallDecomposition.open),
         ("a.geojson", "max_text_bytes", open_with_spacing),
         ("a.wkt", "max_text_bytes", open_with_spacing),
         ("a.dae", "max_text_bytes", open_with_spacing),

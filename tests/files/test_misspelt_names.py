@@ -10,7 +10,6 @@ import zarr
 import cspace
 from cspace import Arm, CspaceError, FileError, Mesh, Robot, Workspace
 from cspace.files.access import suggest_name
-from cspace.spectral import BallDecomposition
 from tests.commands import run
 
 Reader = Callable[[Path], object]
@@ -27,7 +26,6 @@ MISSPELT_FILES: dict[str, tuple[str, str, Reader]] = {
     "suffix of a robot": ("robot.urdf", "robot.udrf", Robot.open),
     "shape": ("cart.geojson", "cart.geojsn", lambda path: Robot("cart", path)),
     "arm": ("arm.urdf", "amr.urdf", Arm.from_urdf),
-    "balls": ("balls.yaml", "bals.yaml", BallDecomposition.open),
 }
 
 

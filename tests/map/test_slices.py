@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import Robot, Workspace
-from cspace.engines.slices import raster_tasks, slice_rasters
+from cspace.engines.slices import slice_rasters
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import TWO_PI
 from cspace.shapes import Shape
@@ -56,13 +56,14 @@ L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
     ],
     ids=["box", "square", "cube", "cells", "mirrored cells", "drone", "triangle"],
 )
-def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh):
+def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh, monkeypatch):
     """Count the rasters; symmetries of the grid give others."""
-    assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
-    rasters, cells = (
-        slice_rasters(robot, 0.17, 0.02, rotations),
-        rotations.make_shape_cells(robot.dim),
-    )
+    made, rasterise = [], Robot.rasters
+    with monkeypatch.context() as patched:
+        patched.setattr(Robot, "rasters", lambda *args: made.append(args) or rasterise(*args))
+        rasters = slice_rasters(robot, 0.17, 0.02, rotations)
+    assert len(made) == fresh
+    cells = rotations.make_shape_cells(robot.dim)
     for number, cell in zip(
         *np.unique(rotations.assign_slices(robot.shape), return_index=True), strict=True
     ):

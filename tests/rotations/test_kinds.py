@@ -18,7 +18,7 @@ from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Bools, Floats, Ints
 from cspace.cli.options import parse_configuration, parse_rotation_cells
 from cspace.errors import InputError
-from cspace.rotations import RotationCell, Rotations
+from cspace.rotations import Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawRotations
 from tests.maps import proven_paths
@@ -58,14 +58,6 @@ class PitchRotations(YawRotations):
 
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         return Rotations.find_images(self, shape)
-
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
-        return [
-            RotationCell(matrix, angle)
-            for matrix, angle in zip(
-                self.make_matrices(self.centers, dim), self.covering_angles.tolist(), strict=True
-            )
-        ]
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()

@@ -157,8 +157,8 @@ def test_invalid_numbers_of_parts_are_refused(n):
 def test_invalid_quaternions_are_refused():
     cells = Rotations.quaternions(2)
     for wrong, message in (
-        ((0, 0, 0, 1.01), "norm of 1.01"),
-        ((0, 0, 0, 0), "norm of 0"),
+        ((0, 0, 0, 1.01), "norm 1.01"),
+        ((0, 0, 0, 0), "norm 0"),
         ((0, 0, 1), "four numbers"),
     ):
         with pytest.raises(InputError, match=message):

@@ -50,8 +50,6 @@ def write_families(folder: Path) -> dict[str, Path]:
     import zarr
     from PIL import Image
 
-    from cspace.spectral import BallDecomposition, Bounds
-
     def put(name: str, content: bytes | str) -> None:
         (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
 
@@ -136,11 +134,6 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("points.pcd", f"{head}binary\n".encode() + points.astype("<f4").tobytes())
     np.save(folder / "points.npy", points)
     np.save(folder / "cells.npy", cells)
-    balls = BallDecomposition(
-        [(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3)
-    )
-    for suffix in ("yaml", "json"):
-        balls.save(folder / f"balls.{suffix}")
     return {path.name: path for path in sorted(folder.iterdir())}
 
 
@@ -223,10 +216,7 @@ def _write_request() -> str:
 def open_file(path: Path) -> object:
     """Open a file like a user."""
     from cspace.arms import read_moveit_request, read_moveit_scene
-    from cspace.spectral import BallDecomposition
 
-    if path.name.startswith("balls"):
-        return BallDecomposition.open(path)
     if path.name.startswith(("saved", "forged", "tiles")):
         return _use_map(cspace.open(path))
     if path.name.startswith("robot"):

@@ -171,7 +171,7 @@ POINTS = np.zeros((2, 2))
     ((POINTS, 0.1, Bump(), 1.0, 0), "counts"),
     ((POINTS, 0.1, Bump(), 1.0, 4.0), "counts"),
     ((POINTS, 0.1, Bump(), 1.0, (4, 4, 4)), "counts"),
-    ((POINTS, 0.1, Bump(), 1.0, 10**9), "memory"),
+    ((POINTS, 0.1, Bump(), 1.0, 10**9), "smaller counts"),
     ((POINTS, 0.1, Bump(), 1.0, 4, 1e-14), "tolerance"),
     ((POINTS, 0.1, Bump(), 1.0, 4, 0.2), "tolerance"),
     ((POINTS, 0.6, Bump(), 1.0, 4), "fit into one period"),
