@@ -5,13 +5,10 @@ They are trees of boundaries, closed surfaces, and anchors of parts.
 
 from __future__ import annotations
 
-import hashlib
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 from typing import Final, NamedTuple, cast
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -258,17 +255,6 @@ class Solid(NamedTuple):
     parts: tuple[PosedShape, ...]
 
 
-_SHARED_SHAPES: Final = WeakValueDictionary[bytes, PosedShape]()
-
-
-def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
-    """Return a posed shape, shared by all equal links."""
-    digest = hashlib.sha256(
-        pickle.dumps((shape.spec, pose))
-    ).digest()  # the spec, because the shape may carry caches
-    return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
-
-
 # ---- obstacles -----------------------------------------------------------------------------------
 
 
@@ -360,7 +346,6 @@ def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
         )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
-    check_memory(_BYTES_PER_CELL * grid.size, name, grid, hint="cut it to what the arm reaches")
     held = obstacle._in_memory()
     if not held.outer.any():
         return None
