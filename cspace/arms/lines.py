@@ -233,17 +233,16 @@ def check_corners(poses: ArrayLike) -> Floats:
     if given.ndim not in (2, 3) or given.shape[-2:] != (4, 4) or not len(given):
         rule, hint = "it must be one pose, shape (4, 4), or several", "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
-    names = ["poses"] if given.ndim == 2 else [f"poses[{k}]" for k in range(len(given))]
     corners = np.stack(
-        [check_rigid(pose, name) for name, pose in zip(names, given.reshape(-1, 4, 4), strict=True)]
+        [check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(given.reshape(-1, 4, 4))]
     )
-    for name, pose in zip(names, corners, strict=True):
-        largest = float(np.abs(pose[:3, 3]).max())
-        if largest > MAX_LINE_COORDINATE:
-            rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-            raise InputError(
-                name, f"has the coordinate {largest:g} m", rule, "check its unit", value=pose
-            )
+    largest = float(np.abs(corners[:, :3, 3]).max())
+    if largest > MAX_LINE_COORDINATE:
+        problem, rule = (
+            f"has the coordinate {largest:g} m",
+            f"the limit is {MAX_LINE_COORDINATE:g} m",
+        )
+        raise InputError("poses", problem, rule, "check its unit", value=poses)
     return corners
 
 
@@ -313,11 +312,8 @@ def follow_lines(
         if outcome != REACHED:
             break
     joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
-    stopped_by, status, fraction = (
-        "",
-        "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached",
-        1.0,
-    )
+    stopped_by, fraction = "", 1.0
+    status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
     if outcome != REACHED:
         lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
         weights = (

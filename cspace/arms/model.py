@@ -523,6 +523,9 @@ class Arm:
         named = [key for key in own if key.partition("/")[2] == name]
         if name in self._states:
             named = [name]
+        if not self._states:
+            rule, hint = "the arm has none", "pass srdf= to Arm.from_urdf, or values by joint"
+            raise InputError(argument, f"is {name!r}", rule, hint, value=name)
         if len(named) != 1:
             check_known(name, argument, named or self._states)
         return {
@@ -739,6 +742,9 @@ def _choose_joints(
     Raise InputError if one cannot move by itself.
     """
     if isinstance(joints, str):
+        if not groups:
+            rule, hint = "no SRDF gives groups", "pass srdf=, or a list of joints"
+            raise InputError("joints", f"is {joints!r}", rule, hint, value=joints)
         return groups[check_known(joints, "joints", groups)]
     names = check_names(joints, "joints")
     movable = [name for name, joint in tree.items() if is_independent(joint)]

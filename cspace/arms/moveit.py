@@ -516,9 +516,7 @@ def _parse_pose_goals(
         links.append(link)
     centers = [(np.zeros(3), math.inf)]
     for item in positions:
-        link, centers = _parse_position(
-            item, f"position_constraints of {place}", rotation, angle, frames
-        )
+        link, centers = _parse_position(item, f"position_constraints of {place}", frames)
         links.append(link)
     if len(set(links)) > 1:
         problem = f"constrains {' and '.join(map(repr, links))} at {place}"
@@ -561,42 +559,25 @@ def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[
 
 
 def _parse_position(
-    item: Any, place: str, rotation: Floats, angle: float, frames: dict[str, None]
+    item: Any, place: str, frames: dict[str, None]
 ) -> tuple[str, list[tuple[Floats, float]]]:
     """Return the link of a position constraint, and the balls of its region.
 
     They are a center and a radius for each shape.
-
-    They are those of the link's origin, at a rotation up to an angle.
     """
     entry = check_table(
         item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight")
     )
     frames[parse_frame(entry, place)] = None
     link = parse_name(entry.get("link_name"), f"link_name of {place}")
-    offset = np.zeros(3)
-    if entry.get("target_point_offset") is not None:
-        offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {place}")
-    if offset.any() and math.isinf(angle):
-        problem = f"has a target_point_offset without orientation at {place}"
-        raise ContentError(
-            problem, "a pose goal is for the origin of a link", "add the orientation"
-        )
+    offset = entry.get("target_point_offset")
+    if offset is not None and parse_numbers(offset, 3, f"target_point_offset of {place}").any():
+        problem = f"has a target_point_offset at {place}"
+        hint = "constrain the position of the origin"
+        raise ContentError(problem, "a pose goal is for the origin of a link", hint)
     fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
     region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
-    # Within the angle, the offset point moves by at most this.
-    sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
-    balls = _parse_region(region, f"region of {place}")
-    centers = [(center - rotation @ offset, radius - sway) for center, radius in balls]
-    if min(radius for _, radius in centers) <= 0.0:
-        problem = (
-            f"has a target_point_offset at {place} that sways {sway:.3g} m within the "
-            "orientation's tolerance"
-        )
-        raise ContentError(
-            problem, "the region must be larger", "tighten the orientation, or widen the region"
-        )
-    return link, centers
+    return link, _parse_region(region, f"region of {place}")
 
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, singledispatch
+from functools import cached_property
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -303,7 +303,6 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
     return named
 
 
-@singledispatch
 def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
     """Place an obstacle by a pose, shape (4, 4).
 
@@ -315,6 +314,11 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
         If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit
         into memory.
     """
+    if isinstance(obstacle, Workspace):
+        return _place_workspace(obstacle, name, base)
+    if isinstance(obstacle, PosedShape):
+        pose = check_rigid(obstacle.pose, f"pose of {name}")
+        return place_shape(obstacle.shape, name, base @ pose)
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:
@@ -331,19 +335,13 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     return PosedShape(shape, check_rigid(pose, name))
 
 
-@place_obstacle.register
-def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
-    return place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
-
-
-@place_obstacle.register
-def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
+def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
+    """Place the cells of a workspace, or its one shape."""
     grid = obstacle.grid
     if grid.dim != 3:
         problem = f"hold {name!r}, a map of the plane"
-        raise InputError(
-            "obstacles", problem, "arms are in space", "pass a map in space", value=obstacle
-        )
+        hint = "pass a map in space"
+        raise InputError("obstacles", problem, "arms are in space", hint, value=obstacle)
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
     held = obstacle._in_memory()

@@ -289,7 +289,7 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
 @refusals(
     "options, message",
     ({"frame": "tool9"}, "frame is 'tool9'; there are foot, upper, fore"),
-    ({"frame": 3}, "frame is 3; it must be a string"),
+    ({"frame": 3}, "frame is 3; it must be a non-empty string"),
     ({"frame": "foot"}, "frame is 'foot'; no joint of the arm moves it"),
     ({"pose": np.eye(3)}, r"pose has shape \(3, 3\); it must be a rigid motion"),
     ({"pose": 2 * np.eye(4)}, "pose has shape.*it must be a rigid motion"),
