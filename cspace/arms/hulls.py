@@ -483,7 +483,7 @@ def hull_slack(
     ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first
     direction tried.
     """
-    required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
+    required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
     best, gap, length, count = -math.inf, -math.inf, math.inf, 0
     p = q = r = (0.0, 0.0, 0.0)
     for _ in range(MAX_GJK_STEPS):
@@ -498,15 +498,9 @@ def hull_slack(
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
-            best = max(best, gap - speed)
-            # Along n the motion may be shorter than ``speed``.
-            if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
-                least = min(
-                    gap_along,
-                    moved_gap(hulls, a, motion, n, low, 1.0),
-                    moved_gap(hulls, a, motion, n, low, -1.0),
-                )
-                best = max(best, least - required - motion.curvature_bound)
+            best = max(
+                best, slack_along(hulls, a, motion, n, low, (gap_along, required, speed, enough))
+            )
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector
@@ -526,6 +520,30 @@ def hull_slack(
         if count == 4 or not length < before:
             break
     return best, gap > 0.0
+
+
+@kernel
+def slack_along(
+    hulls: Hulls,
+    a: int,
+    motion: RelativeMotion,
+    n: Row,
+    low: float,
+    limits: tuple[float, float, float, float],
+) -> float:
+    """Return the slack along n: of any motion up to a speed, or of the linear motion if larger.
+
+    ``low`` is the coordinate of the second hull along -n. ``limits`` are the central gap, the
+    required distance, the speed, and the slack that is enough.
+    """
+    gap, required, speed, enough = limits
+    slack, bend = gap - required - speed, motion.curvature_bound
+    # Along n the motion may be shorter than ``speed``.
+    if slack <= enough and gap - required - bend > enough and motion.half_time > 0.0:
+        start = moved_gap(hulls, a, motion, n, low, -1.0)
+        end = moved_gap(hulls, a, motion, n, low, 1.0)
+        slack = max(slack, min(gap, start, end) - required - bend)
+    return slack
 
 
 @kernel
