@@ -407,7 +407,9 @@ def _joint_range(
     if math.isfinite(low):
         return low, high
     if not space.periodic_axes[number]:
-        problem = f"are missing for {name!r}, which is continuous and moves others by another angle"
+        problem = (
+            f"are missing for {name!r}, which is continuous and moves other joints by another angle"
+        )
         rule, hint = "a turn does not restore the arm", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
         raise InputError("limits", problem, rule, hint, value=limits)
     return -math.pi, math.pi
