@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -178,6 +178,28 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
         f"did you mean {close[0]!r}?" if close else "name one of these" if known else "leave it out"
     )
     raise InputError(name, f"{verb} {value!r}", rule, hint, value=value)
+
+
+def check_names(values: Iterable[str], name: str) -> list[str]:
+    """Return names as a list; a string is one name.
+
+    Raises InputError if they are no sequence.
+    """
+    try:
+        return [values] if isinstance(values, str) else list(values)
+    except TypeError as error:
+        rule = "it must be a list of names"
+        raise InputError(
+            name, f"is {values!r}", rule, "pass a list of strings", value=values
+        ) from error
+
+
+def check_text(value: object, name: str, example: str) -> str:
+    """Return a string that is not empty; raise InputError, with an example, otherwise."""
+    if not isinstance(value, str) or not value:
+        rule = "it must be a non-empty string"
+        raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}", value=value)
+    return value
 
 
 def check_flag(value: bool, name: str) -> None:

@@ -39,6 +39,7 @@ from cspace.arms.proofs import (
     SceneScratch,
     Solids,
     boundaries_cross,
+    boxes_are_apart,
     encloses,
     is_nested,
     nearest_triangle,
@@ -137,10 +138,8 @@ def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
 
     The block has shape (6,), in cells.
     """
-    blocks, counts = (
-        np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64),
-        np.empty(MAX_PENDING_BLOCKS, dtype=np.int64),
-    )
+    blocks = np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64)
+    counts = np.empty(MAX_PENDING_BLOCKS, dtype=np.int64)
     pair_lists = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64)
     blocks[0], pair_lists[0], counts[0] = block * cells.parts, np.arange(pairs), pairs
     return PendingBlocks(blocks, pair_lists, counts, cells.held.copy(), np.zeros(len(cells.held)))
@@ -327,11 +326,8 @@ def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScr
     box.
     """
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
-    bodies, required, count = (
-        scene.solids.bodies,
-        required_distance(scene, pending.center, pending.center),
-        0,
-    )
+    required = required_distance(scene, pending.center, pending.center)
+    bodies, count = scene.solids.bodies, 0
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
@@ -420,7 +416,7 @@ def ball_collides(
     for n in range(balls.starts[i], balls.starts[i + 1]):
         if balls.radii[n] + balls.deepest[j] <= 0.0:
             continue
-        x, y, z = point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
+        point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
         rest = balls.radii[n] - (joint_displacement(axes, point, 0.0) + required)
         if rest + balls.deepest[j] <= 0.0:
             continue
@@ -430,9 +426,8 @@ def ball_collides(
             root = solids.surface_roots[surface]
             whole = solids.surfaces.boxes[root]
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            if abs(x - whole[0]) >= whole[3] + rest or abs(y - whole[1]) >= whole[4] + rest:
-                continue
-            if abs(z - whole[2]) < whole[5] + rest and lies_deep(
+            offset = minus(point, row_at(whole, 0))
+            if not boxes_are_apart(offset, (rest, rest, rest), row_at(whole, 3)) and lies_deep(
                 solids.surfaces, root, point, -rest, scratch.nodes
             ):
                 return True
@@ -445,18 +440,15 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
 
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """
-    trees, nodes, near, (x, y, z) = solids.trees, scratch.nodes, max(rest, 0.0), point
+    trees, nodes, near = solids.trees, scratch.nodes, max(rest, 0.0)
     for part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
         nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
         while top > 1:
             top -= 1
             b = nodes[top, 0]
             box, (row, m) = trees.boxes[b], trees.spans[b]
-            if (
-                abs(x - box[0]) > near + box[3]
-                or abs(y - box[1]) > near + box[4]
-                or abs(z - box[2]) > near + box[5]
-            ):
+            offset = minus(point, row_at(box, 0))
+            if boxes_are_apart(offset, (near, near, near), row_at(box, 3)):
                 continue
             if m == 1:
                 if piece_depth(trees.triangles[row], point) + rest > 0.0:

@@ -33,7 +33,7 @@ import numpy as np
 from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
-from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
+from cspace.kernels import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
 
 MAX_BODIES: Final = 64
@@ -100,46 +100,33 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         if chain.kinds[b] == REVOLUTE:
             # 1 - cos loses digits at small angles, so it is computed from the half angle.
             sine, versine, along = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2, 0.0
-        # Rodrigues' formula, row by row.
-        rotation = (
+        # Rodrigues' formula, column by column.
+        turn = (
             (
                 1.0 - versine * (y * y + z * z),
-                versine * x * y - sine * z,
-                versine * x * z + sine * y,
-            ),
-            (
                 versine * x * y + sine * z,
-                1.0 - versine * (x * x + z * z),
-                versine * y * z - sine * x,
+                versine * x * z - sine * y,
             ),
             (
-                versine * x * z - sine * y,
+                versine * x * y - sine * z,
+                1.0 - versine * (x * x + z * z),
                 versine * y * z + sine * x,
+            ),
+            (
+                versine * x * z + sine * y,
+                versine * y * z - sine * x,
                 1.0 - versine * (x * x + y * y),
             ),
         )
         parent = poses[chain.parents[b]]
+        placed = multiply(pose_rotation(parent), columns(frame))
+        rotation = multiply(placed, turn)
+        joint = apply_pose(pose_rotation(parent), column(parent, 3), column(frame, 3))
+        position = add_scaled(joint, rotate(placed, (x, y, z)), along)
         for i in range(3):
-            a0 = (
-                parent[i, 0] * frame[0, 0] + parent[i, 1] * frame[1, 0] + parent[i, 2] * frame[2, 0]
-            )
-            a1 = (
-                parent[i, 0] * frame[0, 1] + parent[i, 1] * frame[1, 1] + parent[i, 2] * frame[2, 1]
-            )
-            a2 = (
-                parent[i, 0] * frame[0, 2] + parent[i, 1] * frame[1, 2] + parent[i, 2] * frame[2, 2]
-            )
-            a3 = (
-                parent[i, 0] * frame[0, 3]
-                + parent[i, 1] * frame[1, 3]
-                + parent[i, 2] * frame[2, 3]
-                + parent[i, 3]
-            )
-            out[i, 0] = a0 * rotation[0][0] + a1 * rotation[1][0] + a2 * rotation[2][0]
-            out[i, 1] = a0 * rotation[0][1] + a1 * rotation[1][1] + a2 * rotation[2][1]
-            out[i, 2] = a0 * rotation[0][2] + a1 * rotation[1][2] + a2 * rotation[2][2]
-            out[i, 3] = a3 + along * (a0 * x + a1 * y + a2 * z)
-            out[i, 4], out[i, 5] = parent[i, 4], parent[i, 5]
+            for j in range(3):
+                out[i, j] = rotation[i][j]
+            out[i, 3], out[i, 4], out[i, 5] = position[i], parent[i, 4], parent[i, 5]
         rate = chain.factors[b] * (q1[index] - q0[index])
         u = rotate(pose_rotation(out), (x, y, z))
         moment = cross(column(out, 3), u)
@@ -157,15 +144,20 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
     Returns the rows of the rotation, and the translation.
     """
-    x, y, z = transposed = column(base_pose, 0), column(base_pose, 1), column(base_pose, 2)
     offset = minus(column(pose, 3), column(base_pose, 3))
-    u, v, w = column(pose, 0), column(pose, 1), column(pose, 2)
-    matrix = (
-        (dot(x, u), dot(x, v), dot(x, w)),
-        (dot(y, u), dot(y, v), dot(y, w)),
-        (dot(z, u), dot(z, v), dot(z, w)),
+    transposed = columns(base_pose)
+    return multiply(transposed, columns(pose)), rotate(transposed, offset)
+
+
+@kernel
+def multiply(rows: Matrix, columns: Matrix) -> Matrix:
+    """Multiply a matrix, given by its rows, and a matrix, given by its columns."""
+    (u, v, w), (x, y, z) = rows, columns
+    return (
+        (dot(u, x), dot(u, y), dot(u, z)),
+        (dot(v, x), dot(v, y), dot(v, z)),
+        (dot(w, x), dot(w, y), dot(w, z)),
     )
-    return matrix, rotate(transposed, offset)
 
 
 @kernel
@@ -178,10 +170,8 @@ def relative_motion(
     required: float,
 ) -> RelativeMotion:
     """Return the motion of a body as seen from another body."""
-    spin, transposed = (
-        minus(column(pose, 4), column(base_pose, 4)),
-        (column(base_pose, 0), column(base_pose, 1), column(base_pose, 2)),
-    )
+    transposed = columns(base_pose)
+    spin = minus(column(pose, 4), column(base_pose, 4))
     swept = cross(spin, column(base_pose, 3))
     drift = add_scaled(swept, minus(column(pose, 5), column(base_pose, 5)), 1.0)
     matrix, position = relative_pose(pose, base_pose)
@@ -207,6 +197,12 @@ def pose_rotation(pose: Floats) -> Matrix:
 def column(pose: Floats, k: int) -> Row:
     """Return a column of an array with three rows."""
     return pose[0, k], pose[1, k], pose[2, k]
+
+
+@kernel
+def columns(pose: Floats) -> Matrix:
+    """Return the columns of the rotation of a pose, which are the rows of its inverse."""
+    return column(pose, 0), column(pose, 1), column(pose, 2)
 
 
 @kernel
@@ -241,32 +237,22 @@ def motion_bounds(
 
 
 @kernel
-def place_bodies(
-    chain: Chain, points: Floats, bodies: Ints, scratch: Floats, poses: Floats
-) -> None:
-    """Write the poses of some bodies.
-
-    They have shape (n, k, 4, 4), at configurations of shape (n, dof). ``scratch`` has shape (b, 3,
-    6).
-    """
+def place_bodies(chain: Chain, points: Floats, poses: Floats) -> None:
+    """Write the poses of all bodies, shape (n, b, 3, 6), at configurations, shape (n, dof)."""
     for n in range(len(points)):
-        forward_kinematics(chain, points[n], points[n], 0.0, scratch)
-        for k in range(len(bodies)):
-            for i in range(3):
-                for j in range(4):
-                    poses[n, k, i, j] = scratch[bodies[k], i, j]
-            poses[n, k, 3, 0] = poses[n, k, 3, 1] = poses[n, k, 3, 2] = 0.0
-            poses[n, k, 3, 3] = 1.0
+        forward_kinematics(chain, points[n], points[n], 0.0, poses[n])
 
 
-def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | None = None) -> Floats:
+def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice(None)) -> Floats:
     """Return the poses of bodies.
 
     They have shape (..., b, 4, 4), for all bodies or for some. The configurations have shape (...,
     dof).
     """
-    chosen = np.arange(len(chain.parents)) if bodies is None else np.array(bodies, dtype=np.int64)
     points = as_contiguous(q.reshape(-1, q.shape[-1]))
-    poses = np.empty((len(points), len(chosen), 4, 4))
-    place_bodies(chain, points, chosen, np.empty((len(chain.parents), 3, 6)), poses)
-    return poses.reshape(*q.shape[:-1], len(chosen), 4, 4)
+    found = np.empty((len(points), len(chain.parents), 3, 6))
+    place_bodies(chain, points, found)
+    chosen = found[:, bodies, :, :4]
+    poses = np.tile(np.eye(4), (*chosen.shape[:2], 1, 1))
+    poses[:, :, :3] = chosen
+    return poses.reshape(*q.shape[:-1], *poses.shape[1:])

@@ -78,6 +78,10 @@ MAX_GJK_STEPS: Final = 40
 """Largest number of steps of the search for the nearest points of two hulls."""
 
 
+_SIGNS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Corners of a cube, shape (8, 3)."""
+
+
 class Hulls(NamedTuple):
     """Trees of convex hulls around the bodies of links and obstacles.
 
@@ -158,46 +162,32 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     nodes[0, 3] = 1
     if nodes[:, 3].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
-    points, which = np.unique(corners, axis=0, return_inverse=True)
     parents = np.zeros(len(box), dtype=np.int64)
     parents[inside + 1] = parents[nodes[inside, 0]] = inside
     ranks = np.searchsorted(MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12), counts)
     has_hull = ranks < ranks[parents]
     has_hull[0] = True
+    points, which = np.unique(corners, axis=0, return_inverse=True)
+    size, is_rounded = float(np.ptp(points, axis=0).max()), bool(rows[:, 9].any())
     parts, stop = [corners], len(corners)
-    large = np.flatnonzero(has_hull & ((ranks > 0) | (parents == np.arange(len(box))))).tolist()
-    for node in [] if rows[:, 9].any() else large:
-        node_points = points[
-            np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])
-        ]
-        hull, grown, depth, is_whole = _fit_hull(node_points, -1.0 if node else volume)
-        boxes[node, 7], boxes[node, 8] = grown, grown + depth
-        if is_whole and grown <= 2.0 * HULL_ROUNDING * np.ptp(points, axis=0).max():
-            boxes[0, 8] = 0.0
-            return Hulls(
-                boxes[:1], np.array([[0, 0, len(hull), 1, 0]]), np.ascontiguousarray(hull.T)
-            )
-        nodes[node, 1], nodes[node, 2], stop = stop, stop + len(hull), stop + len(hull)
+    for node in np.flatnonzero(has_hull & ~leaf).tolist():
+        first, last = firsts[[starts[node], starts[node] + counts[node]]].tolist()
+        hull, is_tile = points[np.unique(which.ravel()[first:last])], ranks[node] == 0
+        if is_tile and (node or is_rounded):
+            boxes[node, 8] = boxes[node, 3:6].min()
+        elif is_rounded:
+            continue
+        else:
+            hull, grown, depth, is_whole = _fit_hull(hull, -1.0 if node else volume)
+            boxes[node, 7], boxes[node, 8] = grown, grown + depth
+            if is_whole and grown <= 2.0 * HULL_ROUNDING * size:
+                boxes[0, 8] = 0.0
+                links = np.array([[0, 0, len(hull), 1, 0]])
+                return Hulls(boxes[:1], links, np.ascontiguousarray(hull.T))
+        nodes[node, 1], nodes[node, 2] = stop, stop + len(hull)
         parts.append(hull)
-    tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
-    tile_corners = np.concatenate(
-        [np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())]
-    )
-    tile = np.repeat(
-        np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]]
-    )
-    tile_points = np.unique(tile * len(points) + which.ravel()[tile_corners])
-    stops = stop + np.searchsorted(tile_points, len(points) * np.arange(len(tiles) + 1))
-    nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = (
-        stops[:-1],
-        stops[1:],
-        boxes[tiles, 3:6].min(axis=1),
-    )
-    return Hulls(
-        boxes,
-        nodes,
-        np.ascontiguousarray(np.concatenate([*parts, points[tile_points % len(points)]]).T),
-    )
+        stop += len(hull)
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(parts).T))
 
 
 def _are_balls(rows: Floats) -> Bools:
@@ -216,25 +206,15 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     is_box, is_ball = rows[:, 9] < 0.0, _are_balls(rows)
     u, v = rows[:, 3:6], rows[:, 6:9]
     upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
-    if upright.all():
-        return np.empty((0, 3)), np.zeros(len(rows) + 1, dtype=np.int64)
     counts = np.where(upright, 0, np.where(is_box, 8, np.where(is_ball, 1, 3)))
-    firsts = np.append(0, np.cumsum(counts))
-    corners = np.empty((int(firsts[-1]), 3))
-    for k in range(3):
-        chosen = counts > k if k == 0 else counts == 3
-        chosen &= ~is_box
-        corners[firsts[:-1][chosen] + k] = rows[chosen, 3 * k : 3 * k + 3]
-    tilted = is_box & ~upright
-    if not tilted.any():
-        return corners, firsts
-    w = np.cross(u[tilted], v[tilted])
-    w *= (rows[tilted, 9] / np.linalg.norm(w, axis=1))[:, None]
-    for k in range(8):
-        signs = 1.0 - 2.0 * np.array([k & 1, k >> 1 & 1, k >> 2])
-        corner = rows[tilted, :3] + signs[0] * u[tilted] + signs[1] * v[tilted] + signs[2] * w
-        corners[firsts[:-1][tilted] + k] = corner
-    return corners, firsts
+    places = np.arange(counts.max())
+    corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
+    tilted = counts == 8
+    if tilted.any():
+        w = np.cross(u[tilted], v[tilted])
+        w *= (rows[tilted, 9] / np.linalg.norm(w, axis=1))[:, None]
+        corners[tilted] = rows[tilted, None, :3] + _SIGNS @ np.stack([u[tilted], v[tilted], w], 1)
+    return corners[places < counts[:, None]], np.append(0, np.cumsum(counts))
 
 
 def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
@@ -329,8 +309,8 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
     first, stop = hulls.nodes[node, 1:3].tolist()
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
-    box, signs = hulls.boxes[node], np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return box[:3] + signs * box[3:6], 0.0
+    box = hulls.boxes[node]
+    return box[:3] + _SIGNS * box[3:6], 0.0
 
 
 @kernel
@@ -353,28 +333,17 @@ def tree_slack(
     2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
     apart separately.
     """
-    best, partial, moves, joint_turn = enough, False, False, 0.0
-    for k in range(len(axes)):
-        joint_turn += axes[k, 6]
+    best, partial, moves = enough, False, False
     scratch[0, 0] = scratch[0, 1] = -1
     scratch[1, 0], scratch[1, 1], top = one, other, 2
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
-        slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
-        apart = True
-        with_hulls = has_hull(hulls, a) and has_hull(hulls, b)
-        if slack <= best and with_hulls:
-            slack, apart = hull_slack(
-                hulls, a, b, motion, speed, best, minus(row_at(hulls.boxes[b], 0), center)
-            )
+        slack, apart, center = node_slack(hulls, a, b, motion, axes, best)
         if slack > best:
             partial = partial or hulls.nodes[a, 3] + hulls.nodes[b, 3] < 2
             continue
-        # The children may be apart even if the hulls are not, unless the motion is too long.
-        loose = hulls.boxes[a, 8] + hulls.boxes[b, 8] + 2.0 * joint_turn * hulls.boxes[a, 6]
-        are_leaves = hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0
-        if not (with_hulls and (are_leaves or (apart and slack + loose < 0.0))):
+        if not is_final(hulls, a, b, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
             continue
@@ -389,6 +358,36 @@ def tree_slack(
             break
     scratch[1, 0] = 1 if partial else 0
     return min(best, -1e-300) if moves else best
+
+
+@kernel
+def node_slack(
+    hulls: Hulls, a: int, b: int, motion: RelativeMotion, axes: Floats, enough: float
+) -> tuple[float, bool, Row]:
+    """Return the slack of two nodes, by their boxes if these suffice, else by their hulls.
+
+    Also returns whether the nodes are apart at the central moment, and the center of node a.
+    """
+    slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, enough)
+    apart = True
+    if slack <= enough and has_hull(hulls, a) and has_hull(hulls, b):
+        offset = minus(row_at(hulls.boxes[b], 0), center)
+        slack, apart = hull_slack(hulls, a, b, motion, speed, enough, offset)
+    return slack, apart, center
+
+
+@kernel
+def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
+    """Return True if the children of two nodes are no better: leaves, or too long a motion."""
+    if not (has_hull(hulls, a) and has_hull(hulls, b)):
+        return False
+    if hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0:
+        return True
+    # The children may be apart even if the hulls are not, unless the motion is too long.
+    loose = hulls.boxes[a, 8] + hulls.boxes[b, 8]
+    for k in range(len(axes)):
+        loose += 2.0 * axes[k, 6] * hulls.boxes[a, 6]
+    return bool(apart and slack + loose < 0.0)
 
 
 @kernel
@@ -484,7 +483,7 @@ def hull_slack(
     ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first
     direction tried.
     """
-    required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
+    required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
     best, gap, length, count = -math.inf, -math.inf, math.inf, 0
     p = q = r = (0.0, 0.0, 0.0)
     for _ in range(MAX_GJK_STEPS):
@@ -499,15 +498,9 @@ def hull_slack(
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
-            best = max(best, gap - speed)
-            # Along n the motion may be shorter than ``speed``.
-            if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
-                least = min(
-                    gap_along,
-                    moved_gap(hulls, a, motion, n, low, 1.0),
-                    moved_gap(hulls, a, motion, n, low, -1.0),
-                )
-                best = max(best, least - required - motion.curvature_bound)
+            best = max(
+                best, slack_along(hulls, a, motion, n, low, (gap_along, required, speed, enough))
+            )
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector
@@ -527,6 +520,30 @@ def hull_slack(
         if count == 4 or not length < before:
             break
     return best, gap > 0.0
+
+
+@kernel
+def slack_along(
+    hulls: Hulls,
+    a: int,
+    motion: RelativeMotion,
+    n: Row,
+    low: float,
+    limits: tuple[float, float, float, float],
+) -> float:
+    """Return the slack along n: of any motion up to a speed, or of the linear motion if larger.
+
+    ``low`` is the coordinate of the second hull along -n. ``limits`` are the central gap, the
+    required distance, the speed, and the slack that is enough.
+    """
+    gap, required, speed, enough = limits
+    slack, bend = gap - required - speed, motion.curvature_bound
+    # Along n the motion may be shorter than ``speed``.
+    if slack <= enough and gap - required - bend > enough and motion.half_time > 0.0:
+        start = moved_gap(hulls, a, motion, n, low, -1.0)
+        end = moved_gap(hulls, a, motion, n, low, 1.0)
+        slack = max(slack, min(gap, start, end) - required - bend)
+    return slack
 
 
 @kernel

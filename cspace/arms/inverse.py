@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from cspace.arms.chain import PRISMATIC, REVOLUTE, Chain, column, forward_kinematics, pose_rotation
 from cspace.arms.solids import check_rigid
 from cspace.arrays import Bools, Floats, Ints, frozen
-from cspace.check import check_real
+from cspace.check import check_real, check_text
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.kernels import cross, minus, rotate, row_at
@@ -123,14 +123,7 @@ class PoseGoal:
 
     def __post_init__(self) -> None:
         """Check the fields, and replace pose and tolerance by floats."""
-        if not isinstance(self.frame, str):
-            raise InputError(
-                "frame",
-                f"is {self.frame!r}",
-                "it must be a string",
-                "pass e.g. 'tool0'",
-                value=self.frame,
-            )
+        check_text(self.frame, "frame", "tool0")
         tolerance = check_pose_tolerance(self.tolerance)
         object.__setattr__(self, "pose", frozen(check_rigid(self.pose, "pose")))
         object.__setattr__(self, "tolerance", tuple(tolerance.tolist()))
@@ -318,9 +311,9 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
     """Write the configuration after a step to ``scratch.trial``."""
     jacobian, system, error = scratch.jacobian, scratch.system, scratch.errors[0]
     for i in range(6):
-        for j in range(i + 1):
-            system[i, j] = 0.0
-        system[i, i], system[i, 6] = damping, error[i]
+        for j in range(6):
+            system[i, j] = damping if i == j else 0.0
+        system[i, 6] = error[i]
     for k in range(len(q)):
         slope = 0.0
         for i in range(6):
@@ -331,7 +324,8 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
         for i in range(6):
             if stuck:
                 jacobian[i, k] = 0.0
-            for j in range(i + 1):
+        for i in range(6):
+            for j in range(6):
                 system[i, j] += jacobian[i, k] * jacobian[j, k]
     solve_system(system)
     for k in range(len(q)):
@@ -345,26 +339,16 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
 def solve_system(system: Floats) -> None:
     """Solve a symmetric, positive definite system, shape (6, 7), in place.
 
-    Its last column becomes the solution.
-
-    Only the lower half is read. Cholesky factors come first, then the two triangular systems.
+    Its last column becomes the solution. Such a system needs no pivots (Gauss and Jordan).
     """
     for j in range(6):
-        for k in range(j):
-            system[j, j] -= system[j, k] ** 2
-        system[j, j] = math.sqrt(max(system[j, j], 1e-300))
-        for i in range(j + 1, 6):
-            for k in range(j):
-                system[i, j] -= system[i, k] * system[j, k]
-            system[i, j] /= system[j, j]
-    for i in range(6):
-        for k in range(i):
-            system[i, 6] -= system[i, k] * system[k, 6]
-        system[i, 6] /= system[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            system[i, 6] -= system[k, i] * system[k, 6]
-        system[i, 6] /= system[i, i]
+        pivot = max(system[j, j], 1e-300)
+        for k in range(j, 7):
+            system[j, k] /= pivot
+        for i in range(6):
+            ratio = system[i, j] if i != j else 0.0
+            for k in range(j, 7):
+                system[i, k] -= ratio * system[j, k]
 
 
 @kernel

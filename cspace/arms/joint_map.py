@@ -33,7 +33,7 @@ from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair
 from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace.check import check_finite, check_positive
+from cspace.check import check_finite, check_known, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
@@ -184,19 +184,14 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of two or three joints."""
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
-        if name not in arm.joints:
-            rule = f"there are {', '.join(arm.joints)}"
-            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
+        check_known(name, "joints", arm.joints, "name")
         if name in Rotations.all_names() or name.split() != [name]:
             rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
-            raise InputError(
-                "joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name
-            )
+            hint = "rename the joint in the URDF"
+            raise InputError("joints", f"name {name!r}", rule, hint, value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule, hint = (
-            "a map has two or three different joints",
-            "name them, and pass held_joints= for the others",
-        )
+        rule = "a map has two or three different joints"
+        hint = "name them, and pass held_joints= for the others"
         raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
     return names
 
@@ -215,10 +210,8 @@ def _classify_cells(
     ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one
     cell represents all.
     """
-    cells, balls = (
-        _joint_cells(space, grid, joint_indices, held),
-        _inner_balls(space._snapshot.inner.solids),
-    )
+    cells = _joint_cells(space, grid, joint_indices, held)
+    balls = _inner_balls(space._snapshot.inner.solids)
     shape, added = grid.shape, [1] * (3 - grid.dim)
     parts, work = list[CellStates](), []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
@@ -326,28 +319,22 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     """
     geometry = joint_map._geometry if isinstance(joint_map, JointMap) else None
     if geometry is None:
-        rule, hint = (
-            "maps from files and maps with changed cells have none",
-            "pass the map that build_joint_map made",
-        )
+        rule = "maps from files and maps with changed cells have none"
+        hint = "pass the map that build_joint_map made"
         raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
     cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
     if q is not None:
-        places = joint_map._cells_of(joint_map._check_configurations(q, "q").reshape(-1, grid.dim))[
-            :, -grid.dim :
-        ]
+        points = joint_map._check_configurations(q, "q").reshape(-1, grid.dim)
+        places = joint_map._cells_of(points)[:, -grid.dim :]
         inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
         chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
         cells, pairs = cells[chosen], pairs[chosen]
-    centers = grid.lower + grid.spacing * (
-        np.stack(np.unravel_index(cells, grid.shape), axis=1) + 0.5
-    )
+    places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
+    centers = grid.lower + grid.spacing * (places + 0.5)
     found = Counter[tuple[str, str]]()
     for pair in np.unique(pairs).tolist():
-        scene, rows = (
-            geometry.scene.select_pairs(np.array([pair])),
-            geometry.configurations(centers[pairs == pair]),
-        )
+        scene = geometry.scene.select_pairs(np.array([pair]))
+        rows = geometry.configurations(centers[pairs == pair])
         distances, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
         pair_distances(scene, rows, distances, nearest, make_scene_scratch(scene))
         for nodes, count in zip(
@@ -384,10 +371,8 @@ def _held_configuration(
     others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
         if others:
-            rule, hint = (
-                f"the map holds {', '.join(others)} still",
-                f"pass the arm's {space.arm.dof} joint values",
-            )
+            rule = f"the map holds {', '.join(others)} still"
+            hint = f"pass the arm's {space.arm.dof} joint values"
             raise InputError("held_joints", "is missing", rule, hint)
         return np.zeros(space.arm.dof)
     held = space.arm._check_configurations(held_joints, "held_joints")
@@ -406,38 +391,28 @@ def _joint_range(
 ) -> tuple[float, float]:
     """Return the mapped part of a joint's range."""
     number = space.arm.joints.index(name)
-    full_range = float(space.arm.lower[number]), float(space.arm.upper[number])
-    if limits is None or name not in limits:
-        if math.isinf(full_range[0]) and not space.periodic_axes[number]:
-            problem = (
-                f"are missing for {name!r}, which is continuous but moves other joints by another "
-                "angle"
-            )
-            rule, hint = (
-                "a turn does not restore the arm",
-                f"pass limits={{{name!r}: (-3.14, 3.14)}}",
-            )
-            raise InputError("limits", problem, rule, hint, value=limits)
-        if full_range[0] == full_range[1]:
-            hint = "name the other joints; held_joints= says where it is held"
-            raise InputError(
-                "joints",
-                f"name {name!r}, which stays at {full_range[0]:g}",
-                "a map is of what moves",
-                hint,
-                value=name,
-            )
-        return (-math.pi, math.pi) if math.isinf(full_range[0]) else full_range
-    given = check_finite(limits[name], f"limits[{name!r}]")
-    if given.shape != (2,) or not full_range[0] <= given[0] < given[1] <= full_range[1]:
-        rule = (
-            f"they must be two ascending numbers within {full_range[0]:.12g} and "
-            f"{full_range[1]:.12g}"
+    low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
+    if limits is not None and name in limits:
+        argument = f"limits[{name!r}]"
+        given = check_finite(limits[name], argument)
+        if given.shape != (2,) or not low <= given[0] < given[1] <= high:
+            rule = f"they must be two ascending numbers within {low:.12g} and {high:.12g}"
+            problem = f"are {limits[name]}"
+            raise InputError(argument, problem, rule, "correct them", value=limits[name])
+        return float(given[0]), float(given[1])
+    if low == high:
+        problem, rule = f"name {name!r}, which stays at {low:g}", "a map is of what moves"
+        hint = "name the other joints; held_joints= says where it is held"
+        raise InputError("joints", problem, rule, hint, value=name)
+    if math.isfinite(low):
+        return low, high
+    if not space.periodic_axes[number]:
+        problem = (
+            f"are missing for {name!r}, which is continuous and moves other joints by another angle"
         )
-        raise InputError(
-            f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name]
-        )
-    return float(given[0]), float(given[1])
+        rule, hint = "a turn does not restore the arm", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+        raise InputError("limits", problem, rule, hint, value=limits)
+    return -math.pi, math.pi
 
 
 def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exterior:
@@ -485,13 +460,9 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
     if not are_free(scene, q, q)[0]:
         link, other, *_ = space._snapshot.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
-        rule = (
-            f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them "
-            "apart"
-        )
-        raise ConfigurationError(
-            "held_joints", problem, rule, "hold the other joints elsewhere", value=held
-        )
+        rule = f"{', '.join(space.arm.joints[k] for k in joint_indices)} do not move them apart"
+        hint = "hold the other joints elsewhere"
+        raise ConfigurationError("held_joints", problem, rule, hint, value=held)
 
 
 def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
@@ -521,33 +492,26 @@ def _inner_balls(solids: Solids) -> InnerBalls:
     They are the deepest lattice points, apart from each other, and corners.
     """
     surfaces = [_sample_depths(solids.surfaces, root) for root in solids.surface_roots.tolist()]
-    balls: list[Floats] = []
-    counts = []
+    found: list[Floats] = []
     for number in range(len(solids.bodies)):
-        roots = solids.tree_roots[solids.starts[number, 2] : solids.starts[number + 1, 2]]
+        (surface, anchor, part), (next_surface, next_anchor, next_part) = solids.starts[
+            number : number + 2
+        ].tolist()
+        roots = solids.tree_roots[part:next_part]
         spans = solids.trees.spans[roots[roots >= 0]].tolist()
-        parts = [solids.trees.triangles[first : first + count] for first, count in spans]
-        found = [_solid_balls(np.concatenate([np.empty((0, 10)), *parts]))]
-        found += [
-            _pick_balls(*surfaces[k])
-            for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])
-        ]
-        corners = solids.anchors[solids.starts[number, 1] : solids.starts[number + 1, 1]]
+        rows = [solids.trees.triangles[first : first + count] for first, count in spans]
+        corners = solids.anchors[anchor:next_anchor]
         corners = corners[:: -(-len(corners) // _MAX_CORNERS_PER_SOLID) or 1]
-        found.append(np.column_stack([corners, np.zeros(len(corners))]))
-        balls += found
-        counts.append(sum(map(len, found)))
-    every = np.concatenate([np.empty((0, 4)), *balls])
+        own = [_solid_balls(np.concatenate([np.empty((0, 10)), *rows]))]
+        own += [_pick_balls(*each) for each in surfaces[surface:next_surface]]
+        own.append(np.column_stack([corners, np.zeros(len(corners))]))
+        found.append(np.concatenate(own))
+    every = np.concatenate([np.empty((0, 4)), *found])
     return InnerBalls(
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
-        starts=np.cumsum([0, *counts]),
-        deepest=np.array(
-            [
-                max(radii, default=0.0)
-                for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])
-            ]
-        ),
+        starts=np.cumsum([0, *map(len, found)]),
+        deepest=np.array([1.5 * balls[:, 3].max(initial=0.0) for balls in found]),
     )
 
 

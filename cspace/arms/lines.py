@@ -63,9 +63,6 @@ MIN_LINE_PARTS, MAX_LINE_PARTS = 8, 64
 STEP_SAFETY: Final = 0.8
 """Share of the step at which the deviation would just be the tolerance."""
 
-MAX_ROWS_PER_CALL: Final = 1024
-"""Configurations that one call of the kernel may add."""
-
 HALF_TURN_SLACK: Final = 1e-6
 """Radians; a rotation nearer to half a turn has no shorter way round."""
 
@@ -76,8 +73,8 @@ LINE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
 MAX_LINE_COORDINATE: Final = 1e100
 """Largest coordinate of a pose, metres; squares of much larger ones overflow."""
 
-REACHED, FULL, OUT_OF_REACH, JUMP, COLLISION = range(5)
-"""Why a motion along a line ends: at the line's end, or because rows are full, or a step fails."""
+REACHED, OUT_OF_REACH, JUMP, COLLISION = range(4)
+"""Why a motion along a line ends: at the line's end, or because a step fails."""
 
 
 class Line(NamedTuple):
@@ -236,17 +233,16 @@ def check_corners(poses: ArrayLike) -> Floats:
     if given.ndim not in (2, 3) or given.shape[-2:] != (4, 4) or not len(given):
         rule, hint = "it must be one pose, shape (4, 4), or several", "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
-    names = ["poses"] if given.ndim == 2 else [f"poses[{k}]" for k in range(len(given))]
     corners = np.stack(
-        [check_rigid(pose, name) for name, pose in zip(names, given.reshape(-1, 4, 4), strict=True)]
+        [check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(given.reshape(-1, 4, 4))]
     )
-    for name, pose in zip(names, corners, strict=True):
-        largest = float(np.abs(pose[:3, 3]).max())
-        if largest > MAX_LINE_COORDINATE:
-            rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-            raise InputError(
-                name, f"has the coordinate {largest:g} m", rule, "check its unit", value=pose
-            )
+    largest = float(np.abs(corners[:, :3, 3]).max())
+    if largest > MAX_LINE_COORDINATE:
+        problem, rule = (
+            f"has the coordinate {largest:g} m",
+            f"the limit is {MAX_LINE_COORDINATE:g} m",
+        )
+        raise InputError("poses", problem, rule, "check its unit", value=poses)
     return corners
 
 
@@ -316,20 +312,16 @@ def follow_lines(
         if outcome != REACHED:
             break
     joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
-    stopped_by, status, fraction = (
-        "",
-        "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached",
-        1.0,
-    )
+    stopped_by, fraction = "", 1.0
+    status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
     if outcome != REACHED:
         lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
         weights = (
             lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
         )
         fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ weights)
-        fraction = min(
-            fraction, math.nextafter(1.0, 0.0)
-        )  # only a motion that is certified has all of the line
+        # Only a motion that is certified has all of the line.
+        fraction = min(fraction, math.nextafter(1.0, 0.0))
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
         number = min(int(parameter), len(lines) - 1)
         left, line = number + 1 - parameter, lines[number]
@@ -359,42 +351,38 @@ def _follow_line(
 ) -> tuple[LineRows, int, Floats]:
     """Follow one line.
 
-    Return the new rows, why they end, and the configuration of the step that failed.
-
-    Kernels that also prove motions free would take twice as long to compile. So many rows are made
-    at once, and then proven. Where a motion is not free, the next step is half as long, and the
-    number of rows grows again from one.
+    Return the new rows, why they end, and the configuration of the last step, even if it failed.
     """
-    capacity, size = MAX_ROWS_PER_CALL, len(start)
-    rows = LineRows(
-        np.empty((capacity + 1, size)), np.empty(capacity + 1), np.empty((capacity + 1, 2))
-    )
-    found: list[LineRows] = []
-    rows.joints[0], rows.parameters[0], step, outcome = start, 0.0, 1.0, FULL
-    while outcome == FULL:
-        part = LineRows(*(column[: capacity + 1] for column in rows))
-        count, outcome, step = add_rows(problem, part, step, scratch)
-        failed = rows.joints[min(count, capacity)].copy()
-        free = are_free(scene, rows.joints[: count - 1], rows.joints[1:count])
-        capacity = min(2 * capacity, MAX_ROWS_PER_CALL)
-        if not free.all():
-            count = 1 + int(free.argmin())
-            failed, taken = (
-                rows.joints[count].copy(),
-                rows.parameters[count] - rows.parameters[count - 1],
-            )
-            outcome, capacity, step = (
-                COLLISION if is_shortest(taken) else FULL,
-                1,
-                max(0.5 * taken, MIN_LINE_STEP),
-            )
-        found.append(LineRows(*(column[1:count].copy() for column in rows)))
-        rows.joints[0], rows.parameters[0] = rows.joints[count - 1], rows.parameters[count - 1]
-    return (
-        LineRows(*(np.concatenate(column) for column in zip(*found, strict=True))),
-        outcome,
-        failed,
-    )
+    joints, parameters, bounds = [start], [0.0], [(0.0, 0.0)]
+    step, outcome, failed = 1.0, REACHED, start
+    while parameters[-1] < 1.0:
+        # A step that leaves a small rest is cut in two halves or takes the rest too.
+        now = parameters[-1]
+        left = 1.0 - now
+        stop = 1.0 if step >= left else now + min(step, max(0.5 * left, MIN_LINE_STEP))
+        outcome, share, deviation, angle = try_step(problem, joints[-1], now, stop, scratch)
+        taken, failed = stop - now, joints[-1].copy()
+        failed[problem.joints] = scratch.last
+        if (
+            outcome == REACHED
+            and not are_free(scene, joints[-1][np.newaxis], failed[np.newaxis])[0]
+        ):
+            outcome, share = COLLISION, 0.0
+        if outcome == REACHED:
+            joints.append(failed)
+            parameters.append(stop)
+            bounds.append((deviation, angle))
+            # The deviation grows with the square of the step. Steps shrink only when one fails, so
+            # that their number stays bounded where the deviation approaches the tolerance slowly.
+            step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
+        elif taken < 1.5 * MIN_LINE_STEP:  # rounding may have made the shortest step longer
+            break
+        elif share > 1.0 and outcome == JUMP:
+            step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
+        else:
+            step = max(0.5 * taken, MIN_LINE_STEP)
+    rows = LineRows(np.array(joints), np.array(parameters), np.array(bounds))
+    return LineRows(*(column[1:] for column in rows)), outcome, failed
 
 
 def _explain_stop(
@@ -497,36 +485,25 @@ def bound_deviation(
 
 
 @kernel
-def is_shortest(step: float) -> bool:
-    """Return True if a step is not cut any more.
-
-    Rounding may have made it a little longer than the shortest.
-    """
-    return step < 1.5 * MIN_LINE_STEP
-
-
-@kernel
 def try_step(
-    problem: LineProblem, rows: LineRows, n: int, stop: float, scratch: LineScratch
+    problem: LineProblem, q: Floats, start: float, stop: float, scratch: LineScratch
 ) -> tuple[int, float, float, float]:
-    """Try to move the frame from row n - 1 to ``stop``.
+    """Try to move the frame from a configuration at ``start`` to ``stop``.
 
     Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the
     tolerance, and the proven bounds of both.
     """
-    pose, tolerance, start = problem.pose, problem.pose.tolerance, rows.parameters[n - 1]
+    pose, tolerance = problem.pose, problem.pose.tolerance
     for k in range(len(problem.joints)):
-        scratch.first[k] = scratch.last[k] = rows.joints[n - 1, problem.joints[k]]
+        scratch.first[k] = scratch.last[k] = q[problem.joints[k]]
     write_target(problem.line, stop, pose.target)
     distance, turned, _ = descend(pose, scratch.last, scratch.pose)
     if not (distance <= tolerance[0] and turned <= tolerance[1]):
         return OUT_OF_REACH, np.inf, np.inf, np.inf
     for b in range(1, len(pose.chain.parents)):
         k = pose.chain.joint_indices[b]
-        if (
-            pose.chain.kinds[b] == REVOLUTE
-            and not abs(scratch.last[k] - scratch.first[k]) < math.pi
-        ):
+        turned = abs(scratch.last[k] - scratch.first[k])
+        if pose.chain.kinds[b] == REVOLUTE and not turned < math.pi:
             return JUMP, np.inf, np.inf, np.inf
     parts, share, deviation, angle = MIN_LINE_PARTS, 0.0, np.inf, np.inf
     while True:
@@ -541,43 +518,3 @@ def try_step(
         if share > 1.0 or parts > MAX_LINE_PARTS:
             return JUMP, share, deviation, angle
     return REACHED, share, deviation, angle
-
-
-@kernel
-def add_rows(
-    problem: LineProblem, rows: LineRows, step: float, scratch: LineScratch
-) -> tuple[int, int, float]:
-    """Follow a line from the first row, and write rows.
-
-    It ends with the line, with a step that fails, or with the last row.
-
-    Returns the number of rows, why it ended, and the length of the next step. Row 0 is given; a row
-    beyond the last one has the configuration of the step that failed.
-    """
-    n = 1
-    while n < len(rows.parameters):
-        start = rows.parameters[n - 1]
-        if start >= 1.0:
-            return n, REACHED, step
-        # A step that leaves a small rest is cut in two halves or takes the rest too.
-        left = 1.0 - start
-        stop = 1.0 if step >= left else start + min(step, max(0.5 * left, MIN_LINE_STEP))
-        outcome, share, deviation, angle = try_step(problem, rows, n, stop, scratch)
-        taken = stop - start
-        for k in range(rows.joints.shape[1]):
-            rows.joints[n, k] = rows.joints[n - 1, k]
-        for k in range(len(problem.joints)):
-            rows.joints[n, problem.joints[k]] = scratch.last[k]
-        if outcome == REACHED:
-            rows.parameters[n], rows.bounds[n, 0], rows.bounds[n, 1] = stop, deviation, angle
-            n += 1
-            # The deviation grows with the square of the step. Steps shrink only when one fails, so
-            # that their number stays bounded where the deviation approaches the tolerance slowly.
-            step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
-        elif is_shortest(taken):
-            return n, outcome, step
-        elif share > 1.0 and outcome == JUMP:
-            step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
-        else:
-            step = max(0.5 * taken, MIN_LINE_STEP)
-    return n, REACHED if rows.parameters[n - 1] >= 1.0 else FULL, step

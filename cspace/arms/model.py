@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -18,9 +18,16 @@ from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, bod
 from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.scenes import make_scene
-from cspace.arms.solids import Solid, check_rigid, share_posed_shape
+from cspace.arms.solids import PosedShape, Solid, check_rigid
 from cspace.arrays import Bools, Floats, frozen
-from cspace.check import check_count, check_finite, check_known
+from cspace.check import (
+    check_count,
+    check_finite,
+    check_known,
+    check_names,
+    check_text,
+    check_word,
+)
 from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import ShapeLike, as_shape
 
@@ -228,36 +235,27 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.files.urdf import load_urdf, package_folders, read_srdf, root_link
+        from cspace.files.urdf import Srdf, load_urdf, package_folders, read_srdf, root_link
 
-        if solid not in ("auto", "surface"):
-            rule = "it must be 'auto' or 'surface'"
-            raise InputError("solid", f"is {solid!r}", rule, "pass one of them", value=solid)
+        check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)
         urdf = load_urdf(path)
         file = os.fspath(path)
         for name, link in (("tip", tip), ("base", base)):
-            if link is not None and link not in urdf.link_map:
-                rule = f"{file} has {', '.join(urdf.link_map)}"
-                raise InputError(name, f"is {link!r}", rule, "name one of these", value=link)
+            if link is not None:
+                check_known(link, name, urdf.link_map)
         if tip is not None and joints is not None:
-            raise InputError(
-                "joints",
-                "is given with tip",
-                "both say which joints move",
-                "leave one out",
-                value=joints,
-            )
+            rule = "both say which joints move"
+            raise InputError("joints", "is given with tip", rule, "leave one out", value=joints)
         tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
-        read = None if srdf is None else read_srdf(srdf, urdf)
-        chosen = (
-            None
-            if joints is None
-            else _choose_joints(joints, {} if read is None else read.groups, tree)
-        )
+        read = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
+        chosen = None if joints is None else _choose_joints(joints, read.groups, tree)
         assembly = _Assembly(file, urdf, tree, base or root_link(urdf), tip, chosen)
         assembly.hold({} if held_joints is None else held_joints)
-        return assembly.arm(read, folders, solid)
+        arm = assembly.arm(read, folders, solid)
+        if srdf is None:
+            arm = replace(arm, allowed_collisions=assembly.default_allowed(arm))
+        return arm
 
     @property
     def dof(self) -> int:
@@ -381,18 +379,10 @@ class Arm:
     ) -> Floats:
         """Return :meth:`inverse` of a pose from the argument ``name``."""
         branch, tool = self._branch_to(goal.frame)
-        q = self._rest if near is None else self._check_configurations(near, "near")
-        if q.ndim != 1:
-            rule = "it must be one configuration"
-            raise InputError(
-                "near", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=near
-            )
-        self._check_limits(q, "near")
+        q = self._rest if near is None else self._check_configuration(near, "near")
         q = self._clamp(q)
-        count, rng = (
-            check_count(max_solutions, "max_solutions", 1),
-            np.random.default_rng(check_count(seed, "seed")),
-        )
+        count = check_count(max_solutions, "max_solutions", 1)
+        rng = np.random.default_rng(check_count(seed, "seed"))
         rows = branch.joints
         limits = self.lower[rows], self.upper[rows]
         lowest, highest = self._ranges(q)
@@ -403,13 +393,8 @@ class Arm:
         if not len(found.joints):
             nearest = q.copy()
             nearest[rows] = found.nearest
-            apart = zip((found.distance, found.angle), goal.tolerance, ("m", "rad"), strict=True)
-            parts = [
-                (f"{value:.3g} {unit}", f"{most:g} {unit}")
-                for value, most, unit in apart
-                if math.isfinite(most)
-            ]
-            far, within = (" and ".join(texts) for texts in zip(*parts, strict=True))
+            far = f"{found.distance:.3g} m and {found.angle:.3g} rad"
+            within = "{:g} m and {:g} rad".format(*goal.tolerance)
             problem = (
                 f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
             )
@@ -492,21 +477,10 @@ class Arm:
         """
         if isinstance(base, str):
             q = self._move_joints(self._rest, self._state(base, "base"))
+            self._check_limits(q, "base")
         else:
-            q = self._rest if base is None else self._check_configurations(base, "base")
-        if q.ndim != 1:
-            rule = "it must be one configuration"
-            raise InputError(
-                "base", f"has shape {q.shape}", rule, f"pass {self.dof} numbers", value=base
-            )
-        self._check_limits(q, "base")
-        given = (
-            self._state(values, "values")
-            if isinstance(values, str)
-            else {}
-            if values is None
-            else values
-        )
+            q = self._rest if base is None else self._check_configuration(base, "base")
+        given = self._state(values, "values") if isinstance(values, str) else values or {}
         if isinstance(given, JointValues):
             given = self._select(given, base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
@@ -523,23 +497,13 @@ class Arm:
         for joint, held in self.held_joints.items():
             value = checked.get(joint, held)
             if abs(value - held) > LIMIT_SLACK:
-                problem, hint = (
-                    f"has {joint} at {value:.12g}",
-                    "pass these values as held_joints= to Arm.from_urdf",
-                )
-                raise InputError(
-                    "values", problem, f"the arm holds it at {held:.12g}", hint, value=value
-                )
+                hint = "pass these values as held_joints= to Arm.from_urdf"
+                problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
+                raise InputError("values", problem, rule, hint, value=value)
         missing = [joint for joint in self.joints if joint not in checked]
         if missing and all_joints:
-            rule = "they are values of all joints of a robot"
-            raise InputError(
-                "values",
-                f"lack {', '.join(missing)}",
-                rule,
-                "pass base= with the others",
-                value=values,
-            )
+            problem, rule = f"lack {', '.join(missing)}", "they are values of all joints of a robot"
+            raise InputError("values", problem, rule, "pass base= with the others", value=values)
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
@@ -556,25 +520,16 @@ class Arm:
         own = [
             key for key, state in self._states.items() if not state.keys().isdisjoint(self.joints)
         ]
-        names = (
-            [name]
-            if name in self._states
-            else [key for key in own if key.partition("/")[2] == name]
-        )
-        if len(names) != 1:
-            rule = (
-                f"the group states are {', '.join(names or self._states)}"
-                if self._states
-                else "the arm has none"
-            )
-            hint = (
-                "name one of these"
-                if self._states
-                else "pass srdf= to Arm.from_urdf, or values by joint"
-            )
+        named = [key for key in own if key.partition("/")[2] == name]
+        if name in self._states:
+            named = [name]
+        if not self._states:
+            rule, hint = "the arm has none", "pass srdf= to Arm.from_urdf, or values by joint"
             raise InputError(argument, f"is {name!r}", rule, hint, value=name)
+        if len(named) != 1:
+            check_known(name, argument, named or self._states)
         return {
-            joint: value for joint, value in self._states[names[0]].items() if joint in self.joints
+            joint: value for joint, value in self._states[named[0]].items() if joint in self.joints
         }
 
     def attach(
@@ -613,17 +568,8 @@ class Arm:
             raise InputError(
                 "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
             )
-        if not isinstance(name, str):
-            raise InputError(
-                "name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name
-            )
-        try:
-            others = [touch_links] if isinstance(touch_links, str) else list(touch_links)
-        except TypeError as error:
-            problem, rule = f"is {touch_links!r}", "it must be names of links"
-            raise InputError(
-                "touch_links", problem, rule, "pass a list of strings", value=touch_links
-            ) from error
+        check_text(name, "name", "tool")
+        others = check_names(touch_links, "touch_links")
         if name in self._frames:
             raise InputError(
                 "name", f"is {name!r}", "a link has it", "choose another one", value=name
@@ -632,7 +578,7 @@ class Arm:
             self._check_frame(each, "link")
         body, to_body = self._frames[link]
         frame = Frame(body, to_body if pose is None else to_body @ check_rigid(pose, "pose"))
-        held = Solid(name, body, (share_posed_shape(solid, frame.pose),))
+        held = Solid(name, body, (PosedShape(solid, frame.pose),))
         touching = {each.name for each in self.links}.intersection([link, *others])
         allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in touching}
         frames = self._frames | {name: frame}
@@ -750,13 +696,23 @@ class Arm:
             )
         return array
 
+    def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
+        """Return one configuration, within the limits."""
+        point = np.empty((0, 0)) if q is None else self._check_configurations(q, name)
+        if point.ndim != 1:
+            problem = "is missing" if q is None else f"has shape {point.shape}"
+            hint = f"pass ({', '.join(self.joints)})"
+            raise InputError(name, problem, "it must be one configuration", hint, value=q)
+        self._check_limits(point, name)
+        return point
+
 
 def sort_pair(one: str, other: str) -> Names:
     """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
 
 
-def check_joint_values(values: object, argument: str, joints: Iterable[str]) -> dict[str, float]:
+def check_joint_values(values: object, argument: str, joints: Collection[str]) -> dict[str, float]:
     """Return values of joints by name.
 
     Raises InputError if they are no mapping, name another joint, or are not finite numbers.
@@ -768,19 +724,12 @@ def check_joint_values(values: object, argument: str, joints: Iterable[str]) -> 
         )
     checked = {}
     for joint, value in values.items():
-        if joint not in joints:
-            rule = f"the joints are {', '.join(joints)}"
-            raise InputError(argument, f"names {joint!r}", rule, "name one of these", value=joint)
-        number = check_finite(value, f"{argument}[{joint!r}]")
+        check_known(joint, argument, joints, "names")
+        place = f"{argument}[{joint!r}]"
+        number = check_finite(value, place)
         if number.ndim:
-            rule = "a joint has one number"
-            raise InputError(
-                f"{argument}[{joint!r}]",
-                f"has shape {number.shape}",
-                rule,
-                "pass a float",
-                value=value,
-            )
+            problem, rule = f"has shape {number.shape}", "a joint has one number"
+            raise InputError(place, problem, rule, "pass a float", value=value)
         checked[joint] = float(number)
     return checked
 
@@ -793,52 +742,24 @@ def _choose_joints(
     Raise InputError if one cannot move by itself.
     """
     if isinstance(joints, str):
-        if joints not in groups:
-            rule = (
-                f"the groups of the SRDF are {', '.join(groups)}"
-                if groups
-                else "no SRDF gives groups"
-            )
-            raise InputError(
-                "joints",
-                f"is {joints!r}",
-                rule,
-                "name a group, or pass a list of joints",
-                value=joints,
-            )
-        return groups[joints]
-    try:
-        names = list(joints)
-    except TypeError as error:
-        rule = "it must be a group of the SRDF, or names of joints"
-        raise InputError(
-            "joints", f"is {joints!r}", rule, "pass a list of strings", value=joints
-        ) from error
-    for name in names:
-        rule = _why_immobile(name, tree)
-        if rule:
-            raise InputError("joints", f"names {name!r}", rule, "name joints that move", value=name)
-    return set(names)
+        if not groups:
+            rule, hint = "no SRDF gives groups", "pass srdf=, or a list of joints"
+            raise InputError("joints", f"is {joints!r}", rule, hint, value=joints)
+        return groups[check_known(joints, "joints", groups)]
+    names = check_names(joints, "joints")
+    movable = [name for name, joint in tree.items() if is_independent(joint)]
+    return {check_known(name, "joints", movable, "names") for name in names}
 
 
-def _why_immobile(name: str, tree: Mapping[str, Joint]) -> str:
-    """Return why a joint cannot move by itself; empty if it can."""
-    if name not in tree:
-        return f"the URDF has {', '.join(tree)}"
-    if tree[name].kind == FIXED:
-        return "it is fixed"
-    leader = tree[name].leader
-    return "" if leader == name else f"it mimics {leader!r}"
+def is_independent(joint: Joint) -> bool:
+    """Return True if a joint can move by itself."""
+    return joint.kind != FIXED and joint.leader == joint.name
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
     """Convert a joint of yourdfpy."""
     where = f"{file}: joint {joint.name!r}"
-    if joint.type not in _JOINT_KINDS:
-        rule = f"it must be one of {', '.join(_JOINT_KINDS)}"
-        raise InputError(
-            where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type
-        )
+    check_known(joint.type, where, _JOINT_KINDS)
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = check_finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
@@ -850,18 +771,11 @@ def _read_joint(joint: Any, file: str) -> Joint:
     lower, upper = _read_limits(joint, where) if has_limits else (-math.inf, math.inf)
     velocity = float(getattr(joint.limit, "velocity", None) or 0.0)
     max_velocity = velocity if velocity > 0.0 else math.inf
-    mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
-    if mimic is not None and kind != FIXED:
-        leader = mimic.joint
-        factor = (
-            1.0
-            if mimic.multiplier is None
-            else float(check_finite(mimic.multiplier, f"{where}: multiplier"))
-        )
-        offset = (
-            0.0 if mimic.offset is None else float(check_finite(mimic.offset, f"{where}: offset"))
-        )
+    if joint.mimic is not None and kind != FIXED:
+        leader, given = joint.mimic.joint, (joint.mimic.multiplier, joint.mimic.offset)
+        pair = [default if x is None else x for x, default in zip(given, (1.0, 0.0), strict=True)]
+        factor, offset = check_finite(pair, f"{where}: mimic").tolist()
     unit = axis / length if length > 0.0 else axis
     ends = joint.parent, joint.child
     return Joint(
@@ -871,24 +785,14 @@ def _read_joint(joint: Any, file: str) -> Joint:
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return the limits of a joint of yourdfpy."""
-    limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
+    limits: Any = [getattr(joint.limit, end, None) for end in ("lower", "upper")]
     if None in limits:
-        raise InputError(
-            where,
-            "has no limits",
-            "revolute and prismatic joints have",
-            "add <limit lower= upper=>",
-        )
-    lower, upper = (
-        float(check_finite(float(limit), f"{where}: limit"))
-        for limit in limits
-        if limit is not None
-    )
+        rule = "revolute and prismatic joints have"
+        raise InputError(where, "has no limits", rule, "add <limit lower= upper=>")
+    lower, upper = check_finite(limits, f"{where}: limit").tolist()
     if lower > upper:
-        problem, rule = (
-            f"are {lower:.12g} and {upper:.12g}",
-            "the lower one must not be above the upper one",
-        )
+        problem = f"are {lower:.12g} and {upper:.12g}"
+        rule = "the lower one must not be above the upper one"
         raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
     return lower, upper
 
@@ -922,8 +826,7 @@ class _Assembly:
         self._moving = [
             joint.name
             for joint in self._order
-            if joint.kind != FIXED
-            and joint.leader == joint.name
+            if is_independent(joint)
             and joint.child in branch
             and (chosen is None or joint.name in chosen)
         ]
@@ -935,23 +838,12 @@ class _Assembly:
 
     def _check_leader(self, joint: Joint) -> None:
         """Raise InputError if a joint mimics one that it cannot."""
-        joints = self._joints
-        if joint.leader not in joints:
-            rule = f"the URDF has no such joint; it has {', '.join(joints)}"
-        elif joint.leader not in {each.name for each in self._order}:
-            rule = f"that joint is not below the base {self._base!r}"
-        elif joints[joint.leader].leader != joint.leader:
-            rule = "that joint mimics another one itself"
-        elif (
-            joint.kind == PRISMATIC
-            and self._is_moved(joint)
-            and math.isinf(joints[joint.leader].upper)
-        ):
-            rule = "that joint is continuous, so a prismatic joint would slide without end"
-        else:
-            return
-        argument, problem = f"{self._file}: joint {joint.name!r}", f"mimics {joint.leader!r}"
-        raise InputError(argument, problem, rule, "correct it", value=joint.leader)
+        where = f"{self._file}: joint {joint.name!r}"
+        leaders = [each.name for each in self._order if each.leader == each.name]
+        leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
+        if joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(leader.upper):
+            problem, rule = f"mimics {leader.name!r}", "a prismatic joint would slide without end"
+            raise InputError(where, problem, rule, "correct it", value=joint.leader)
 
     def _is_moved(self, joint: Joint) -> bool:
         """Return True if the arm's configuration moves a joint."""
@@ -962,98 +854,66 @@ class _Assembly:
         names = [
             joint.name
             for joint in self._order
-            if joint.kind != FIXED and joint.leader == joint.name and joint.name not in self._moving
+            if is_independent(joint) and joint.name not in self._moving
         ]
         if isinstance(values, JointValues):
             check_joint_values(values, "held_joints", self._joints)
             values = {name: values[name] for name in names if name in values}
-        if isinstance(values, Mapping):
-            self._refuse_joints_not_held(values, names)
         given = check_joint_values(values, "held_joints", names)
         self._held = {name: given.get(name, _rest_value(self._joints[name])) for name in names}
         for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
                 rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
-                raise InputError(
-                    "held_joints",
-                    f"has {name} at {value:.12g}",
-                    rule,
-                    "stay within them",
-                    value=value,
-                )
+                problem = f"has {name} at {value:.12g}"
+                raise InputError("held_joints", problem, rule, "stay within them", value=value)
 
-    def _refuse_joints_not_held(self, names: Iterable[str], held: Sequence[str]) -> None:
-        """Raise InputError, with the reason, if one of the named joints is not held."""
-        for name in names:
-            if name in held:
-                continue
-            if name in self._moving:
-                rule, hint = "it moves", "pass joints= or tip= without it"
-            else:
-                rule = _why_immobile(name, self._joints)
-                rule = rule or f"it is not below the base {self._base!r}"
-                hint = f"leave it out, or name {', '.join(held)}" if held else "leave it out"
-            raise InputError("held_joints", f"names {name!r}", rule, hint, value=name)
-
-    def arm(self, srdf: Srdf | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
+    def arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm."""
-        bodies = {self._base: (0, np.eye(4))}
-        rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
+        bodies = {self._base: Frame(0, np.eye(4))}
+        parents, frames, joints = [0], [np.eye(4)], list[Joint]()
         for joint in self._order:
             body, pose = bodies[joint.parent]
             frame = pose @ joint.frame
             if self._is_moved(joint):
-                bodies[joint.child] = (len(rows), np.eye(4))
-                rows.append((body, frame, joint))
+                parents.append(body)
+                frames.append(frame)
+                joints.append(joint)
+                bodies[joint.child] = Frame(len(joints), np.eye(4))
             else:
-                bodies[joint.child] = (body, frame @ self._fixed_pose(joint))
-        if len(rows) > MAX_BODIES:
-            problem, rule = (
-                f"has {len(rows)} bodies that move against each other",
-                f"at most {MAX_BODIES} are allowed",
-            )
-            raise InputError(self._file, problem, rule, "name a base or a tip", value=len(rows))
+                bodies[joint.child] = Frame(body, frame @ self._fixed_pose(joint))
+        if len(parents) > MAX_BODIES:
+            problem = f"has {len(parents)} bodies that move against each other"
+            rule, hint = f"at most {MAX_BODIES} are allowed", "name a base or a tip"
+            raise InputError(self._file, problem, rule, hint, value=len(parents))
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
-            raise InputError(
-                self._file,
-                "has no collision geometry",
-                "an arm's links need some",
-                "add <collision>",
-            )
-        limits = np.array(
-            [(self._joints[name].lower, self._joints[name].upper) for name in self._moving]
-        )
-        arm = Arm(
-            str(self._urdf.robot.name),
-            tuple(self._moving),
-            limits[:, 0],
-            limits[:, 1],
-            links,
-            {},
-            self._chain(rows),
-            tuple("m" if self._joints[name].kind == PRISMATIC else "rad" for name in self._moving),
-            np.array([self._max_velocity(name) for name in self._moving]),
-            {name: Frame(*frame) for name, frame in bodies.items()},
-        )
-        passive = self._joints.keys() - {*self._moving, *self._held}
-        left_out = frozenset(self._urdf.link_map.keys() - bodies.keys())
-        arm = replace(arm, held_joints=self._held, _passive=frozenset(passive), _left_out=left_out)
-        if srdf is None:
-            return replace(arm, allowed_collisions=self._default_allowed(arm))
-        return replace(
-            arm,
+            rule = "an arm's links need some"
+            raise InputError(self._file, "has no collision geometry", rule, "add <collision>")
+        moving = [self._joints[name] for name in self._moving]
+        return Arm(
+            name=str(self._urdf.robot.name),
+            joints=tuple(self._moving),
+            lower=np.array([joint.lower for joint in moving]),
+            upper=np.array([joint.upper for joint in moving]),
+            links=links,
             allowed_collisions=srdf.allowed,
+            chain=self._chain(parents, frames, joints),
+            units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
+            max_velocity=np.array([self._max_velocity(name) for name in self._moving]),
             groups={
-                name: tuple(joint for joint in arm.joints if joint in each)
-                for name, each in srdf.groups.items()
+                name: tuple(joint for joint in self._moving if joint in group)
+                for name, group in srdf.groups.items()
             },
             end_effectors=srdf.end_effectors,
+            held_joints=self._held,
+            _frames=bodies,
+            _passive=frozenset(self._joints.keys() - {*self._moving, *self._held}),
             _states=srdf.states,
+            _left_out=frozenset(self._urdf.link_map.keys() - bodies.keys()),
         )
 
-    def _default_allowed(self, arm: Arm) -> dict[Names, str]:
+    def default_allowed(self, arm: Arm) -> dict[Names, str]:
         """Return pairs that may touch without an SRDF.
 
         These are neighbours, links of one body, and links that always touch.
@@ -1063,10 +923,8 @@ class _Assembly:
             for one, other in combinations(arm.links, 2)
             if one.body == other.body
         }
-        above, filled = (
-            {joint.child: joint.parent for joint in self._order},
-            {link.name for link in arm.links},
-        )
+        above = {joint.child: joint.parent for joint in self._order}
+        filled = {link.name for link in arm.links}
         for link in arm.links:
             other = above.get(link.name)
             while other is not None and other not in filled:
@@ -1107,7 +965,7 @@ class _Assembly:
 
     def _links(
         self,
-        bodies: Mapping[str, tuple[int, Floats]],
+        bodies: Mapping[str, Frame],
         package_dirs: Sequence[Path],
         inside: SolidMode,
     ) -> Iterable[Solid]:
@@ -1118,47 +976,32 @@ class _Assembly:
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
             shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
-            parts = [share_posed_shape(shape, pose @ place) for shape, place in shapes]
+            parts = [PosedShape(shape, pose @ place) for shape, place in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 
-    def _chain(self, rows: Sequence[tuple[int, Floats, Joint | None]]) -> Chain:
-        """Build the chain of bodies."""
-        count = len(rows)
-        parents = np.array([row[0] for row in rows], dtype=np.int64)
-        frames = np.stack([row[1][:3] for row in rows])
-        axes, kinds, numbers = (
-            np.zeros((count, 3)),
-            np.zeros(count, np.int64),
-            np.zeros(count, np.int64),
-        )
-        factors, offsets, link_lengths = (
-            np.zeros(count),
-            np.zeros(count),
-            np.linalg.norm(frames[..., 3], axis=1),
-        )
-        above = np.zeros((count, count), dtype=np.bool_)
-        for b, (parent, _, joint) in enumerate(rows):
-            if joint is None:
-                continue
-            leader = self._joints[joint.leader]
-            axes[b], kinds[b], numbers[b] = joint.axis, joint.kind, self._moving.index(joint.leader)
-            factors[b], offsets[b] = joint.factor, joint.offset
+    def _chain(self, parents: list[int], poses: list[Floats], joints: list[Joint]) -> Chain:
+        """Build the chain of bodies; the base has no joint."""
+        frames = np.stack(poses)[:, :3]
+        link_lengths = np.linalg.norm(frames[..., 3], axis=1)
+        above = np.zeros((len(parents), len(parents)), dtype=np.bool_)
+        for b, joint in enumerate(joints, start=1):
+            above[b], above[b, b] = above[parents[b]], True
             if joint.kind == PRISMATIC:
+                leader = self._joints[joint.leader]
                 farthest = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
                 link_lengths[b] += np.abs(joint.factor * farthest + joint.offset).max()
-            above[b], above[b, b] = above[parent], True
         between = above[:, np.newaxis] ^ above[np.newaxis]
         return Chain(
-            parents,
-            frames,
-            axes,
-            kinds,
-            numbers,
-            factors,
-            offsets,
-            between,
-            (between * link_lengths).sum(axis=2),
+            parents=np.array(parents, dtype=np.int64),
+            frames=frames,
+            axes=np.stack([np.zeros(3), *(joint.axis for joint in joints)]),
+            kinds=np.array([FIXED, *(joint.kind for joint in joints)]),
+            joint_indices=np.array([0, *(self._moving.index(joint.leader) for joint in joints)]),
+            factors=np.array([0.0, *(joint.factor for joint in joints)]),
+            offsets=np.array([0.0, *(joint.offset for joint in joints)]),
+            between=between,
+            lengths=(between * link_lengths).sum(axis=2),
         )
 
 

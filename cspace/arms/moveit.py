@@ -25,6 +25,7 @@ from cspace.files.moveit import (
     check_table,
     parse_contacts,
     parse_frame,
+    parse_name,
     parse_number,
     parse_numbers,
     parse_pose,
@@ -166,18 +167,16 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
         joint moves; or if it is ``"world"``, and the base is not the root.
     """
     hint = "pass base_pose=, the pose of the arm's base in that frame"
+    problem = f"has poses in the frame {frame!r}"
     if frame in arm.frames:
         body, pose = arm._frames[frame]
         if body:
-            raise InputError(
-                source, f"has poses in the frame {frame!r}", "a joint of the arm moves it", hint
-            )
+            raise InputError(source, problem, "a joint of the arm moves it", hint, value=frame)
         return np.linalg.inv(pose).astype(np.float64)
-    if (
-        frame != WORLD or arm._left_out
-    ):  # the base is not the root, which MoveIt takes for the world
+    # MoveIt takes the root for the world.
+    if frame != WORLD or arm._left_out:
         rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
-        raise InputError(source, f"has poses in the frame {frame!r}", rule, hint, value=frame)
+        raise InputError(source, problem, rule, hint, value=frame)
     return np.eye(4)
 
 
@@ -314,13 +313,10 @@ class MotionPlanRequest:
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
                 if not lower - LIMIT_SLACK <= held <= upper + LIMIT_SLACK:
-                    problem, rule = (
-                        f"has {joint} at {value:.12g}",
-                        f"the arm holds it at {held:.12g}",
-                    )
-                    raise InputError(
-                        argument, problem, rule, "pass other joints= to Arm.from_urdf", value=value
-                    )
+                    problem = f"has {joint} at {value:.12g}"
+                    rule = f"the arm holds it at {held:.12g}"
+                    hint = "pass other joints= to Arm.from_urdf"
+                    raise InputError(argument, problem, rule, hint, value=value)
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))
             limit = float(np.clip(value, arm.lower[index], arm.upper[index]))
@@ -393,11 +389,8 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
         for name in ("path_constraints", "trajectory_constraints", "reference_trajectories"):
             if _holds_entries(table.get(name)):
                 raise ContentError(f"has {name}", "plans would not obey them", f"remove {name}")
-        group, seconds = table.get("group_name") or "", table.get("allowed_planning_time")
-        if not isinstance(group, str):
-            raise ContentError(
-                f"has {str(group)[:40]} as group_name", "it must be a name", "correct it"
-            )
+        group = table.get("group_name") and parse_name(table["group_name"], "group_name")
+        seconds = table.get("allowed_planning_time")
         state = parse_robot_state(table.get("start_state"), "start_state")
         if state.attached:
             hint = "write them as attached_collision_objects of the scene's robot_state"
@@ -421,7 +414,7 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
         limit = parse_number(seconds, "allowed_planning_time", 0.0)
         values = JointValues(state.joints)
         return MotionPlanRequest(
-            str(path), group, values, tuple(goals), next(iter(frames), WORLD), limit or None
+            str(path), group or "", values, tuple(goals), next(iter(frames), WORLD), limit or None
         )
 
 
@@ -493,11 +486,10 @@ def _parse_joint_goal(items: Sequence[Any], place: str) -> JointGoal:
         here = f"joint_constraints[{number}] of {place}"
         fields = "joint_name", "position", "tolerance_above", "tolerance_below", "weight"
         entry = check_table(item, here, fields)
-        name = entry.get("joint_name")
-        if not isinstance(name, str) or not name or name in goal.values:
-            rule = "each joint is named once"
+        name = parse_name(entry.get("joint_name"), f"joint_name of {here}")
+        if name in goal.values:
             raise ContentError(
-                f"has {str(name)[:40]!r} as joint_name of {here}", rule, "correct it"
+                f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
             )
         if entry.get("position") is None:
             raise ContentError(f"has no position at {here}", "it must be there", "add it")
@@ -505,7 +497,7 @@ def _parse_joint_goal(items: Sequence[Any], place: str) -> JointGoal:
         above, below = (
             parse_number(entry.get(side), f"{side} of {here}", 0.0) for side in fields[2:4]
         )
-        if above < 0.0 or below < 0.0:
+        if min(above, below) < 0.0:
             problem = f"has the tolerances {below:g} and {above:g} at {here}"
             raise ContentError(problem, "they may not be negative", "correct them")
         goal.values[name], goal.lower[name], goal.upper[name] = value, value - below, value + above
@@ -524,9 +516,7 @@ def _parse_pose_goals(
         links.append(link)
     centers = [(np.zeros(3), math.inf)]
     for item in positions:
-        link, centers = _parse_position(
-            item, f"position_constraints of {place}", rotation, angle, frames
-        )
+        link, centers = _parse_position(item, f"position_constraints of {place}", frames)
         links.append(link)
     if len(set(links)) > 1:
         problem = f"constrains {' and '.join(map(repr, links))} at {place}"
@@ -537,11 +527,12 @@ def _parse_pose_goals(
             "then any pose would do",
             "tighten them",
         )
-    poses = [
-        (np.block([[rotation, center[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]), r)
-        for center, r in centers
-    ]
-    return [PoseGoal(links[0], pose, (radius, angle)) for pose, radius in poses]
+    goals = []
+    for center, radius in centers:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, center
+        goals.append(PoseGoal(links[0], pose, (radius, angle)))
+    return goals
 
 
 def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[str, Floats, float]:
@@ -551,7 +542,7 @@ def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[
         item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight")
     )
     frames[parse_frame(entry, place)] = None
-    link = _parse_link(entry, place)
+    link = parse_name(entry.get("link_name"), f"link_name of {place}")
     rotation = parse_pose({"orientation": entry.get("orientation")}, place)[:3, :3]
     # MoveIt takes the tolerances as absolute.
     tolerance = min(abs(parse_number(entry.get(name), f"{name} of {place}", 0.0)) for name in names)
@@ -568,57 +559,30 @@ def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[
 
 
 def _parse_position(
-    item: Any, place: str, rotation: Floats, angle: float, frames: dict[str, None]
+    item: Any, place: str, frames: dict[str, None]
 ) -> tuple[str, list[tuple[Floats, float]]]:
     """Return the link of a position constraint, and the balls of its region.
 
     They are a center and a radius for each shape.
-
-    They are those of the link's origin, at a rotation up to an angle.
     """
     entry = check_table(
         item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight")
     )
     frames[parse_frame(entry, place)] = None
-    link = _parse_link(entry, place)
-    offset = np.zeros(3)
-    if entry.get("target_point_offset") is not None:
-        offset = parse_numbers(entry["target_point_offset"], 3, f"target_point_offset of {place}")
-    if offset.any() and math.isinf(angle):
-        problem = f"has a target_point_offset without orientation at {place}"
-        raise ContentError(
-            problem, "a pose goal is for the origin of a link", "add the orientation"
-        )
+    link = parse_name(entry.get("link_name"), f"link_name of {place}")
+    offset = entry.get("target_point_offset")
+    if offset is not None and parse_numbers(offset, 3, f"target_point_offset of {place}").any():
+        problem = f"has a target_point_offset at {place}"
+        hint = "constrain the position of the origin"
+        raise ContentError(problem, "a pose goal is for the origin of a link", hint)
     fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
     region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
-    # Within the angle, the offset point moves by at most this.
-    sway = 2.0 * float(np.linalg.norm(offset)) * math.sin(0.5 * min(angle, math.pi))
-    balls = _parse_region(region, f"region of {place}")
-    centers = [(center - rotation @ offset, radius - sway) for center, radius in balls]
-    if min(radius for _, radius in centers) <= 0.0:
-        problem = (
-            f"has a target_point_offset at {place} that sways {sway:.3g} m within the "
-            "orientation's tolerance"
-        )
-        raise ContentError(
-            problem, "the region must be larger", "tighten the orientation, or widen the region"
-        )
-    return link, centers
+    return link, _parse_region(region, f"region of {place}")
 
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
 angle."""
-
-
-def _parse_link(entry: Mapping[str, Any], place: str) -> str:
-    """Return the link that a constraint names."""
-    name = entry.get("link_name")
-    if not isinstance(name, str) or not name:
-        raise ContentError(
-            f"has {str(name)[:40]!r} as link_name of {place}", "it must be a name", "add it"
-        )
-    return name
 
 
 def _parse_region(region: Mapping[str, Any], place: str) -> list[tuple[Floats, float]]:

@@ -31,16 +31,14 @@ from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces, read_box
+from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
 from cspace.kernels import (
     apply_pose,
     box_distance,
     box_extent,
     dot,
-    extent_along,
     minus,
     point_triangle,
-    rotate_back,
     row_at,
 )
 from cspace.raster.surfaces import signed_crossing
@@ -202,10 +200,7 @@ def motions_are_free(
     Equal endpoints mean a point.
     """
     for k in range(len(firsts)):
-        # Most colliding motions end in a collision, so the endpoint is tested first.
-        out[k] = point_is_free(scene, lasts[k], scratch) and motion_is_free(
-            scene, firsts[k], lasts[k], scratch
-        )
+        out[k] = motion_is_free(scene, firsts[k], lasts[k], scratch)
 
 
 @kernel
@@ -222,36 +217,17 @@ def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
 
 
 @kernel
-def point_is_free(scene: Scene, q: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a configuration is proven free."""
-    forward_kinematics(scene.chain, q, q, 0.0, scratch.poses)
-    required = required_distance(scene, q, q)
-    for n in range(len(scene.pairs)):
-        if pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0 or (
-            scratch.nodes[1, 0] and is_nested(scene, n, scratch, -1.0)
-        ):
-            return False
-    return True
-
-
-@kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a motion is proven free.
-
-    Its last configuration must be proven free already.
-    """
-    chain, solids, parts, open_pairs = scene.chain, scene.solids, scratch.parts, scratch.open_pairs
-    longest, required = 0.0, required_distance(scene, q0, q1)
+    """Return True if a motion is proven free; equal endpoints mean a point."""
+    chain, parts, open_pairs = scene.chain, scratch.parts, scratch.open_pairs
+    required = required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
         return False
-    for n in range(len(scene.pairs)):
-        i, j = scene.pairs[n]
-        most, curve, turned = motion_bounds(
-            chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
-        )
-        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
-        scratch.not_nested[n], open_pairs[0, n] = False, True
-        longest = max(longest, most)
+    longest = bound_pairs(scene, q0, q1, scratch)
+    # Most colliding motions end in a collision, so the endpoint is tested first.
+    forward_kinematics(chain, q1, q1, 0.0, scratch.poses)
+    if part_state(scene, open_pairs[1], 0.0, required, scratch) != FREE:
+        return False
     if longest == 0.0:
         return True
     parts[0, 0], parts[0, 1] = 0.0, 1.0
@@ -272,22 +248,35 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         if state == BLOCKED:
             return False
         if state == MIXED:
-            one, other = (
-                (head + pending) % MAX_PENDING_MOTIONS,
-                (head + pending + 1) % MAX_PENDING_MOTIONS,
-            )
-            parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = (
-                first,
-                center,
-                center,
-                last,
-            )
+            one = (head + pending) % MAX_PENDING_MOTIONS
+            other = (one + 1) % MAX_PENDING_MOTIONS
+            parts[one, 0], parts[one, 1] = first, center
+            parts[other, 0], parts[other, 1] = center, last
             for n in range(len(scene.pairs)):
                 open_pairs[one, n] = open_pairs[other, n] = open_pairs[row, n]
             pending += 2
         if pending == 0:
             return True
     return False
+
+
+@kernel
+def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
+    """Write the bounds of all pairs along a motion, and open all pairs.
+
+    They are open in the whole motion and at its endpoint. Returns the largest displacement.
+    """
+    solids, longest = scene.solids, 0.0
+    for n in range(len(scene.pairs)):
+        i, j = scene.pairs[n]
+        most, curve, turned = motion_bounds(
+            scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
+        )
+        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
+        scratch.open_pairs[0, n] = scratch.open_pairs[1, n] = True
+        scratch.not_nested[n] = False
+        longest = max(longest, most)
+    return longest
 
 
 @kernel
@@ -363,59 +352,56 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
     connected part, and ``min_depth`` is -1.
     """
     i, j = scene.pairs[n]
-    if anchor_lies_in(scene, i, j, scratch, min_depth) or anchor_lies_in(
-        scene, j, i, scratch, min_depth
-    ):
-        return True
-    return bool(scene.solids.has_solids[j] and piece_lies_in(scene, j, i, scratch, min_depth))
+    solids, poses, nodes = scene.solids, scratch.poses, scratch.nodes
+    return bool(
+        anchor_lies_in(solids, i, j, poses, nodes, min_depth)
+        or anchor_lies_in(solids, j, i, poses, nodes, min_depth)
+        or (solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
+    )
 
 
 @kernel
-def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth: float) -> bool:
+def anchor_lies_in(
+    solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
+) -> bool:
     """Return True if an anchor of solid i lies in solid j.
 
     See :func:`is_nested`.
     """
-    solids = scene.solids
-    matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
+    matrix, shift = relative_pose(poses[solids.bodies[i]], poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
+        root = solids.surface_roots[surface]
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
             point = apply_pose(matrix, shift, row_at(solids.anchors[n], 0))
-            if encloses(
-                solids.surfaces, solids.surface_roots[surface], point, min_depth, scratch.nodes
-            ):
+            if encloses(solids.surfaces, root, point, min_depth, nodes):
                 return True
     return False
 
 
 @kernel
-def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth: float) -> bool:
+def piece_lies_in(
+    solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
+) -> bool:
     """Return True if a piece of solid i lies in solid j.
 
     Tests only boxes and balls small enough to lie inside.
     """
-    solids, nodes = scene.solids, scratch.nodes
-    trees, one, other = (
-        solids.trees,
-        scratch.poses[solids.bodies[i]],
-        scratch.poses[solids.bodies[j]],
-    )
+    trees, one, other = solids.trees, poses[solids.bodies[i]], poses[solids.bodies[j]]
     (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         root = solids.surface_roots[surface]
         whole = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        x, y, z = apply_pose(back, shift_back, row_at(whole, 0))
-        hx, hy, hz = box_extent(back, row_at(whole, 3))
+        near = apply_pose(back, shift_back, row_at(whole, 0))
+        reach = box_extent(back, row_at(whole, 3))
         for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
             nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
                 top -= 1
                 b = nodes[top, 0]
                 box, (row, m) = trees.boxes[b], trees.spans[b]
-                if box[6] == 0.0 or abs(x - box[0]) > hx + box[3]:
-                    continue
-                if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
+                offset = minus(near, row_at(box, 0))
+                if box[6] == 0.0 or boxes_are_apart(offset, reach, row_at(box, 3)):
                     continue
                 if m == 1:
                     point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
@@ -544,16 +530,10 @@ def parts_cross(
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
-        box, against, (row, m), (piece, k) = (
-            trees.boxes[a],
-            trees.boxes[b],
-            trees.spans[a],
-            trees.spans[b],
-        )
+        box, against = trees.boxes[a], trees.boxes[b]
+        (row, m), (piece, k) = trees.spans[a], trees.spans[b]
         center, half = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
         if boxes_are_apart(minus(center, row_at(against, 0)), half, row_at(against, 3)):
-            continue
-        if k == 1 and is_beyond_side(matrix, center, row_at(box, 3), trees.triangles[piece]):
             continue
         size, moved = math.sqrt(dot(row_at(box, 3), row_at(box, 3))), 0.0
         other_size = against[3] + against[4] + against[5]
@@ -602,24 +582,6 @@ def rows_cross(
     return p[9] == 0.0 and crosses(
         corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required, moved
     )
-
-
-@kernel
-def is_beyond_side(matrix: Matrix, center: Row, half: Row, piece: Floats) -> bool:
-    """Return True if a rotated box lies beyond a box side.
-
-    The rotated box is given by center and half sides. ``piece`` is a row of
-    :attr:`cspace.exact.triangles.Trees.triangles`; returns False if it is no box.
-    """
-    if piece[9] >= 0.0:
-        return False
-    offset, u, v, w = read_box(piece, center)
-    axes = u, v, w
-    for k in range(3):
-        axis = axes[k]
-        if abs(dot(offset, axis)) > extent_along(rotate_back(matrix, axis), half) + dot(axis, axis):
-            return True
-    return False
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -13,6 +14,16 @@ from cspace.arms.solids import PosedShape, Solid, SurfaceTree
 from cspace.arrays import Floats, Ints
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.triangles import Trees
+
+AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
+
+_NO_SPANS: Final = np.empty((0, 2), dtype=np.int64)
+
+_NO_TREE: Final = Trees(np.empty((0, 7)), _NO_SPANS, np.empty((0, 10)))
+
+_NO_SURFACE: Final = SurfaceTree(
+    np.empty((0, 6)), _NO_SPANS, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
+)
 
 
 def make_scene(
@@ -68,8 +79,9 @@ def _pack(
     part_roots: Ints,
 ) -> Solids:
     """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
-    trees, tree_roots = _pack_trees(parts)
-    surfaces, surface_roots = _pack_surfaces(parts)
+    trees, tree_roots = _join_trees([part.tree for part in parts], _NO_TREE)
+    closed = [part.surface_tree for part in parts if len(part.surface[0])]
+    surfaces, surface_roots = _join_trees(closed, _NO_SURFACE)
     filled = [
         any(part.is_filled and len(part.tree.boxes) for part in own)
         for own in _split(solids, parts)
@@ -115,47 +127,16 @@ def _pack_points(
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
 
 
-def _pack_trees(parts: Sequence[PosedShape]) -> tuple[Trees, Ints]:
-    """Join the trees of parts in one record; return the root of each part too, -1 for none."""
-    boxes, spans, rows = [np.empty((0, 7))], [np.empty((0, 2), dtype=np.int64)], [np.empty((0, 10))]
-    roots = list[int]()
-    nodes = row = 0
-    for part in parts:
-        tree = part.tree
-        roots.append(nodes if len(tree.boxes) else -1)
-        boxes.append(tree.boxes)
-        spans.append(tree.spans + np.array([row, 0]))
-        rows.append(tree.triangles)
-        nodes += len(tree.boxes)
-        row += len(tree.triangles)
-    joined = Trees(np.concatenate(boxes), np.concatenate(spans), np.concatenate(rows))
-    return joined, np.array(roots, dtype=np.int64)
-
-
-def _pack_surfaces(parts: Sequence[PosedShape]) -> tuple[SurfaceTree, Ints]:
-    """Join the trees of closed surfaces in one record; return the root of each surface too."""
-    boxes, spans = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)]
-    triangles, windings = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
-    roots = list[int]()
-    nodes = row = 0
-    for part in parts:
-        if not len(part.surface[0]):
-            continue
-        tree = part.surface_tree
-        roots.append(nodes)
-        boxes.append(tree.boxes)
-        spans.append(tree.spans + np.array([row, 0]))
-        triangles.append(tree.triangles)
-        windings.append(tree.windings)
-        nodes += len(tree.boxes)
-        row += len(tree.triangles)
-    joined = SurfaceTree(
-        np.concatenate(boxes),
-        np.concatenate(spans),
-        np.concatenate(triangles),
-        np.concatenate(windings),
-    )
-    return joined, np.array(roots, dtype=np.int64)
+def _join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
+    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
+    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
+    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
+    moved = [
+        tree._replace(spans=tree.spans + np.array([row, 0]))
+        for tree, row in zip(trees, rows, strict=False)
+    ]
+    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
+    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
 
 
 def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:

@@ -15,10 +15,9 @@ import numpy as np
 from cspace.arms.proofs import (
     Scene,
     SceneScratch,
+    are_free,
     make_scene_scratch,
     motion_is_free,
-    motions_are_free,
-    point_is_free,
 )
 from cspace.arrays import Floats, Ints
 from cspace.compiling import clock, kernel
@@ -103,28 +102,27 @@ def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 
 @kernel
-def extend_tree(
-    forest: Forest, scene: Scene, side: int, near: int, q: Floats, scratch: SceneScratch
-) -> int:
-    """Grow a tree from a node by at most a stride.
-
-    Returns the new node, or -1.
-    """
+def write_step(forest: Forest, side: int, near: int, q: Floats) -> int:
+    """Write a node at most a stride from another, towards a configuration; return its index."""
     new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
     for d in range(len(q)):
         square += (nodes[near, d] - q[d]) ** 2
     share = MAX_STRIDE / math.sqrt(square) if square > MAX_STRIDE**2 else 1.0
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    if not (
-        point_is_free(scene, nodes[new], scratch)
-        and motion_is_free(scene, nodes[near], nodes[new], scratch)
-    ):
-        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
-        return -1
-    forest.parents[side, new], forest.reaches[side, new] = near, np.inf
-    forest.counts[side] = new + 1
     return int(new)
+
+
+@kernel
+def keep_step(forest: Forest, side: int, near: int, is_free: bool) -> bool:
+    """Add the node of :func:`write_step` to its tree if the motion to it is free."""
+    new = forest.counts[side]
+    if is_free:
+        forest.parents[side, new], forest.reaches[side, new] = near, np.inf
+        forest.counts[side] = new + 1
+    else:
+        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(forest.nodes.shape[2])
+    return is_free
 
 
 @kernel
@@ -136,27 +134,29 @@ def grow_trees(
     Returns the number of samples used, and the nodes of both trees that meet, -1 if none do. It
     stops after TRIES_PER_CLOCK_CHECK attempts, or if the capacity is nearly used up.
     """
-    capacity, tries = forest.nodes.shape[1], 0
+    nodes, counts = forest.nodes, forest.counts
+    capacity, tries = nodes.shape[1], 0
     for k in range(len(samples)):
-        side = 0 if forest.counts[0] <= forest.counts[1] else 1
-        if (
-            tries == TRIES_PER_CLOCK_CHECK
-            or max(forest.counts[0], forest.counts[1]) + 2 >= capacity
-        ):
+        side = 0 if counts[0] <= counts[1] else 1
+        if tries == TRIES_PER_CLOCK_CHECK or max(counts[0], counts[1]) + 2 >= capacity:
             return k, -1, -1
         near, far = nearest_node(forest, side, samples[k])
         if far > forest.reaches[side, near]:
             continue
         tries += 1
-        new = extend_tree(forest, scene, side, near, samples[k], scratch)
-        if new < 0:
+        new = write_step(forest, side, near, samples[k])
+        is_free = motion_is_free(scene, nodes[side, near], nodes[side, new], scratch)
+        if not keep_step(forest, side, near, is_free):
             continue
         # Grow the other tree towards the new node as far as possible.
-        target, other = forest.nodes[side, new], 1 - side
+        target, other = nodes[side, new], 1 - side
         at, far = nearest_node(forest, other, target)
-        while at >= 0 and far > 0.0 and forest.counts[other] + 1 < capacity:
-            at, far = extend_tree(forest, scene, other, at, target, scratch), far - MAX_STRIDE
-        if at >= 0 and far <= 0.0:
+        while is_free and far > 0.0 and counts[other] + 1 < capacity:
+            step = write_step(forest, other, at, target)
+            is_free = motion_is_free(scene, nodes[other, at], nodes[other, step], scratch)
+            keep_step(forest, other, at, is_free)
+            at, far = step, far - MAX_STRIDE
+        if is_free and far <= 0.0:
             return (k + 1, new, at) if side == 0 else (k + 1, at, new)
     return len(samples), -1, -1
 
@@ -286,9 +286,7 @@ class PathSearch:
         """Return True if all motions from a configuration are within spans and proven free."""
         if (np.abs(np.diff(path, axis=0)) > self._spans).any():
             return False
-        free = np.empty(len(path) - 1, dtype=np.bool_)
-        motions_are_free(self._scene, path[:-1], path[1:], free, self._scratch)
-        return bool(free.all())
+        return bool(are_free(self._scene, path[:-1], path[1:]).all())
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.

@@ -5,13 +5,10 @@ They are trees of boundaries, closed surfaces, and anchors of parts.
 
 from __future__ import annotations
 
-import hashlib
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, singledispatch
+from functools import cached_property
 from typing import Final, NamedTuple, cast
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -258,17 +255,6 @@ class Solid(NamedTuple):
     parts: tuple[PosedShape, ...]
 
 
-_SHARED_SHAPES: Final = WeakValueDictionary[bytes, PosedShape]()
-
-
-def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
-    """Return a posed shape, shared by all equal links."""
-    digest = hashlib.sha256(
-        pickle.dumps((shape.spec, pose))
-    ).digest()  # the spec, because the shape may carry caches
-    return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
-
-
 # ---- obstacles -----------------------------------------------------------------------------------
 
 
@@ -317,7 +303,6 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
     return named
 
 
-@singledispatch
 def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
     """Place an obstacle by a pose, shape (4, 4).
 
@@ -329,6 +314,11 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
         If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit
         into memory.
     """
+    if isinstance(obstacle, Workspace):
+        return _place_workspace(obstacle, name, base)
+    if isinstance(obstacle, PosedShape):
+        pose = check_rigid(obstacle.pose, f"pose of {name}")
+        return place_shape(obstacle.shape, name, base @ pose)
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:
@@ -345,22 +335,15 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     return PosedShape(shape, check_rigid(pose, name))
 
 
-@place_obstacle.register
-def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
-    return place_shape(obstacle.shape, name, base @ check_rigid(obstacle.pose, f"pose of {name}"))
-
-
-@place_obstacle.register
-def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
+def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
+    """Place the cells of a workspace, or its one shape."""
     grid = obstacle.grid
     if grid.dim != 3:
         problem = f"hold {name!r}, a map of the plane"
-        raise InputError(
-            "obstacles", problem, "arms are in space", "pass a map in space", value=obstacle
-        )
+        hint = "pass a map in space"
+        raise InputError("obstacles", problem, "arms are in space", hint, value=obstacle)
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
-    check_memory(_BYTES_PER_CELL * grid.size, name, grid, hint="cut it to what the arm reaches")
     held = obstacle._in_memory()
     if not held.outer.any():
         return None

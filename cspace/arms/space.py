@@ -28,10 +28,12 @@ from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import (
     check_count,
     check_known,
+    check_names,
     check_not_negative,
     check_pairs,
     check_positive,
     check_rng,
+    check_text,
 )
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -204,14 +206,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> space.is_free((0.0,))
         True
         """
-        if not isinstance(name, str) or not name:
-            raise InputError(
-                "name",
-                f"is {name!r}",
-                "it must be a non-empty string",
-                "pass e.g. 'table'",
-                value=name,
-            )
+        check_text(name, "name", "table")
         at = self._base if pose is None else self._base @ check_rigid(pose, "pose")
         if isinstance(shape, Workspace | PosedShape):
             if radius is not None:
@@ -228,21 +223,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             links = {link.name for link in now.arm.links}
             if name in links:
-                hint = (
-                    "choose another name, or detach it first"
-                    if name in now.arm._carriers
-                    else "choose another name"
+                rule, hint = (
+                    "a link or an attached object has it",
+                    "choose another name, or detach it",
                 )
-                raise InputError(
-                    "name", f"is {name!r}", "a link or an attached object has it", hint, value=name
-                )
-            pairs = _pair_with_links(name, touch_links, links)
-            self._replace(
-                now,
-                {**now.obstacles, name: placed},
-                pairs | now.allowed,
-                _set_entry(now.padding, name, extra),
-            )
+                raise InputError("name", f"is {name!r}", rule, hint, value=name)
+            pairs = now.allowed | _pair_with_links(name, touch_links, links)
+            obstacles = {**now.obstacles, name: placed}
+            self._replace(now, obstacles, pairs, _set_entry(now.padding, name, extra))
 
     def remove_obstacle(self, name: str) -> None:
         """Remove an obstacle with its padding and allowed pairs.
@@ -256,9 +244,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             check_known(name, "name", now.obstacles)
             left = {each: placed for each, placed in now.obstacles.items() if each != name}
-            self._replace(
-                now, left, _without(now.allowed, name), _set_entry(now.padding, name, 0.0)
-            )
+            padding = _set_entry(now.padding, name, 0.0)
+            self._replace(now, left, _without(now.allowed, name), padding)
 
     def attach(
         self,
@@ -302,31 +289,20 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             left, carrier = dict(now.obstacles), check_known(link, "link", now.arm.frames)
             if shape is None:
-                filled = {each: placed for each, placed in left.items() if placed is not None}
-                placed = filled[check_known(name, "name", filled)]
-                del left[name]
-                point = self._check_configuration(
-                    q, "q", "it says where the obstacle is on the link"
-                )
                 if pose is not None:
                     rule, hint = "the obstacle is where it is", "leave it out, or pass a shape"
                     raise InputError("pose", "is given for an obstacle", rule, hint, value=pose)
-                shape, pose = (
-                    placed.shape,
-                    np.linalg.inv(now.arm.pose(point, carrier)) @ placed.pose,
-                )
+                filled = {each: placed for each, placed in left.items() if placed is not None}
+                placed = filled[check_known(name, "name", filled)]
+                del left[name]
+                on_base = now.arm.pose(self._check_configuration(q, "q"), carrier)
+                shape, pose = placed.shape, np.linalg.inv(on_base) @ placed.pose
             elif q is not None:
-                rule, hint = (
-                    "only obstacles are picked up at a configuration",
-                    "leave it out, or leave out the shape",
-                )
+                rule, hint = "only an obstacle is picked up at q", "leave out q, or the shape"
                 raise InputError("q", "is given for a new object", rule, hint, value=q)
             elif name in left:
-                rule, hint = (
-                    "an obstacle has it",
-                    "leave out the shape to attach the obstacle, or choose another name",
-                )
-                raise InputError("name", f"is {name!r}", rule, hint, value=name)
+                hint = "leave out the shape to attach the obstacle, or choose another name"
+                raise InputError("name", f"is {name!r}", "an obstacle has it", hint, value=name)
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
             self._replace(now, left, now.allowed, _set_entry(now.padding, name, extra), arm)
 
@@ -357,22 +333,23 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         with self._lock:
             now = self._snapshot
             arm, obstacles = now.arm.detach(name), dict(now.obstacles)
-            if q is None:
-                if touch_links:
-                    rule, hint = "they are those of the obstacle", "pass q, or leave them out"
-                    raise InputError(
-                        "touch_links", "are given without q", rule, hint, value=touch_links
-                    )
-                allowed, padding = _without(now.allowed, name), _set_entry(now.padding, name, 0.0)
-                self._replace(now, obstacles, allowed, padding, arm)
-            else:
+            allowed: Collection[Names] = now.allowed
+            padding = now.padding
+            if q is not None:
                 (part,) = next(link.parts for link in now.arm.links if link.name == name)
-                pose = now.arm.pose(
-                    self._check_configuration(q, "q", "it says where the object is"), name
-                )
+                pose = now.arm.pose(self._check_configuration(q, "q"), name)
                 obstacles[name] = place_shape(part.shape, name, pose)
-                pairs = _pair_with_links(name, touch_links, [link.name for link in arm.links])
-                self._replace(now, obstacles, now.allowed | pairs, now.padding, arm)
+                allowed = now.allowed | _pair_with_links(
+                    name, touch_links, [each.name for each in arm.links]
+                )
+            elif touch_links:
+                rule, hint = "they are those of the obstacle", "pass q, or leave them out"
+                raise InputError(
+                    "touch_links", "are given without q", rule, hint, value=touch_links
+                )
+            else:
+                allowed, padding = _without(allowed, name), _set_entry(padding, name, 0.0)
+            self._replace(now, obstacles, allowed, padding, arm)
 
     def set_padding(self, name: str, padding: float) -> None:
         """Set the padding of a link, an attached object or an obstacle.
@@ -411,12 +388,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         with self._lock:
             now = self._snapshot
-            self._replace(
-                now,
-                now.obstacles,
-                now.allowed | _check_allowed(pairs, "pairs", now.names),
-                now.padding,
-            )
+            allowed = now.allowed | _check_allowed(pairs, "pairs", now.names)
+            self._replace(now, now.obstacles, allowed, now.padding)
 
     def forbid_collisions(self, pairs: Iterable[tuple[str, str]]) -> None:
         """Take back pairs of :attr:`allowed_collisions`.
@@ -432,11 +405,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self._snapshot
             given = _check_allowed(pairs, "pairs", now.names)
             for pair in sorted(given - now.allowed):
-                listed = ", ".join(map(str, sorted(now.allowed)))
-                rule = f"the allowed pairs are {listed}" if listed else "no pairs are allowed"
-                raise InputError(
-                    "pairs", f"hold {pair}", rule, "see space.allowed_collisions", value=pair
-                )
+                rule, hint = "only allowed pairs are taken back", "see space.allowed_collisions"
+                raise InputError("pairs", f"hold {pair}", rule, hint, value=pair)
             self._replace(now, now.obstacles, now.allowed - given, now.padding)
 
     def _replace(
@@ -450,20 +420,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """Replace the snapshot in one assignment, which readers see whole."""
         self._snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
 
-    def _check_configuration(self, q: ArrayLike | None, name: str, rule: str) -> Floats:
+    def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
         """Return one configuration."""
-        if q is None:
-            raise InputError(name, "is missing", rule, f"pass ({', '.join(self.axes)})", value=q)
-        point = self._check_configurations(q, name)
-        if point.ndim != 1:
-            raise InputError(
-                name,
-                f"has shape {point.shape}",
-                "it must be one configuration",
-                "pass one",
-                value=q,
-            )
-        return point
+        return self.arm._check_configuration(q, name)
 
     # ---- queries ---------------------------------------------------------------------------------
 
@@ -518,18 +477,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 if not low <= x <= high:
                     return None
             scene = self._snapshot.outer
-            if (
-                getattr(local, "scene", None) is not scene
-            ):  # the first call of a thread, or after a change
-                local.scene, local.scratch, local.out = (
-                    scene,
-                    make_scene_scratch(scene),
-                    np.empty(1, dtype=np.bool_),
-                )
-            scratch, out = local.scratch, local.out
+            # At the first call of a thread, and after a change.
+            if getattr(local, "scene", None) is not scene:
+                local.scene, local.scratch = scene, make_scene_scratch(scene)
+                local.out = np.empty(1, dtype=np.bool_)
             rows = np.array(endpoints, dtype=np.float64).reshape(2, 1, size)
-            motions_are_free(scene, rows[0], rows[1], out, scratch)
-            return bool(out[0])
+            motions_are_free(scene, rows[0], rows[1], local.out, local.scratch)
+            return bool(local.out[0])
 
         return prove
 
@@ -597,14 +551,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point, snapshot = (
-            self._check_configuration(q, "q", "it must be one configuration"),
-            self._snapshot,
-        )
+        point, snapshot = self._check_configuration(q, "q"), self._snapshot
         if not len(snapshot.outer.pairs):
-            raise InputError(
-                "obstacles", "are none", "there is nothing to touch", "add an obstacle"
-            )
+            rule = "there is nothing to touch"
+            raise InputError("obstacles", "are none", rule, "add an obstacle")
         return snapshot.contact(snapshot.outer, point[np.newaxis])
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
@@ -632,26 +582,19 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         count = 1 if n is None else check_count(n, "n")
         generator, snapshot = check_rng(rng), self._snapshot
-        batches, tried, ranges = [np.empty((0, self.size))], 0, snapshot.arm._ranges()
-        while (count_drawn := sum(map(len, batches))) < count:
-            points = generator.uniform(
-                *ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.size)
-            )
+        batches, found, tried = [np.empty((0, self.size))], 0, 0
+        while found < count:
+            drawn = min(max(2 * (count - found), 16), 10_000)
+            points = generator.uniform(*snapshot.arm._ranges(), (drawn, self.size))
             batches.append(points[_prove_all(snapshot.outer, points)])
-            tried += len(points)
-            if tried >= _MAX_FAILED_SAMPLES and not count_drawn:
-                always = [
-                    f"{link} touches {other}"
-                    for link, other in snapshot.always_touching(snapshot.outer)
-                ]
-                raise ConfigurationError(
-                    snapshot.arm.name,
-                    f"was free in none of {tried} configurations",
-                    f"in each of {CONTACT_SAMPLES} of them {', '.join(always)}"
-                    if always
-                    else "sampling needs some that are",
-                    "check space.closest(q), and the pairs that may touch",
-                )
+            found, tried = found + len(batches[-1]), tried + drawn
+            if tried >= _MAX_FAILED_SAMPLES and not found:
+                touching = snapshot.always_touching(snapshot.outer)
+                always = ", ".join(f"{link} touches {other}" for link, other in touching)
+                problem = f"was free in none of {tried} configurations"
+                rule = f"of {CONTACT_SAMPLES}, these touch in all: {always or 'none'}"
+                hint = "check space.closest(q), and the pairs that may touch"
+                raise ConfigurationError(snapshot.arm.name, problem, rule, hint)
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
 
@@ -727,28 +670,19 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         from cspace.arms.search import PathSearch
 
-        start, goals = (
-            self._check_configurations(q0, "q0"),
-            np.atleast_2d(self._check_configurations(q1, "q1")),
-        )
-        for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
-            if q.ndim not in dims or not len(q):
-                rule = (
-                    f"it must be one configuration of {self.size} numbers"
-                    + " or rows of them" * (name == "q1")
-                )
-                raise InputError(
-                    name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q
-                )
+        start = self._check_configuration(q0, "q0")
+        goals = np.atleast_2d(self._check_configurations(q1, "q1"))
+        if goals.ndim != 2 or not len(goals):
+            rule = f"it must be one configuration of {self.size} numbers or rows of them"
+            hint = f"pass ({', '.join(self.axes)})"
+            raise InputError("q1", f"has shape {goals.shape}", rule, hint, value=q1)
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self._snapshot
         start, goals = snapshot.arm._clamp(start), snapshot.arm._clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(
-            snapshot.outer, endpoints, endpoints
-        )  # of motions that stay at a configuration
+        free = are_free(snapshot.outer, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise _collision_error(snapshot, q, name)
@@ -835,7 +769,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         snapshot = self._snapshot
         arm = snapshot.arm
-        start = arm._clamp(self._check_configuration(q0, "q0", "the motion begins there"))
+        start = arm._clamp(self._check_configuration(q0, "q0"))
         arm._branch_to(frame)  # refuses unknown frames before the poses
         largest = check_pose_tolerance(tolerance)
         corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
@@ -862,15 +796,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
             first, last = (edge, edge + 1) if pairs is None else pairs[edge].tolist()
-            raise InputError(
-                "path",
-                f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad from row "
-                f"{first} to row {last}",
-                "a continuous joint turns by at most half a turn along an edge, so that its "
-                "motion is the shorter way",
-                "add whole turns to the rows (numpy.unwrap), or rows between them",
-                value=(first, last),
-            )
+            turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
+            problem = f"{turn} from row {first} to row {last}"
+            rule = "a joint turns by at most half a turn, so that the edge is the shorter way"
+            hint = "add whole turns to the rows (numpy.unwrap), or rows between them"
+            raise InputError("path", problem, rule, hint, value=(first, last))
 
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
@@ -1063,10 +993,8 @@ def build_arm_space(
     links = {link.name for link in arm.links}
     for name in named:
         if name in links:
-            problem = f"name one {name!r}"
-            raise InputError(
-                "obstacles", problem, "a link has that name", "choose another name", value=name
-            )
+            problem, rule = f"name one {name!r}", "a link has that name"
+            raise InputError("obstacles", problem, rule, "choose another name", value=name)
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
@@ -1097,12 +1025,8 @@ def _check_allowed(
 
 def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[str]) -> set[Names]:
     """Return alphabetical pairs of a name and known links."""
-    try:
-        given = [links] if isinstance(links, str) else list(links)
-    except TypeError as error:
-        rule, hint = "it must be names of links", "pass a list of strings"
-        raise InputError("touch_links", f"is {links!r}", rule, hint, value=links) from error
-    return {sort_pair(name, check_known(link, "touch_links", known, "names")) for link in given}
+    names = check_names(links, "touch_links")
+    return {sort_pair(name, check_known(link, "touch_links", known, "names")) for link in names}
 
 
 def _without(pairs: Iterable[Names], name: str) -> set[Names]:

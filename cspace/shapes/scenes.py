@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, StrPath, Surface
-from cspace.check import check_finite, check_point, check_positive
+from cspace.check import (
+    check_finite,
+    check_known,
+    check_names,
+    check_point,
+    check_positive,
+)
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
@@ -41,7 +47,6 @@ from cspace.files.urdf import (
     load_urdf,
     locate_meshes,
     package_folders,
-    root_link,
     zero_poses,
 )
 from cspace.limits import check_file_memory
@@ -81,12 +86,9 @@ def read_urdf(
     folders = package_folders(package_dirs)
     file = os.fspath(path)
     urdf = load_urdf(path)
-    base, rigid = root_link(urdf), fixed_links(urdf)
-    links = rigid if link is None else [link] if isinstance(link, str) else list(link)
+    links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
-        if name not in urdf.link_map:
-            rule = f"{file} has {', '.join(urdf.link_map)}"
-            raise InputError("link", f"is {name!r}", rule, "name one of these", value=name)
+        check_known(name, "link", urdf.link_map)
     pairs, meshes, poses = [], find_meshes(urdf, links, path, folders), zero_poses(urdf)
     for name in links:
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
@@ -96,36 +98,40 @@ def read_urdf(
                 problem = (
                     f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
                 )
-                rule, hint = (
-                    "only a mesh can be a surface without an inside",
-                    "omit it, or name links with only meshes",
-                )
+                rule = "only a mesh can be a surface without an inside"
+                hint = "omit it, or name links with only meshes"
                 raise InputError("solid", problem, rule, hint, value="surface")
-            transform = (
-                pose
-                if collision.origin is None
-                else pose @ check_finite(collision.origin, f"{place}: origin")
-            )
+            transform = pose @ _read_origin(collision, place)
             outer, inner = _bounds_pair(collision.geometry, meshes, place)
             moved = transform_surface(outer, transform)
             pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
-    has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
-    if not pairs:
-        hint = (
-            f"name links that have: {', '.join(has_shape)}"
-            if has_shape
-            else "add <collision> to its links"
-        )
-        problem = f"is {', '.join(links) or 'not there'}"
-        raise InputError("link", problem, "no such link has collision geometry", hint, value=link)
-    if link is None and (left := [name for name in has_shape if name not in rigid]):
-        warn_user(
-            f"{file}: {', '.join(left)} move against {base} and are omitted; to include them, "
-            "name all links, which "
-            "are placed with their joints at zero"
-        )
+    _check_shapes(urdf, link, links, file)
     curved = any(outer is not inner for outer, inner in pairs)
     return [join_surfaces(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
+
+
+def _check_shapes(
+    urdf: URDF, given: str | Sequence[str] | None, links: Sequence[str], file: str
+) -> None:
+    """Refuse links without collision geometry, and warn if links that move are left out."""
+    filled = [name for name in urdf.link_map if urdf.link_map[name].collisions]
+    left = [name for name in filled if name not in links]
+    if len(left) == len(filled):
+        hint = f"name links that have: {', '.join(filled)}" if filled else "add <collision>"
+        problem, rule = f"is {', '.join(links) or 'empty'}", "no such link has collision geometry"
+        raise InputError("link", problem, rule, hint, value=given)
+    if given is None and left:
+        warn_user(
+            f"{file}: {', '.join(left)} move against {links[0]} and are omitted; to include them, "
+            "name all links, which are placed with their joints at zero"
+        )
+
+
+def _read_origin(collision: Any, place: str) -> Floats:
+    """Return the pose of a collision geometry in the frame of its link, shape (4, 4)."""
+    if collision.origin is None:
+        return np.eye(4)
+    return check_finite(collision.origin, f"{place}: origin")
 
 
 def link_shapes(
@@ -144,12 +150,7 @@ def link_shapes(
         outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
         outer.warn_if_open(fills=False)
         shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
-        yield (
-            shape,
-            np.eye(4)
-            if collision.origin is None
-            else check_finite(collision.origin, f"{place}: origin"),
-        )
+        yield shape, _read_origin(collision, place)
 
 
 def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
@@ -174,13 +175,8 @@ def _make_mesh_bounds(mesh: Any, meshes: Mapping[str, Path], place: str) -> Boun
         np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale"
     )
     if not scale.all():
-        raise InputError(
-            f"{place}: scale",
-            f"is {scale.tolist()}",
-            "no factor may be zero",
-            "correct it",
-            value=scale,
-        )
+        problem, rule = f"is {scale.tolist()}", "no factor may be zero"
+        raise InputError(f"{place}: scale", problem, rule, "correct it", value=scale)
     surface = transform_surface(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
     return surface, surface
 
@@ -453,11 +449,8 @@ class _Reader:
             str(given) if type(given) is int else parse_name(given, f"id of {place}")
         )  # robowflex omits quotes
         if name in self._ids:
-            raise ContentError(
-                f"has the object {name!r} again at {place}",
-                "ids must differ",
-                "rename or remove one",
-            )
+            problem = f"has the object {name!r} again at {place}"
+            raise ContentError(problem, "ids must differ", "rename or remove one")
         self._ids.add(name)
         place = f"object {name!r}"
         operation = entry.get("operation")

@@ -426,7 +426,7 @@ BALL = Robot.ball(0.1)
     "call, message",
     (lambda s: s.add_obstacle("", BALL), "name is ''; it must be a non-empty string"),
     (lambda s: s.add_obstacle("fore", BALL), "name is 'fore'; a link or an attached object has it"),
-    (lambda s: s.add_obstacle("tool", BALL), "choose another name, or detach it first"),
+    (lambda s: s.add_obstacle("tool", BALL), "choose another name, or detach it"),
     (lambda s: s.add_obstacle("a", Robot.disc(0.1)), "arms are in space"),
     (lambda s: s.add_obstacle("a", [(0.0, 0.0, 0.0)] * 4), "points need a radius"),
     (lambda s: s.add_obstacle("a", BALL, 2.0 * np.eye(4)), "it must be a rigid motion"),
@@ -437,7 +437,7 @@ BALL = Robot.ball(0.1)
     ),
     (
         lambda s: s.add_obstacle("a", BALL, touch_links=3),
-        "touch_links is 3; it must be names of links",
+        "touch_links is 3; it must be a list of names",
     ),
     (
         lambda s: s.add_obstacle("a", s.obstacles["post"], radius=0.1),
@@ -468,7 +468,10 @@ BALL = Robot.ball(0.1)
     (lambda s: s.set_padding("fore", -0.1), "padding is -0.1"),
     (lambda s: s.allow_collisions([("fore", "sky")]), "pairs names 'sky'"),
     (lambda s: s.allow_collisions(["fore"]), "it must hold pairs of names"),
-    (lambda s: s.forbid_collisions([("fore", "post")]), "pairs hold .*no pairs are allowed"),
+    (
+        lambda s: s.forbid_collisions([("fore", "post")]),
+        "pairs hold .*only allowed pairs are taken back",
+    ),
     (lambda s: build_arm_space({}, s.arm, padding={"sky": 0.1}), "padding names 'sky'"),
     (
         lambda s: s.add_obstacle("a", Robot.box((0.1,) * 3), pose_at(0, 0, -0.2)),

@@ -146,7 +146,7 @@ def test_joint_values_give_the_held_joints_and_the_configuration(tmp_path: Path)
     ),
     (
         STATE | {"wheel": 0.0},
-        "values names 'wheel'; the joints are shoulder, elbow, lift, finger, follower",
+        "values names 'wheel'; there are shoulder, elbow, lift, finger, follower",
     ),
     (
         {"shoulder": 0.0, "lift": 0.25},
@@ -163,7 +163,7 @@ def test_joint_values_of_another_robot_are_refused(
 
 def test_held_joints_of_another_robot_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match="held_joints names 'wheel'; the joints are lift, mount, shoulder"
+        InputError, match="held_joints names 'wheel'; there are lift, mount, shoulder"
     ):
         read_arm(tmp_path, held_joints=JointValues(wheel=0.0))
     with pytest.raises(InputError, match="held_joints has lift at 2; its limits are 0 and 1"):
@@ -806,7 +806,7 @@ def satisfies(goal: dict[str, Any], pose: np.ndarray) -> bool:
     """Return True if a pose satisfies the constraints, by the rules of MoveIt's
     kinematic_constraint.cpp."""
     for each in goal.get("position_constraints", ()):
-        point = pose[:3, :3] @ each.get("target_point_offset", [0, 0, 0]) + pose[:3, 3]
+        point = pose[:3, 3]
         volume, inside = each["constraint_region"], False
         for shape, placed in zip(volume["primitives"], volume["primitive_poses"], strict=True):
             x, y, z = (
@@ -840,7 +840,6 @@ TURNS = st.tuples(*[st.floats(-3, 3)] * 3)
     turn=TURNS,
     tolerances=st.none() | st.tuples(*[st.floats(0.01, 4.0)] * 3),
     parameterization=st.integers(0, 1),
-    offset=st.just((0, 0, 0)) | st.tuples(*[st.floats(-0.3, 0.3)] * 3),
     seed=st.integers(0, 2**20),
 )
 def test_pose_goals_satisfy_the_constraints(
@@ -851,7 +850,6 @@ def test_pose_goals_satisfy_the_constraints(
     turn: Any,
     tolerances: Any,
     parameterization: int,
-    offset: Any,
     seed: int,
 ) -> None:
     """Draw poses up to the tolerance of the goal."""
@@ -859,16 +857,13 @@ def test_pose_goals_satisfy_the_constraints(
     wanted = (
         None if tolerances is None else (Rotation.from_euler("xyz", turn).as_quat(), tolerances)
     )
-    goal = pose_goal(region, wanted, target_point_offset=list(offset))
+    goal = pose_goal(region, wanted)
     for each in goal.get("orientation_constraints", ()):
         each["parameterization"] = parameterization
     try:
         (made,) = read_moveit_request(write_request(tmp_path, goal)).goals
     except FileError as error:
-        assert any(
-            reason in str(error)
-            for reason in ("sways", "without orientation", "any pose", "0 position")
-        )
+        assert any(reason in str(error) for reason in ("any pose", "0 position"))
         return
     assert isinstance(made, PoseGoal)
     rng, (distance, angle) = np.random.default_rng(seed), made.tolerance
@@ -918,7 +913,7 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
             {"link_scale": [{}]},
         )
     ),
-    ([joint_goal(elbow=1)], {"group_name": [1]}, r"has \[1\] as group_name"),
+    ([joint_goal(elbow=1)], {"group_name": [1]}, r"has '\[1\]' as group_name"),
     ([joint_goal(elbow=1)], {"allowed_planning_time": "a"}, "has a as allowed_planning_time"),
     (
         [joint_goal(elbow=1)],
@@ -934,7 +929,7 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
     ([{"visibility_constraints": [{}]}], {}, "has visibility_constraints"),
     ([{"joint_goals": [{}]}], {}, r"has the unknown field 'joint_goals' at goal_constraints\[0\]"),
     ([joint_goal(elbow=None)], {}, r"has no position at joint_constraints\[0\]"),
-    ([{"joint_constraints": [{"position": 1}]}], {}, "has 'None' as joint_name"),
+    ([{"joint_constraints": [{"position": 1}]}], {}, "has None as joint_name"),
     (
         [{"joint_constraints": [{"joint_name": "a", "position": 1, "tolerance_below": -1}]}],
         {},
@@ -964,12 +959,7 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
     (
         [pose_goal(SPHERE, target_point_offset=[1, 0, 0])],
         {},
-        "has a target_point_offset without orientation",
-    ),
-    (
-        [pose_goal(SPHERE, EASY, target_point_offset=[2, 0, 0])],
-        {},
-        "that sways 0.2 m within the orientation's",
+        "has a target_point_offset at position_constraints",
     ),
     (
         [pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))],

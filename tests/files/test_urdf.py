@@ -398,7 +398,7 @@ def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
 
 @refusals(
     "text, links, error, message",
-    (None, "arm", InputError, r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"),
+    (None, "arm", InputError, r"link is 'arm'; there are base, plate, head, wheel"),
     (
         None,
         "plate",

@@ -197,7 +197,7 @@ def _write_request() -> str:
     }
     pose = {
         "position_constraints": [
-            {**head, "constraint_region": region, "target_point_offset": [0.1, 0, 0]}
+            {**head, "constraint_region": region, "target_point_offset": [0, 0, 0]}
         ],
         "orientation_constraints": [{**head, "orientation": [0, 0.6, 0, 0.8], **tolerances}],
     }
