@@ -72,8 +72,8 @@ class CSpace(ConfigurationMap, MapExport):
     :func:`cspace.open` to read a saved one.
 
     A query of one configuration, a tuple or list of numbers, returns a Python value; a query of an
-    array, shape (..., size), returns an array of shape (...). Queries are compiled and may run in several
-    threads at once. Labels, sums and distances are computed at the first call and cached; copies
+    array, shape (..., size), returns an array of shape (...). Queries are compiled and may run in
+    several threads at once. Labels, sums and distances are computed at the first call and cached; copies
     and pickles of the map leave them out. Yaw is in radians, and wrapped. A quaternion and its
     negative are the same rotation; the norm must be 1 within 1e-6.
 

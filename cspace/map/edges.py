@@ -192,7 +192,7 @@ def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: C
 
 @inlined
 def time_per_cell(p: float, q: float) -> float:
-    """Return the change of t for each cell of a coordinate p + t (q - p); 0 if it hardly changes."""
+    """Return the change of t for a cell of p + t (q - p), or 0 if that hardly changes."""
     return 0.0 if abs(q - p) < MIN_EXTENT_CELLS else 1.0 / (q - p)
 
 
