@@ -149,7 +149,6 @@ def grow(header, **changes):
     (lambda h, add: add_part(h, add, 6, [0, 1, 2, 3]), "fans"),
     (substitute, "sparse"),
     (quantise, "quantised"),
-    (lambda h, add: h["accessors"][0].update(min=[0, 0, 0], max=[4, 4, 5]), "bounds"),
     (lambda h, add: h["nodes"][0].update(camera=0), "camera"),
     (
         lambda h, add: (
