@@ -147,11 +147,8 @@ class Workspace(WorkspacePlot):
         """Return source, cells, and the occupied and unknown shares."""
         grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
         if self.unknown is not None:
-            count, taken = int(np.count_nonzero(self.unknown)), 0
-            for outer, unseen in zip(
-                self.outer, self.unknown, strict=True
-            ):  # slab by slab, to spare memory
-                taken += int(np.count_nonzero(outer & unseen))
+            count = int(np.count_nonzero(self.unknown))
+            taken = int(np.count_nonzero(self.outer & self.unknown))
             occupied -= taken
             unknown = f", {100.0 * count / self.outer.size:.3g} % unknown"
             unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")

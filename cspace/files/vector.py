@@ -188,14 +188,9 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     """Return the simple geometries of a nested collection, in order."""
     import shapely
 
-    parts = np.array([shape], dtype=object)
-    while (
-        nested := (shapely.get_type_id(parts) >= _MIN_COLLECTION_TYPE) & ~shapely.is_empty(parts)
-    ).any():
-        inner, owners = shapely.get_parts(parts[nested], return_index=True)
-        places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
-        parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
-    return list(parts)
+    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
+        return [shape]
+    return [part for inner in shapely.get_parts(shape) for part in _split_parts(inner)]
 
 
 def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) -> None:
@@ -216,24 +211,19 @@ def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) 
         raise GeometryError(
             name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
         )
+    is_invalid = ~shapely.is_valid(array)
+    reason = shapely.is_valid_reason(array[is_invalid.argmax()]) if is_invalid.any() else ""
     flat = "drop them with shapely.force_2d if height does not matter"
-    rules = (
-        (
-            shapely.is_empty(array),
-            "is empty",
-            "an obstacle must cover some ground",
-            "remove it or fill it",
-        ),
+    for refused, problem, rule, hint in (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
         (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
-    )
-    for refused, problem, rule, hint in rules:
-        for which in np.flatnonzero(refused).tolist():
-            raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
-    for which in np.flatnonzero(~shapely.is_valid(array)).tolist():
-        problem, hint = (
-            f"is not valid: {shapely.is_valid_reason(array[which])}",
+        (
+            is_invalid,
+            f"is not valid: {reason}",
+            "a boundary may not cross itself",
             "redraw it, or try shapely.make_valid",
-        )
-        raise GeometryError(
-            name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which]
-        )
+        ),
+    ):
+        if refused.any():
+            which = int(refused.argmax())
+            raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
