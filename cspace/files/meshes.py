@@ -71,11 +71,8 @@ _ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, _FLOAT_TYPE: 12}
 """Bytes of an index, or of a position for floats, by glTF component type."""
 
 
-def load_gltf_scene(file: Path) -> tuple[Any, int]:
-    """Read a glTF scene and count its triangles.
-
-    Returns the ``trimesh.Scene`` that trimesh reads and the number of triangles that the file
-    declares.
+def _read_gltf(file: Path) -> Surface:
+    """Read the triangles of a glTF scene.
 
     Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as
     declared. Raises GeometryError if it holds anything but triangles, or if its shape depends on an
@@ -88,39 +85,37 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
     text = _glb_json(data) if is_binary else data
     check_bytes(file, len(text), "has a header of", 20.0, "max_text_bytes")
     header = _parse_gltf_header(text)
-    # A mesh may be placed several times, so the memory is checked before trimesh copies it.
-    triangles = [
-        [_count_triangles(part, header) for part in mesh["primitives"]]
-        for mesh in header.get("meshes", [])
-    ]
-    sizes = [
-        sum(
-            surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces)
-            for part, faces in pairs
-        )
-        for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), triangles)
-    ]
+    meshes = [mesh["primitives"] for mesh in header.get("meshes", [])]
+    triangles = [sum(_count_triangles(part, header) for part in mesh) for mesh in meshes]
+    vertices = [sum(_count_vertices(part, header) for part in mesh) for mesh in meshes]
     instances = list(_instances(header))
-    check_bytes(file, sum(sizes) + sum(sizes[mesh] for mesh in instances), "unfolds to", memory=3.0)
-    declared = sum(sum(triangles[mesh]) for mesh in instances)
+    # A mesh may be placed several times, so the memory is checked before trimesh copies it.
+    placed = [*range(len(meshes)), *instances]
+    size = sum(surface_bytes(vertices[mesh], triangles[mesh]) for mesh in placed)
+    check_bytes(file, size, "unfolds to", memory=3.0)
+    declared = sum(triangles[mesh] for mesh in instances)
     if not declared:
-        return trimesh.Scene(), 0
-    kind = "glb" if is_binary else "gltf"
-    loaded = trimesh.load_scene(
+        return join_surfaces([])
+    scene = trimesh.load_scene(
         io.BytesIO(data),
-        file_type=kind,
+        file_type="glb" if is_binary else "gltf",
         resolver=_FolderFiles(file),
         process=False,
         skip_materials=True,
     )
-    primitives = [part for mesh in header["meshes"] for part in mesh["primitives"]]
-    if len(primitives) != len(loaded.geometry):
-        raise ContentError(f"declares {len(primitives)} parts but {len(loaded.geometry)} were read")
-    for primitive, geometry in zip(primitives, loaded.geometry.values(), strict=True):
-        _check_points(
-            np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]]
-        )
-    return loaded, declared
+    counts = [_count_vertices(part, header) for mesh in meshes for part in mesh]
+    found = [len(part.vertices) for part in scene.geometry.values()]
+    surface = flatten_trimesh(scene, str(file))
+    if counts != found or len(surface[1]) != declared:
+        problem = f"holds {declared} triangles but {len(surface[1])} were read"
+        rule, hint = "nothing may be lost or made up", "write it again as binary STL"
+        raise ContentError(f"{problem}, in parts of {found!s:.60} vertices", rule, hint)
+    return surface
+
+
+def _count_vertices(primitive: dict[str, Any], header: dict[str, Any]) -> int:
+    """Return the number of vertices of a glTF primitive."""
+    return int(header["accessors"][primitive["attributes"]["POSITION"]]["count"])
 
 
 def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
@@ -227,17 +222,6 @@ def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
         )
     if any(node.get("weights", mesh.get("weights", []))):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
-
-
-def _check_points(points: Floats, accessor: dict[str, Any]) -> None:
-    """Check the number of vertices of a primitive against its accessor.
-
-    ``points`` has shape (n, 3). Raises ContentError if it differs.
-    """
-    if len(points) != accessor["count"]:
-        raise ContentError(
-            f"declares {accessor['count']} vertices of a part but {len(points)} were read"
-        )
 
 
 def _refuse_extensions(element: dict[str, Any]) -> None:
@@ -430,23 +414,6 @@ def _parse_stl_text(data: bytes) -> Floats:
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise ContentError(f"has stray words of facets besides its {len(facets)} whole ones")
     return parse_numbers([word for facet in facets for word in facet], float).reshape(-1, 3)
-
-
-def _read_gltf(file: Path) -> Surface:
-    """Read the triangles of a glTF scene.
-
-    Raises ContentError if their number is not the declared one.
-    """
-    scene, declared = load_gltf_scene(file)
-    vertices, faces = flatten_trimesh(scene, str(file)) if declared else join_surfaces([])
-    if len(faces) != declared:
-        raise ContentError(
-            f"holds {declared} triangles but {len(faces)} were read",
-            "none may be lost or made up",
-            "write it again as binary STL",
-            value=(declared, len(faces)),
-        )
-    return vertices, faces
 
 
 def _read_ply(file: Path) -> Surface:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -239,27 +238,17 @@ def read_obj(file: Path) -> Surface:
 
 
 def _read_lines(file: Path) -> list[bytes]:
-    """Return the lines without comments, with continued lines joined."""
+    """Return the lines without comments; refuse a line that the next one continues."""
     data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
         raise ContentError("is not text")
-    if b"\\" in data:
-        data = re.sub(rb"#[^\r\n]*", b"", data)
-        lost = re.search(
-            rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE
-        )
-        if lost:
-            line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
-            problem = (
-                f"has a backslash before the line {line!r}, which would join it to the line before"
-            )
-            raise ContentError(problem, "a backslash continues a line", "remove it")
-        data = re.sub(rb"\\[ \t]*(?:\r\n|\r|\n)", b" ", data)
-    return (
-        [line.partition(b"#")[0] for line in data.splitlines()]
-        if b"#" in data
-        else data.splitlines()
-    )
+    lines = data.splitlines()
+    if b"#" in data:
+        lines = [line.partition(b"#")[0] for line in lines]
+    if b"\\" in data and any(line.rstrip().endswith(b"\\") for line in lines):
+        hint = "write it again with whole lines, e.g. with trimesh"
+        raise ContentError("has a line that ends with a backslash", "it would be split", hint)
+    return lines
 
 
 def _parse_vertices(points: list[list[bytes]]) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -46,26 +46,18 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has
     coordinates that are not finite or three-dimensional.
     """
-    named = [(name, _split_parts(shape)) for name, shape in _iterate_geometries(source, "polygons")]
-    shapes = [part for _, parts in named for part in parts]
+    names: list[str] = []
+    shapes: list[BaseGeometry] = []
+    for name, shape in _iterate_geometries(source, "polygons"):
+        parts = _split_parts(shape)
+        shapes += parts
+        names += [f"{name}, part {n}" for n in range(len(parts))] if len(parts) > 1 else [name]
     if not shapes:
-        hint = (
-            "pass at least one polygon, line or point, or use Workspace.from_array for a map "
-            "without obstacles"
-        )
+        hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
         raise GeometryError(
             "polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source
         )
-    lasts = np.cumsum([len(parts) for _, parts in named])
-
-    def name_part(number: int) -> str:
-        source = int(np.searchsorted(lasts, number, side="right"))
-        name, parts = named[source]
-        return (
-            name if len(parts) == 1 else f"{name}, part {number - int(lasts[source]) + len(parts)}"
-        )
-
-    check_shapes(shapes, name_part)
+    check_shapes(shapes, names)
     return shapes
 
 
@@ -193,12 +185,12 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     return [part for inner in shapely.get_parts(shape) for part in _split_parts(inner)]
 
 
-def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) -> None:
+def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     """Raise GeometryError for the first unusable shape.
 
     Shapes must be finite, plane, valid and filled with points.
 
-    ``name_of`` names the shape at an index in messages.
+    ``names`` name the shapes in messages.
     """
     import shapely
 
@@ -209,7 +201,7 @@ def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) 
         (x, y), which = points[broken[0]], int(owners[broken[0]])
         rule, hint = "NaN and infinities are refused", "drop or replace it"
         raise GeometryError(
-            name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
+            names[which], f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
         )
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()]) if is_invalid.any() else ""
@@ -226,4 +218,4 @@ def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) 
     ):
         if refused.any():
             which = int(refused.argmax())
-            raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
+            raise GeometryError(names[which], problem, rule, hint, value=shapes[which])
