@@ -50,8 +50,8 @@ def read_octomap(
     check_cells(path, across, memory=2.0)
     leaves[:, :3] -= first
     unseen, occupied = np.ones(across, dtype=np.bool_), np.zeros(across, dtype=np.bool_)
-    fill_leaves(unseen, np.ascontiguousarray(leaves[:, :4]), False)
-    fill_leaves(occupied, np.ascontiguousarray(leaves[leaves[:, 4] == 1, :4]), True)
+    fill_leaves(unseen, leaves[:, :4], False)
+    fill_leaves(occupied, leaves[leaves[:, 4] == 1, :4], True)
     if unknown_is_occupied:
         occupied |= unseen
     lower = (first - _ORIGIN_CELL) * resolution
@@ -187,15 +187,12 @@ def _lowest_bit(bits: int) -> int:
     return number
 
 
-@kernel
 def fill_leaves(out: Bools, leaves: Ints, value: bool) -> None:
     """Set `out` to `value` in cubic leaves.
 
     `leaves` has shape (n, 4): first cell and side.
     """
-    for n in range(len(leaves)):
-        x, y, z, side = leaves[n]
-        for i in range(x, x + side):
-            for j in range(y, y + side):
-                for k in range(z, z + side):
-                    out[i, j, k] = value
+    is_cell = leaves[:, 3] == 1
+    out[tuple(leaves[is_cell, :3].T)] = value
+    for x, y, z, side in leaves[~is_cell].tolist():
+        out[x : x + side, y : y + side, z : z + side] = value
