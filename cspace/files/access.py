@@ -117,14 +117,9 @@ def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
         file = Path(path)
         if file.is_file():
             return file, "file"
-        return (
-            file,
-            "a folder"
-            if file.is_dir()
-            else "a device, a pipe or a socket"
-            if file.exists()
-            else "",
-        )
+        if file.is_dir():
+            return file, "a folder"
+        return file, "a device, a pipe or a socket" if file.exists() else ""
     except (TypeError, ValueError) as error:
         raise name_error(path) from error
     except OSError as error:

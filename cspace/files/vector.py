@@ -142,29 +142,24 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
         raise GeometryError(name, problem, "it must be whole", hint, value=text) from error
 
 
-def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+def _from_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
     from shapely.geometry import shape
 
+    if not isinstance(document, Mapping):
+        problem, hint = f"has geometry {document!r:.60}", "remove or correct the feature"
+        raise GeometryError(name, problem, "an obstacle needs one", hint, value=document)
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
-        if not isinstance(features, list) or not all(
-            isinstance(feature, Mapping) for feature in features
-        ):
+        if not isinstance(features, list):
             problem = f"has features {features!r:.60}"
-            raise GeometryError(
-                name, problem, "they must be a list of objects", "correct the file", value=features
-            )
+            raise GeometryError(name, problem, "they must be a list", "correct it", value=features)
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
-        inner = document.get("geometry")
-        if not isinstance(inner, Mapping):
-            problem, hint = f"has geometry {inner!r:.60}", "remove or correct the feature"
-            raise GeometryError(name, problem, "an obstacle needs one", hint, value=inner)
-        yield from _from_geojson(inner, name)
+        yield from _from_geojson(document.get("geometry"), name)
         return
     try:
         with np.errstate(invalid="ignore"):
