@@ -525,7 +525,8 @@ class Robot(NotebookPicture):
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
         name, part = _split_part(path, files)
-        rule = "it must be a file that describes a robot"
+        texts = ", ".join(primitives.SHORT_TEXTS)
+        rule = f"it must be a file that describes a robot; Robot.parse takes {texts}"
         suffix = check_suffix(name, files, rule, "robot")
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}

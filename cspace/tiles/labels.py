@@ -19,6 +19,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csgraph
 
 from cspace.arrays import Ints
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 
 LABEL_BYTES_PER_STATE: Final = 24
 """Memory for each state while a tile is labelled, in bytes, if every other cell is FREE."""
+
+MAX_CROSSING_DEPTH_CELLS: Final = 8.0
+"""Crossings this far from the boundary of a common face are equally good, in cells."""
 
 MAX_REGIONS: Final = 8
 """Number of labelled regions that stay in memory between queries."""
@@ -231,7 +235,8 @@ class TiledComponents:
     def _find_crossing(self, tiles: list[Index], labels: Ints, start: Ints, goal: Ints) -> Ints:
         """Return a cell of the layer that two tiles share, with a given label in each.
 
-        It is the one with the shortest way from ``start`` and to ``goal``.
+        Of the cells far from the boundary of the common area, it is the one with the shortest way
+        from ``start`` and to ``goal``.
         """
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
@@ -240,7 +245,11 @@ class TiledComponents:
             find_in_region(self._folder, tile, self._region(tile), cells, mixed=False)
             for tile in tiles
         )
-        found = cells[(here == labels[0]) & (there == labels[1])]
+        sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
+        common = ((here == labels[0]) & (there == labels[1])).reshape(-1, *sides)
+        padded = distance_transform_edt(np.pad(common, 1))
+        depth = padded[(slice(1, -1),) * common.ndim].ravel()
+        found = cells[depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
         ways = [np.linalg.norm((found - end)[:, 1:], axis=1) for end in (start, goal)]
         best: Ints = found[int(np.argmin(sum(ways)))]
         return best
