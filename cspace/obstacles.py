@@ -14,10 +14,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Box, Ints
 from cspace.check import check_cells, check_dims
@@ -115,17 +114,16 @@ class LazyCells:
     def stamp(self) -> str:
         """Digest that changes when the cells change.
 
-        It has the sizes and times of the files of the array. An array without files is read as a
-        whole, once; the name of a dask array does not serve, because it may be another one in the
-        process that resumes a build.
+        It has the sizes and times of the files of the array. An array without files, or a part of a
+        mapped file, is read as a whole, once; the name of a dask array does not serve, because it
+        may be another one in the process that resumes a build.
         """
         if self._file is None:
             self._digest = self._digest or self._digest_cells()
             return self._digest
         parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         if isinstance(self.array, np.memmap):
-            whole, begin = _find_mapped(self.array)
-            parts.append(f"{whole.offset + begin} {self.array.strides}")
+            parts.append(f"{self.array.offset} {self.array.strides}")
         for path in _files_to_watch(self._file):
             try:
                 status = path.stat()
@@ -151,7 +149,8 @@ class LazyCells:
     def _file(self) -> Path | None:
         """File or folder that contains the array, if it is known."""
         array = self.array
-        file = getattr(array, "filename", None)  # numpy.memmap
+        is_part = isinstance(array, np.memmap) and not isinstance(array.base, mmap.mmap)
+        file = None if is_part else getattr(array, "filename", None)  # numpy.memmap
         root = getattr(getattr(array, "store", None), "root", None)  # zarr
         if root is not None:
             file = Path(root) / getattr(array, "path", "")
@@ -160,11 +159,10 @@ class LazyCells:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the name of a mapped file, not its values."""
         array = self.array
-        if not isinstance(array, np.memmap) or array.filename is None:
+        if not isinstance(array, np.memmap) or self._file is None:
             return LazyCells, (array, self._digest)
-        whole, begin = _find_mapped(array)
-        place = whole.offset, whole.nbytes, begin
-        return _open_memmap, (str(array.filename), *place, array.shape, array.dtype, array.strides)
+        order = "C" if array.flags.c_contiguous else "F"
+        return _open_memmap, (self._file, array.dtype, array.offset, array.shape, order)
 
 
 def _unwrap(array: Any) -> Any:
@@ -177,32 +175,11 @@ def _package_of(array: Any) -> str:
     return type(array).__module__.partition(".")[0]
 
 
-def _find_mapped(view: NDArray[Any]) -> tuple[np.memmap[Any, Any], int]:
-    """Return the memory map that a view is part of, and its first byte in the map."""
-    whole: Any = view
-    while not isinstance(whole.base, mmap.mmap):
-        whole = whole.base
-    return whole, view.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
-
-
 def _open_memmap(
-    file: str,
-    offset: int,
-    size: int,
-    begin: int,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    strides: tuple[int, ...],
+    file: Path, dtype: np.dtype[Any], offset: int, shape: tuple[int, ...], order: Literal["C", "F"]
 ) -> LazyCells:
-    """Open a view of a file as a memory map.
-
-    ``offset``, ``size`` and ``begin`` are in bytes: the mapped part of the file, and the start of
-    the view in it.
-    """
-    whole = np.memmap(file, dtype=np.uint8, mode="r", offset=offset, shape=(size,))
-    view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
-    view.filename = Path(file)
-    return LazyCells(view)
+    """Map an array of a file into memory, from a byte on."""
+    return LazyCells(np.memmap(file, dtype, "r", offset, shape, order))
 
 
 def _files_to_watch(file: Path) -> Iterable[Path]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cspace.arrays import StrPath
 from cspace.errors import FileError
-from cspace.files.access import inspect_path, retry_if_replaced, suggest_name
+from cspace.files.access import inspect_path, suggest_name
 from cspace.save import TILES_FORMAT, making_map, read_format, read_map
 from cspace.space import CSpace
 
@@ -31,8 +31,8 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     Raises
     ------
     FileError
-        If the map is missing, unreadable, truncated or changed, or of another version of the
-        format.
+        If the map is missing, unreadable, truncated or changed, of another version of the format,
+        or replaced by another process while it is read; then open it again.
 
     Examples
     --------
@@ -43,14 +43,6 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     >>> cspace.open("map.zarr").count() == space.count()
     True
     """
-    return retry_if_replaced(path, lambda: _open_unchanged(path))
-
-
-open = open_map  # noqa: A001 - its public name, cspace.open
-
-
-def _open_unchanged(path: StrPath) -> CSpace | TiledCSpace:
-    """Open a map, assuming that no other process replaces it."""
     _check_folder(path)
     if read_format(path) == TILES_FORMAT:
         from cspace.tiles.space import TiledCSpace
@@ -59,6 +51,9 @@ def _open_unchanged(path: StrPath) -> CSpace | TiledCSpace:
     contents = read_map(path)
     with making_map(path):
         return CSpace(contents)
+
+
+open = open_map  # noqa: A001 - its public name, cspace.open
 
 
 def _check_folder(path: StrPath) -> None:

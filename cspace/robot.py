@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Surface
+from cspace.arrays import StrPath, Surface
 from cspace.check import check_not_negative, check_positive
-from cspace.errors import FileError, InputError
-from cspace.files.access import suggest_converter, suggest_name
+from cspace.errors import InputError
+from cspace.files.access import check_suffix
 from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
@@ -250,9 +250,9 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``,
-            ``.gltf`` and ``.dae``. A warning is given if the mesh is farther from its origin than
-            its own size.
+            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``
+            or ``.gltf``. A warning is given if the mesh is farther from its origin than its own
+            size.
         solid : {"auto", "surface", "fill"}
             Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a
             ``cspace.Mesh``.
@@ -504,7 +504,7 @@ class Robot(NotebookPicture):
         ----------
         path : path-like
             Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
+            ``.glb``, ``.gltf``; a robot's description: ``.urdf``, links of it as
             ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as
             ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
@@ -520,42 +520,14 @@ class Robot(NotebookPicture):
         FileError
             If the file cannot be read.
         """
-        try:
-            text = os.fspath(path)
-        except TypeError as error:
-            hint = "pass a string or a pathlib.Path"
-            raise InputError(
-                "robot", f"is {path!r}", "it must be a file name", hint, value=path
-            ) from error
         files = _files()
-        name, mark, part = text.rpartition("#")
-        if not mark or Path(text).suffix.lower() in files:
-            name, part = text, ""
-        suffix = Path(name).suffix.lower()
-        if primitives.is_short_text(text) and not Path(name).exists():
-            raise InputError(
-                "robot",
-                f"is {text!r}",
-                "it must be a file",
-                f"use Robot.parse({text!r})",
-                value=path,
-            )
-        if suffix not in files:
-            known = ", ".join(files)
-            if name and Path(name).exists():
-                hint = suggest_converter(Path(name)) or "convert the file"
-                raise FileError(
-                    name, f"has suffix {suffix!r}", f"robots are read from {known}", hint
-                )
-            kinds = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
-            hint = " ".join(filter(None, (suggest_name(Path(name)), kinds)))
-            raise InputError(
-                "robot",
-                f"is {text!r}",
-                "it must be a file that describes a robot",
-                hint,
-                value=path,
-            )
+        if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
+            hint = f"use Robot.parse({path!r})"
+            raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
+        name, part = _split_part(path, files)
+        texts = ", ".join(primitives.SHORT_TEXTS)
+        rule = f"it must be a file that describes a robot; Robot.parse takes {texts}"
+        suffix = check_suffix(name, files, rule, "robot")
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}
         options = {option: value for option, value in given.items() if value is not None}
@@ -566,7 +538,7 @@ class Robot(NotebookPicture):
                     f"{', '.join(known for known, (_, names) in files.items() if option in names)}"
                 )
                 raise InputError(
-                    option, f"is {value!r} for {text}", rule, "leave it out", value=value
+                    option, f"is {value!r} for {path}", rule, "leave it out", value=value
                 )
         return reader(Path(name), *[part] if part else [], **options)
 
@@ -634,6 +606,15 @@ class Robot(NotebookPicture):
         hint = "use a larger spacing, or check the robot's units (metres) and origin"
         check_reach(far, "robot", "its reference point", hint)
         return self.shape.rasters(side, grown, rotation)
+
+
+def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:
+    """Return the file of a path such as ``FILE.urdf#LINK``, and the name of the part or ""."""
+    text = path if isinstance(path, str) else str(path)
+    name, mark, part = text.rpartition("#")
+    if not mark or Path(text).suffix.lower() in suffixes:
+        return path, ""
+    return name, part
 
 
 def robot_of(source: Robot | ShapeLike) -> Robot:

@@ -147,11 +147,8 @@ class Workspace(WorkspacePlot):
         """Return source, cells, and the occupied and unknown shares."""
         grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
         if self.unknown is not None:
-            count, taken = int(np.count_nonzero(self.unknown)), 0
-            for outer, unseen in zip(
-                self.outer, self.unknown, strict=True
-            ):  # slab by slab, to spare memory
-                taken += int(np.count_nonzero(outer & unseen))
+            count = int(np.count_nonzero(self.unknown))
+            taken = int(np.count_nonzero(self.outer & self.unknown))
             occupied -= taken
             unknown = f", {100.0 * count / self.outer.size:.3g} % unknown"
             unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")
@@ -193,7 +190,7 @@ class Workspace(WorkspacePlot):
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
-        from cspace.files.formats import read_cells, read_zarr_array
+        from cspace.files.formats import read_npy, read_zarr_array
         from cspace.limits import check_cells as check_file_cells
         from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
@@ -204,7 +201,7 @@ class Workspace(WorkspacePlot):
             if Path(array).suffix.lower() == ".zarr":
                 array = read_zarr_array(array)
             else:
-                array = read_cells(source)
+                array = read_npy(source)
                 if not lazy:
                     check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
@@ -220,12 +217,9 @@ class Workspace(WorkspacePlot):
             )
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
-        made = cls(
-            Grid(corner, spacing, cells.shape),
-            cells,
-            cells if inner is None else check_cells(inner, "inner"),
-        )
-        return made if source == made.source else replace(made, source=source)
+        grid = Grid(corner, spacing, cells.shape)
+        inside = cells if inner is None else check_cells(inner, "inner")
+        return cls(grid, cells, inside, source=source)
 
     @classmethod
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
@@ -371,35 +365,44 @@ class Workspace(WorkspacePlot):
     @classmethod
     def _of(
         cls,
-        shape: Shape,
+        shapes: Sequence[Shape],
         spacing: float,
         box: Floats | None,
         source: str,
         kind: str = "",
         points: Floats | None = None,
-        cost: int = WORKSPACE_CELL_BYTES,
         lazy: bool = False,
     ) -> Workspace:
-        """Rasterize a shape on a grid.
+        """Rasterize shapes of one dimension on a grid.
 
-        The grid covers a box, shape (2, dim), or the bounds of the shape. If ``kind`` names the
-        shape, warn if the extent of its points, or of its corners, can hardly be in metres.
-        ``cost`` is in bytes per cell.
+        The grid covers a box, shape (2, dim), or the bounds of the shapes. If ``kind`` names the
+        shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
         """
-        corners = np.stack(shape.outer.bounds)
+        from cspace.obstacles import Obstacle, ShapeCells
+
+        bounds = np.array([shape.outer.bounds for shape in shapes])
+        corners = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+        is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
+        cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
         if kind:
-            extent = (
-                corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
-            )
+            extent = corners
+            if points is not None:
+                extent = np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
-            from cspace.obstacles import ShapeCells
-
-            return LazyWorkspace(grid, ShapeCells(shape, grid), source, (shape,))
-        outer, inner = shape.cells(grid)
+            return LazyWorkspace(grid, ShapeCells(shapes[0], grid), source, tuple(shapes))
+        if len(shapes) == 1:
+            outer, inner = shapes[0].cells(grid)
+        else:
+            outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+            for shape in shapes:
+                part = Obstacle.of(shape, grid)
+                window = tuple(map(slice, *part.box))
+                outer[window] |= part.outer
+                inner[window] |= part.inner
         warn_of_nothing(outer, grid, corners)
-        return cls(grid, outer, inner, source=source, shapes=(shape,))
+        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     @classmethod
     def from_shapes(
@@ -451,35 +454,16 @@ class Workspace(WorkspacePlot):
                 "shapes", "is empty", "at least one shape is needed", hint, value=shapes
             )
         for index, shape in enumerate(made):
+            shape.outer.boundary()  # raises the errors of later exact queries now
             if shape.dim != made[0].dim:
                 rule = f"all must be in {made[0].place}, as shapes[0] is"
                 raise InputError(
                     f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape
                 )
         box = None if bounds is None else check_bounds(bounds, made[0].dim)
-        return cls._of_shapes(
+        return cls._of(
             made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes"
         )
-
-    @classmethod
-    def _of_shapes(
-        cls, shapes: Sequence[Shape], spacing: float, box: Floats | None, source: str, kind: str
-    ) -> Workspace:
-        """Rasterize several shapes of one dimension; arguments are as for :meth:`_of`."""
-        from cspace.obstacles import Obstacle
-
-        bounds = np.array([shape.outer.bounds for shape in shapes])
-        corners = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
-        grid = covering_grid(corners if box is None else box, spacing, MESH_CELL_BYTES)
-        warn_of_units(corners, spacing, kind, box is not None)
-        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for shape in shapes:
-            part = Obstacle.of(shape, grid)
-            window = tuple(map(slice, *part.box))
-            outer[window] |= part.outer
-            inner[window] |= part.inner
-        warn_of_nothing(outer, grid, corners)
-        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     def _in_memory(self) -> Workspace:
         """Return the workspace with all its cells in memory."""
@@ -552,7 +536,7 @@ class Workspace(WorkspacePlot):
             and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
         )
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
-        return cls._of(shape, spacing, box, source, "set of polygons", lazy=lazy)
+        return cls._of([shape], spacing, box, source, "set of polygons", lazy=lazy)
 
     @classmethod
     def from_mesh(
@@ -569,7 +553,7 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and ``.dae``.
+            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb`` and ``.gltf``.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
@@ -602,7 +586,7 @@ class Workspace(WorkspacePlot):
             raise InputError(
                 "lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy
             )
-        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_CELL_BYTES, lazy=lazy)
+        made = cls._of([shape], spacing, box, source, "mesh", lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -637,7 +621,7 @@ class Workspace(WorkspacePlot):
         balls = Balls.of(centers, radii)
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, balls.dim)
-        return cls._of(balls, spacing, box, f"{len(balls.radii)} balls")
+        return cls._of([balls], spacing, box, f"{len(balls.radii)} balls")
 
     @classmethod
     def from_points(
@@ -681,11 +665,11 @@ class Workspace(WorkspacePlot):
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
         source = str(points) if named else f"{len(cloud.radii)} points"
-        return cls._of(cloud, spacing, box, source, "cloud", cloud.centers)
+        return cls._of([cloud], spacing, box, source, "cloud", cloud.centers)
 
     @classmethod
     def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
+        """Read an OctoMap, ``.bt``, at its finest resolution.
 
         Parameters
         ----------
@@ -755,7 +739,7 @@ class Workspace(WorkspacePlot):
 
         check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
-        return cls._of_shapes(
+        return cls._of(
             read_scene_shapes(path, package_dirs), spacing, box, str(path), "planning scene"
         )
 
@@ -769,7 +753,7 @@ class Workspace(WorkspacePlot):
             ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
             ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
             ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
+            ``.glb``, ``.gltf`` (mesh); ``.bt`` (OctoMap); ``.xyz``, ``.txt``,
             ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
             or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
         **options

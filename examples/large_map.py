@@ -2,7 +2,7 @@
 A map larger than memory
 ========================
 
-A map is built tile by tile into a folder, where look-ups, plans and updates use it. This map is
+A map is built tile by tile into a folder, where look-ups and plans use it. This map is
 small; a city needs the same calls.
 """
 

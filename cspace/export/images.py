@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED
-from cspace.errors import InputError
-from cspace.files.access import check_suffix, replacing
-from cspace.files.ros import ROS_MAP_SUFFIXES
+from cspace.files.access import replacing
 from cspace.grid import Grid
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
@@ -65,7 +63,7 @@ def write_geotiff(
 
 
 def write_ros_map(
-    state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
 ) -> None:
     """Write the states of a plane map as a ROS map.
 
@@ -74,26 +72,11 @@ def write_ros_map(
     written, both stay as they were. Reading the map with ``unknown="occupied"`` returns the cells
     that are not FREE, with ``unknown="free"`` the BLOCKED cells, on exactly the same grid.
 
-    Raises InputError if the states do not belong to a map of the plane or the suffix is another
-    one, and FileError as :func:`cspace.files.access.replacing`.
+    Raises FileError as :func:`cspace.files.access.replacing`.
     """
     import yaml
 
-    check_suffix(path, ROS_MAP_SUFFIXES, "a ROS map ends in .yaml")
     target = Path(path)
-    cells = np.asarray(state)
-    if cells.shape != grid.shape[:2]:
-        problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        rule, hint = (
-            "a ROS map needs a grid in the plane",
-            "pass CSpace.cell_states, or one slice of it",
-        )
-        raise InputError("cell_states", problem, rule, hint, value=state)
-    if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
-        rule = "states are FREE, MIXED and BLOCKED"
-        raise InputError(
-            "cell_states", "holds other values", rule, "pass CSpace.cell_states", value=state
-        )
     image = target.with_suffix(".pgm")
     header = {
         "image": image.name,
@@ -105,7 +88,7 @@ def write_ros_map(
         "free_thresh": 0.1,
     }
     levels = np.array([GREY_LEVELS[value] for value in sorted(GREY_LEVELS)], dtype=np.uint8)
-    pixels = levels[cells].T[::-1]
+    pixels = levels[state].T[::-1]
     # The YAML refers to the image, so it is renamed last.
     with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
         image_file.write_bytes(

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats
-from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 
@@ -38,14 +37,8 @@ def write_vti(
     float64. The arrays of `about`, float64 with shape (n,), become field data: numbers about the
     whole.
 
-    Raises InputError if an array has another shape or type, and FileError as
-    :func:`cspace.files.access.replacing`.
+    Raises FileError as :func:`cspace.files.access.replacing`.
     """
-    for name, array in arrays.items():
-        if array.shape != grid.shape or str(array.dtype) not in _VTK_TYPES:
-            problem = f"has shape {array.shape} and type {array.dtype}"
-            rule = f"it must have the grid's shape {grid.shape} and be {', '.join(_VTK_TYPES)}"
-            raise InputError(name, problem, rule, "convert it", value=array)
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(_vti_header(arrays, grid, about or {}).encode())
         for numbers in (about or {}).values():

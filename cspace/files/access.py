@@ -11,12 +11,11 @@ import io
 import itertools
 import os
 import shutil
-import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +33,8 @@ _MAX_NUMBER_BYTES: Final = 64
 _TEMPORARY_PREFIX: Final = ".cspace-"
 """Prefix of the names of outputs that are incomplete or being replaced."""
 
-_MAX_READS: Final = 1000
-"""Maximum number of attempts to read an output that other processes keep replacing."""
-
-_RETRY_SECONDS: Final = 0.002
-"""Pause, in seconds, between two attempts to read an output that is being replaced."""
-
 _MAX_NAMES_COMPARED: Final = 10_000
 """Maximum number of names in a folder that are compared with a misspelt one."""
-
-Result = TypeVar("Result")
 
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
@@ -52,7 +43,9 @@ _MAX_LFS_POINTER_BYTES: Final = 1024
 """Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
 _CONVERTERS: Final = {
+    ".dae": "convert it: trimesh.load('mesh.dae').export('mesh.stl'), with pycollada",
     ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
+    ".ot": "convert it with OctoMap: convert_octree tree.ot tree.bt",
     ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
 }
 """Hint for each suffix of other formats that are easily converted."""
@@ -124,14 +117,9 @@ def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
         file = Path(path)
         if file.is_file():
             return file, "file"
-        return (
-            file,
-            "a folder"
-            if file.is_dir()
-            else "a device, a pipe or a socket"
-            if file.exists()
-            else "",
-        )
+        if file.is_dir():
+            return file, "a folder"
+        return file, "a device, a pipe or a socket" if file.exists() else ""
     except (TypeError, ValueError) as error:
         raise name_error(path) from error
     except OSError as error:
@@ -489,40 +477,6 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
             "choose another name, or remove the folder yourself",
         )
         raise FileError(str(target), "holds more than an earlier output", rule, hint)
-
-
-def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) -> Result:
-    """Read an output, and again whenever another process replaced it meanwhile.
-
-    :func:`replacing` renames a folder twice. A reader can find it missing in between, or find files
-    of both folders.
-
-    Errors of `read` are raised if the output stays unchanged.
-    """
-    for _ in range(_MAX_READS - 1):
-        before = _fingerprint(path)
-        try:
-            return read()
-        except FileError:
-            is_between = before is None and any(
-                Path(os.path.realpath(path)).parent.glob(f"{_TEMPORARY_PREFIX}*")
-            )
-            if _fingerprint(path) == before and not is_between:
-                raise
-            time.sleep(_RETRY_SECONDS)
-    return read()
-
-
-def _fingerprint(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
-    """Return inode and times, which change when a file is replaced.
-
-    Returns None if nothing is there.
-    """
-    try:
-        status = Path(path).stat()
-    except (OSError, TypeError, ValueError):
-        return None
-    return status.st_ino, status.st_mtime_ns, status.st_ctime_ns
 
 
 def _temporary_name(target: Path) -> Path:

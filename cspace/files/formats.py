@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import StrPath
-from cspace.errors import InputError
 from cspace.files import meshes, ros, vector
 from cspace.files.access import check_file, check_suffix, decoding
 from cspace.files.polygons import read_ply_header
@@ -54,7 +53,7 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("from_polygons", 2)),
     **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
     **dict.fromkeys(meshes.MESH_SUFFIXES, Format("from_mesh", 3)),
-    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
+    ".bt": Format("from_octomap", 3),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
     **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2)),
 }
@@ -102,23 +101,6 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     rule = "it must hold one array, boolean for cells or floating-point for points"
     with decoding(file, _NUMPY_KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
         return np.lib.format.open_memmap(file, mode="r")
-
-
-def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Map an array of cells from a ``.npy`` file into memory, read-only.
-
-    Raises InputError if it looks like points saved as whole numbers, and FileError as
-    :func:`read_npy`.
-    """
-    array = read_npy(path)
-    if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
-        problem = f"holds {len(array)} rows of three whole numbers beyond 0 and 1"
-        rule, hint = (
-            "cells are booleans and points are floats",
-            "save points as array.astype(float), in metres",
-        )
-        raise InputError(os.fspath(path), problem, rule, hint)
-    return array
 
 
 def read_zarr_array(path: str | os.PathLike[str]) -> ZarrArray:

@@ -185,49 +185,42 @@ def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
     ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is
     the top.
 
-    Raises FileError, naming the line, if the file is missing, the header is malformed, a row has
-    the wrong length or another character, or the number of rows is wrong.
+    Raises FileError if the file is missing, the header is malformed, a row has the wrong length or
+    another character, or the number of rows is wrong.
     """
     with decoding(path, "MovingAI map"):
         lines = _read_lines(path, "MovingAI map")
-        if lines[:1] != ["type octile"]:
-            raise _line_error(1, lines, "'type octile'")
-        sizes: dict[str, int] = {}
-        for number, line in enumerate(lines[1:3], start=2):
-            key, _, value = line.partition(" ")
-            if key not in ("height", "width") or not is_count(value.strip()) or int(value) == 0:
-                raise _line_error(
-                    number, lines, "'height' or 'width' and a whole number above zero"
-                )
-            sizes[key] = int(value)
-        if len(sizes) != 2:
-            raise _line_error(
-                min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3"
+        width, height = _parse_map_header(lines)
+        rows = lines[4:]
+        widths = set(map(len, rows))
+        if len(rows) != height or widths != {width}:
+            problem = f"has {len(rows)} rows of {sorted(widths)[:5]} characters"
+            raise ContentError(f"{problem} but its header says {height} rows of {width}")
+        text = "".join(rows)
+        wrong = text.translate(_DROP_CELLS)
+        if wrong:
+            row, column = divmod(text.index(wrong[0]), width)
+            problem = f"line {row + 5}, column {column + 1} is {wrong[0]!r}"
+            rule = (
+                f"cells are one of '{PASSABLE_CHARACTERS}' (passable) or "
+                f"'{BLOCKED_CHARACTERS}' (blocked)"
             )
-        if lines[3:4] != ["map"]:
-            raise _line_error(4, lines, "'map'")
-        rows, width, height = lines[4:], sizes["width"], sizes["height"]
-        for number, row in enumerate(rows, start=5):
-            if len(row) != width:
-                raise ContentError(
-                    f"line {number} has {len(row)} characters but the header says width {width}"
-                )
-            wrong = row.translate(_DROP_CELLS)
-            if wrong:
-                problem = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
-                rule = (
-                    f"cells are one of '{PASSABLE_CHARACTERS}' (passable) or "
-                    f"'{BLOCKED_CHARACTERS}' (blocked)"
-                )
-                raise ContentError(problem, rule, "replace it")
-        if len(rows) != height:
-            raise ContentError(
-                f"ends at line {len(lines)} with {len(rows)} rows but the header says height "
-                f"{height}"
-            )
-        cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
+            raise ContentError(problem, rule, "replace it")
+        cells = np.frombuffer(text.encode("ascii"), dtype=np.uint8).reshape(height, width)
         blocked = np.isin(cells, np.frombuffer(BLOCKED_CHARACTERS.encode("ascii"), dtype=np.uint8))
         return np.ascontiguousarray(blocked[::-1].T)
+
+
+def _parse_map_header(lines: list[str]) -> tuple[int, int]:
+    """Return the width and the height of a map."""
+    sizes = {key: word for key, _, word in (line.partition(" ") for line in lines[1:3])}
+    is_header = [*lines[:1], *lines[3:4]] == ["type octile", "map"]
+    if is_header and sizes.keys() == {"height", "width"} and all(map(is_count, sizes.values())):
+        width, height = int(sizes["width"]), int(sizes["height"])
+        if width and height:
+            return width, height
+    rule = "it must be 'type octile', 'height H', 'width W' and 'map', a line each, H and W above 0"
+    raise ContentError(f"begins with {lines[:4]!r:.100}", rule, "fetch it again")
 
 
 def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -31,10 +30,6 @@ from cspace.files.formats import read_npy
 from cspace.files.polygons import read_ply
 
 _PCD_KIND: Final = "PCD file"
-
-_PCD_TYPES: Final = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
-_MAX_POINT_BYTES: Final = 2**20
-"""Maximum size of one point in bytes, far more than any scanner or descriptor writes."""
 
 _PCD_KEYS: Final = (
     *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
@@ -99,33 +94,6 @@ def _read_text(path: StrPath) -> Floats:
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
-@dataclass(frozen=True, slots=True)
-class _PcdHeader:
-    """Content of the text before the points."""
-
-    fields: tuple[str, ...]
-    types: tuple[np.dtype[np.generic], ...]
-    counts: tuple[int, ...]
-    points: int
-    data: str
-    lines: int
-
-    @property
-    def record(self) -> np.dtype[np.void]:
-        """Data type of one point.
-
-        Fields are named by index, because padding fields share one name.
-        """
-        return np.dtype(
-            [(str(n), *entry) for n, entry in enumerate(zip(self.types, self.counts, strict=True))]
-        )
-
-    @property
-    def xyz(self) -> list[int]:
-        """Indices of the coordinate fields."""
-        return [self.fields.index(axis) for axis in "xyz"]
-
-
 def read_pcd(path: str | os.PathLike[str]) -> Floats:
     """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
@@ -135,13 +103,44 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     ``ascii`` file within its last number cannot be detected.
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
-    header, end = _parse_pcd_header(content)
-    points = _DECODERS[header.data](header, content[end:])
-    return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+    entries, lines, end = _parse_pcd_header(content)
+    data = " ".join(entries["DATA"])
+    if data == "binary_compressed":
+        hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
+        raise ContentError("holds compressed points", "only ascii and binary are read", hint)
+    if data not in ("ascii", "binary"):
+        raise ContentError(
+            f"says DATA {data!r:.60}", "it must be ascii or binary", "write it again"
+        )
+    try:
+        counts = [int(word) for word in entries.get("COUNT", ["1"] * len(entries["FIELDS"]))]
+        record = _make_record(entries, counts)
+        expected = _count_points(entries)
+    except (TypeError, ValueError, IndexError) as error:
+        rule = (
+            "fields need types F, I or U, a SIZE in bytes and a COUNT, and POINTS is their number"
+        )
+        raise ContentError(f"has a malformed header: {error}; {rule}") from error
+    columns = _find_coordinates(entries["FIELDS"], counts)
+    if data == "ascii":
+        rows = read_columns(content[end:].decode("latin-1"), lines + 1)
+        found = len(rows)
+    else:
+        found = (len(content) - end) // record.itemsize
+    if found < expected or (data == "ascii" and found > expected):
+        raise ContentError(f"holds {found} points but its header says {expected}")
+    if data == "binary":
+        cloud = np.frombuffer(content, record, expected, end)
+        return np.concatenate([cloud[str(n)] for n in columns], axis=1, dtype=np.float64)
+    if not expected:
+        return np.zeros((0, 3))
+    if rows.shape[1] != sum(counts):
+        raise ContentError(f"has {rows.shape[1]} columns but its header says {sum(counts)}")
+    return np.ascontiguousarray(rows[:, [sum(counts[:n]) for n in columns]])
 
 
-def _parse_pcd_header(content: bytes) -> tuple[_PcdHeader, int]:
-    """Return the header and the position of the byte after it."""
+def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
+    """Return the entries of a header, its number of lines, and the position after it."""
     entries: dict[str, list[str]] = {}
     end = 0
     for number, (line, after) in enumerate(iterate_header_lines(content), start=1):
@@ -161,93 +160,47 @@ def _parse_pcd_header(content: bytes) -> tuple[_PcdHeader, int]:
         raise ContentError(
             f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA"
         )
-    return _check_pcd_header(entries, number), end
+    return entries, number, end
 
 
-def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
-    """Check the entries of a header and convert them."""
-    fields = tuple(entries["FIELDS"])
-    try:
-        sizes = [int(word) for word in entries["SIZE"]]
-        counts = tuple(int(word) for word in entries.get("COUNT", ["1"] * len(fields)))
-        points = _parse_pcd_size(entries)
-    except (ValueError, IndexError) as error:
-        raise ContentError(
-            f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers"
-        ) from error
-    types = list(zip(entries["TYPE"], sizes, strict=False))
-    complete = len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)
-    if not complete or not set(types) <= _PCD_TYPES or min(counts, default=0) < 0:
-        rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
-        raise ContentError(f"has fields {fields} of types {types} and counts {counts}; {rule}")
-    coordinates = [field for field in fields if field in ("x", "y", "z")]
-    if sorted(coordinates) != ["x", "y", "z"] or any(
-        counts[fields.index(axis)] != 1 for axis in "xyz"
-    ):
-        raise ContentError(
-            f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each"
-        )
-    length = sum(size * count for size, count in zip(sizes, counts, strict=True))
-    if length > _MAX_POINT_BYTES:
-        raise ContentError(
-            f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read"
-        )
-    dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
-    return _PcdHeader(fields, dtypes, counts, points, _parse_pcd_data(entries), lines)
+def _make_record(entries: dict[str, list[str]], counts: list[int]) -> np.dtype[np.void]:
+    """Return the data type of one point.
+
+    Fields are named by index, because padding fields share one name. Raises TypeError or ValueError
+    if there is no such type.
+    """
+    if not set(entries["TYPE"]) <= set("FIU"):
+        raise ValueError(f"its types are {' '.join(entries['TYPE'])}")
+    parts = zip(entries["FIELDS"], entries["TYPE"], entries["SIZE"], counts, strict=True)
+    fields = [
+        (str(n), f"<{kind.lower()}{int(size)}", (count,))
+        for n, (_, kind, size, count) in enumerate(parts)
+    ]
+    return np.dtype(fields)
 
 
-def _parse_pcd_size(entries: dict[str, list[str]]) -> int:
+def _count_points(entries: dict[str, list[str]]) -> int:
     """Return the number of points.
 
-    Raises ValueError or IndexError if an entry is no number.
+    Raises ValueError or IndexError if an entry is no number, or they disagree.
     """
     grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
     points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
     if min([points, *grid]) < 0 or (len(grid) == 2 and math.prod(grid) != points):
         size = " x ".join(map(str, grid))
-        raise ContentError(f"says {points} points in {size}, which do not agree")
+        raise ValueError(f"{points} points in {size} do not agree")
     return points
 
 
-def _parse_pcd_data(entries: dict[str, list[str]]) -> str:
-    """Return the encoding of the points."""
-    data = " ".join(entries["DATA"])
-    if data == "binary_compressed":
-        hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
-        raise ContentError("holds compressed points", "only ascii and binary are read", hint)
-    if data not in _DECODERS:
+def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
+    """Return the indices of the fields x, y and z."""
+    single = [field for field, count in zip(fields, counts, strict=True) if count == 1]
+    if any(fields.count(axis) != 1 or axis not in single for axis in "xyz"):
         raise ContentError(
-            f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again"
+            f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each"
         )
-    return data
+    return [fields.index(axis) for axis in "xyz"]
 
-
-def _decode_ascii(header: _PcdHeader, body: bytes) -> Floats:
-    """Decode the points of a text PCD file, shape (n, 3)."""
-    rows = read_columns(body.decode("latin-1"), header.lines + 1)
-    starts = np.cumsum([0, *header.counts])
-    if len(rows) != header.points:
-        raise ContentError(f"holds {len(rows)} points but its header says {header.points}")
-    if len(rows) and rows.shape[1] != starts[-1]:
-        raise ContentError(f"has {rows.shape[1]} columns but its header says {starts[-1]}")
-    return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
-
-
-def _decode_binary(header: _PcdHeader, body: bytes) -> Floats:
-    """Decode the points of a binary PCD file, shape (n, 3)."""
-    record = header.record
-    if len(body) < header.points * record.itemsize:
-        raise ContentError(
-            f"holds {len(body) // record.itemsize} points but its header says {header.points}"
-        )
-    cloud = np.frombuffer(body, dtype=record, count=header.points)
-    return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
-
-
-_DECODERS: Final[dict[str, Callable[[_PcdHeader, bytes], Floats]]] = {
-    "ascii": _decode_ascii,
-    "binary": _decode_binary,
-}
 
 CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
     ".npy": _read_npy,

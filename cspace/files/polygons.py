@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,13 +37,8 @@ FILE_ROUNDING: Final = 1e-6
 """Additional tolerance relative to the largest coordinate, because files keep seven digits."""
 
 
-MAX_FANS: Final = 500
+MAX_FANS: Final = 16
 """Maximum number of corners tried as the centre of a fan; trying all takes quadratic time."""
-
-MIN_WORK: Final = 2**26
-WORK_PER_CORNER: Final = 16
-"""Maximum number of corners visited in all fans tried for a file: `WORK_PER_CORNER` times its
-corners, at least `MIN_WORK`. Visiting a million takes 0.1 s."""
 
 
 _SKIPPED_STATEMENTS: Final = frozenset(
@@ -108,13 +102,12 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         )
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
-    work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
         if size > 4:
             _check_repeats(polygons)
         if size > 3:
-            polygons, work = _cut_fans(vertices, polygons, work)
+            polygons = _cut_fans(vertices, polygons)
         faces.append(polygons)
     return np.concatenate(faces)
 
@@ -131,11 +124,8 @@ def _check_repeats(polygons: Ints) -> None:
         raise _face_error(polygons[np.argmin(distinct)], f"repeat only {distinct.min()} vertices")
 
 
-def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
-    """Cut polygons, shape (P, n) with n > 3, into fans.
-
-    Return the triangles and the work left; at most `work` corners are visited.
-    """
+def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
+    """Cut polygons, shape (P, n) with n > 3, into fans; return the triangles."""
     points = vertices[polygons]
     # A later check refuses values that are not finite, by name.
     points = np.where(np.isfinite(points).all(axis=(1, 2), keepdims=True), points, 0.0)
@@ -153,8 +143,7 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, MAX_FANS)):
         left = np.flatnonzero(apex < 0)
-        work -= len(left) * count
-        if not len(left) or work < 0:
+        if not len(left):
             break
         spokes = np.roll(points[left] - points[left, first : first + 1], -first, axis=1)[:, 1:]
         areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
@@ -170,7 +159,7 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
         [np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]],
         axis=2,
     )
-    return np.asarray(fans.reshape(-1, 3)), work
+    return np.asarray(fans.reshape(-1, 3))
 
 
 def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
@@ -249,27 +238,17 @@ def read_obj(file: Path) -> Surface:
 
 
 def _read_lines(file: Path) -> list[bytes]:
-    """Return the lines without comments, with continued lines joined."""
+    """Return the lines without comments; refuse a line that the next one continues."""
     data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
         raise ContentError("is not text")
-    if b"\\" in data:
-        data = re.sub(rb"#[^\r\n]*", b"", data)
-        lost = re.search(
-            rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE
-        )
-        if lost:
-            line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
-            problem = (
-                f"has a backslash before the line {line!r}, which would join it to the line before"
-            )
-            raise ContentError(problem, "a backslash continues a line", "remove it")
-        data = re.sub(rb"\\[ \t]*(?:\r\n|\r|\n)", b" ", data)
-    return (
-        [line.partition(b"#")[0] for line in data.splitlines()]
-        if b"#" in data
-        else data.splitlines()
-    )
+    lines = data.splitlines()
+    if b"#" in data:
+        lines = [line.partition(b"#")[0] for line in lines]
+    if b"\\" in data and any(line.rstrip().endswith(b"\\") for line in lines):
+        hint = "write it again with whole lines, e.g. with trimesh"
+        raise ContentError("has a line that ends with a backslash", "it would be split", hint)
+    return lines
 
 
 def _parse_vertices(points: list[list[bytes]]) -> Floats:

@@ -16,10 +16,16 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Ints
-from cspace.check import check_finite, check_not_negative, check_positive
+from cspace.arrays import Bools, Floats
+from cspace.check import (
+    check_count,
+    check_finite,
+    check_not_negative,
+    check_positive,
+    check_real,
+)
 from cspace.errors import FileError, GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.images import Shades, read_shades
@@ -436,13 +442,15 @@ def read_occupancy_grid(
             hint,
             value=free_thresh,
         )
-    width, height = (_parse_size(msg, name) for name in ("width", "height"))
-    values = _parse_data(_get_field(msg, "data"))
-    if values.shape != (width * height,):
-        rule = f"it must have width x height = {width} x {height} values"
-        raise InputError(
-            "msg.data", f"has shape {values.shape}", rule, "pass the whole message", value=values
-        )
+    width, height = (
+        check_count(_get_field(msg, f"info.{name}"), f"msg.info.{name}", 1)
+        for name in ("width", "height")
+    )
+    values = check_real(_get_field(msg, "data"), "msg.data")
+    if values.shape != (width * height,) or values.dtype.kind not in "iu":
+        problem = f"has shape {values.shape} and type {values.dtype}"
+        rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
+        raise InputError("msg.data", problem, rule, "pass the whole message", value=values)
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
@@ -473,39 +481,6 @@ def missing_field_error(argument: str, path: str, kind: str) -> InputError:
     return InputError(
         argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message"
     )
-
-
-def _parse_size(msg: object, name: str) -> int:
-    """Return the width or height of a message.
-
-    Raises InputError if it is not a positive integer.
-    """
-    value = _get_field(msg, f"info.{name}")
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        rule = "it must be a whole number above zero"
-        raise InputError(f"msg.info.{name}", f"is {value!r}", rule, "set it", value=value)
-    return int(value)
-
-
-def _parse_data(data: ArrayLike) -> Ints | NDArray[np.int8]:
-    """Return the data of a message as an array of integers."""
-    try:
-        values = np.asarray(data)
-    except ValueError as error:
-        rule = "it must be a flat list of numbers"
-        raise InputError(
-            "msg.data", "is ragged", rule, "pass the whole message", value=data
-        ) from error
-    if values.dtype.kind not in "iu":
-        problem = f"holds values of type {values.dtype}"
-        raise InputError(
-            "msg.data",
-            problem,
-            "they must be whole numbers, from -1 to 100",
-            "round them",
-            value=data,
-        )
-    return values
 
 
 def _parse_resolution(msg: object) -> float:

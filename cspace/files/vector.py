@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -46,26 +46,18 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has
     coordinates that are not finite or three-dimensional.
     """
-    named = [(name, _split_parts(shape)) for name, shape in _iterate_geometries(source, "polygons")]
-    shapes = [part for _, parts in named for part in parts]
+    names: list[str] = []
+    shapes: list[BaseGeometry] = []
+    for name, shape in _iterate_geometries(source, "polygons"):
+        parts = _split_parts(shape)
+        shapes += parts
+        names += [f"{name}, part {n}" for n in range(len(parts))] if len(parts) > 1 else [name]
     if not shapes:
-        hint = (
-            "pass at least one polygon, line or point, or use Workspace.from_array for a map "
-            "without obstacles"
-        )
+        hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
         raise GeometryError(
             "polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source
         )
-    lasts = np.cumsum([len(parts) for _, parts in named])
-
-    def name_part(number: int) -> str:
-        source = int(np.searchsorted(lasts, number, side="right"))
-        name, parts = named[source]
-        return (
-            name if len(parts) == 1 else f"{name}, part {number - int(lasts[source]) + len(parts)}"
-        )
-
-    check_shapes(shapes, name_part)
+    check_shapes(shapes, names)
     return shapes
 
 
@@ -150,29 +142,24 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
         raise GeometryError(name, problem, "it must be whole", hint, value=text) from error
 
 
-def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+def _from_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
     from shapely.geometry import shape
 
+    if not isinstance(document, Mapping):
+        problem, hint = f"has geometry {document!r:.60}", "remove or correct the feature"
+        raise GeometryError(name, problem, "an obstacle needs one", hint, value=document)
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
-        if not isinstance(features, list) or not all(
-            isinstance(feature, Mapping) for feature in features
-        ):
+        if not isinstance(features, list):
             problem = f"has features {features!r:.60}"
-            raise GeometryError(
-                name, problem, "they must be a list of objects", "correct the file", value=features
-            )
+            raise GeometryError(name, problem, "they must be a list", "correct it", value=features)
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
-        inner = document.get("geometry")
-        if not isinstance(inner, Mapping):
-            problem, hint = f"has geometry {inner!r:.60}", "remove or correct the feature"
-            raise GeometryError(name, problem, "an obstacle needs one", hint, value=inner)
-        yield from _from_geojson(inner, name)
+        yield from _from_geojson(document.get("geometry"), name)
         return
     try:
         with np.errstate(invalid="ignore"):
@@ -188,22 +175,17 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     """Return the simple geometries of a nested collection, in order."""
     import shapely
 
-    parts = np.array([shape], dtype=object)
-    while (
-        nested := (shapely.get_type_id(parts) >= _MIN_COLLECTION_TYPE) & ~shapely.is_empty(parts)
-    ).any():
-        inner, owners = shapely.get_parts(parts[nested], return_index=True)
-        places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
-        parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
-    return list(parts)
+    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
+        return [shape]
+    return [part for inner in shapely.get_parts(shape) for part in _split_parts(inner)]
 
 
-def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) -> None:
+def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     """Raise GeometryError for the first unusable shape.
 
     Shapes must be finite, plane, valid and filled with points.
 
-    ``name_of`` names the shape at an index in messages.
+    ``names`` name the shapes in messages.
     """
     import shapely
 
@@ -214,26 +196,21 @@ def check_shapes(shapes: Sequence[BaseGeometry], name_of: Callable[[int], str]) 
         (x, y), which = points[broken[0]], int(owners[broken[0]])
         rule, hint = "NaN and infinities are refused", "drop or replace it"
         raise GeometryError(
-            name_of(which), f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
+            names[which], f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
         )
+    is_invalid = ~shapely.is_valid(array)
+    reason = shapely.is_valid_reason(array[is_invalid.argmax()]) if is_invalid.any() else ""
     flat = "drop them with shapely.force_2d if height does not matter"
-    rules = (
-        (
-            shapely.is_empty(array),
-            "is empty",
-            "an obstacle must cover some ground",
-            "remove it or fill it",
-        ),
+    for refused, problem, rule, hint in (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
         (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
-    )
-    for refused, problem, rule, hint in rules:
-        for which in np.flatnonzero(refused).tolist():
-            raise GeometryError(name_of(which), problem, rule, hint, value=shapes[which])
-    for which in np.flatnonzero(~shapely.is_valid(array)).tolist():
-        problem, hint = (
-            f"is not valid: {shapely.is_valid_reason(array[which])}",
+        (
+            is_invalid,
+            f"is not valid: {reason}",
+            "a boundary may not cross itself",
             "redraw it, or try shapely.make_valid",
-        )
-        raise GeometryError(
-            name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which]
-        )
+        ),
+    ):
+        if refused.any():
+            which = int(refused.argmax())
+            raise GeometryError(names[which], problem, rule, hint, value=shapes[which])

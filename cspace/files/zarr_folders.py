@@ -102,10 +102,13 @@ class Layout:
         separator = keys.get("configuration", {}).get("separator", "/")
         if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
             problem = f"is encoded with {', '.join(names):.80}"
-            raise ContentError(problem, "chunks may use bytes, then zstd", _CODEC_HINT)
-        if (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
-            rule = "its chunks must be regular, and named with a slash"
-            raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
+        elif (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
+            problem = "has other chunks than zarr's default"
+        else:
+            problem = ""
+        if problem:
+            rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
+            raise ContentError(problem, rule, _CODEC_HINT)
         text = str(metadata["data_type"])
         if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", text):
             raise ContentError(f"has entries of type {text:.40}, which cannot be read")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.errors import GeometryError, InputError
+from cspace.errors import InputError
 from cspace.files.access import suggest_converter, suggest_name
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
@@ -143,13 +143,7 @@ def _shape_of_sequence(given: Any, name: str) -> Shape:
         return Polygons(read_shapes(given))
     row = np.shape(first)
     if row == (2,) and len(given) > 2:
-        try:
-            return Polygons.of(given)
-        except GeometryError as error:
-            hint = f"{error.hint}; for points, pass their radius"
-            raise GeometryError(
-                error.argument, error.problem, error.rule, hint, value=given
-            ) from error
+        return Polygons.of(given)
     if row in ((2,), (3,)) or (row == () and len(given) in (2, 3)):
         hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
         if row == (2,) or len(given) == 2:

@@ -145,23 +145,17 @@ class Mesh(ExactShape):
         vertices, faces = _check_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
             hint = "for a cloud of points use Workspace.from_points"
-            raise GeometryError(
-                self.source, "has no triangles", "a mesh needs one", hint, value=self.faces
-            )
+            raise GeometryError(self.source, "has no triangles", "a mesh needs one", hint)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             problem = f"has shape {faces.shape} and dtype {faces.dtype}"
-            rule, hint = (
-                "it must be (F, 3), of whole numbers",
-                "pass three vertex indices per triangle",
-            )
-            raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
-        low, high = int(faces.min()), int(faces.max())
-        if low < 0 or high >= len(vertices):
-            problem = f"name vertex {low if low < 0 else high}"
-            rule, hint = (
-                f"there are {len(vertices)}, counted from 0",
-                "pass the vertices that belong to the faces",
-            )
+            rule = "it must be (F, 3), of whole numbers"
+        elif faces.min() < 0 or faces.max() >= len(vertices):
+            problem = f"name vertex {faces.min() if faces.min() < 0 else faces.max()}"
+            rule = f"there are {len(vertices)}, counted from 0"
+        else:
+            problem = rule = ""
+        if problem:
+            hint = "pass three vertex indices per triangle"
             raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
         faces = np.array(faces, dtype=np.int64, order="C")
         object.__setattr__(self, "vertices", frozen(vertices))
@@ -377,32 +371,12 @@ class Mesh(ExactShape):
                 f"point; if this is not intended, move its center there first, by {move}"
             )
 
-    def is_same(self, matrix: Floats) -> bool:
-        """Return True if a matrix maps the mesh to itself; see :meth:`Shape.is_same`."""
-        # Sums of the bits as integers do not depend on the order, and few other matrices preserve
-        # them.
-        sums = [
-            (self._corners @ turn.T + 0.0).view(np.int64).sum(axis=0)
-            for turn in (np.eye(3), matrix)
-        ]
-        return np.array_equal(*sums) and super().is_same(matrix)
-
-    @cached_property
-    def _corners(self) -> Floats:
-        return unique_rows(self.triangles.reshape(-1, 3))[0]
-
     def _features(self, matrix: Floats) -> Floats:
-        """Return the triangles, each from its smallest corner on.
-
-        Triangles of closed bodies are merged by :func:`_merged_faces`.
-        """
+        """Return the triangles, each from its smallest corner on."""
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         if np.linalg.det(matrix) < 0.0:
             corners = corners[:, ::-1]
-        points, ranks = unique_rows(corners.reshape(-1, 3))
-        ranks = ranks.reshape(-1, 3)
-        if self.solid == "auto" and (self._turns == 1).all():
-            return _merged_faces(points, ranks)
+        ranks = unique_rows(corners.reshape(-1, 3))[1].reshape(-1, 3)
         order = (ranks.argmin(axis=1)[:, None] + np.arange(3)) % 3
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
@@ -445,25 +419,10 @@ class Mesh(ExactShape):
         }
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, object]) -> Mesh:
-        """Make the mesh of a :attr:`spec`.
-
-        Raises
-        ------
-        InputError
-            If ``spec`` is malformed.
-        """
-        try:
-            given: Mapping[str, Any] = spec
-            vertices, faces = _decode(given["vertices"], "<f8"), _decode(given["faces"], "<i8")
-            solid, source = given["solid"], str(given["source"])
-        except (KeyError, TypeError, ValueError) as error:
-            rule, hint = (
-                "a mesh needs vertices, faces, solid and source",
-                "write it again with Mesh.spec",
-            )
-            raise InputError("spec", f"is damaged: {error!r}", rule, hint, value=spec) from error
-        mesh = cls(vertices, faces, solid, source)
+    def from_spec(cls, spec: Mapping[str, Any]) -> Mesh:
+        """Make the mesh of a :attr:`spec`."""
+        vertices, faces = _decode(spec["vertices"], "<f8"), _decode(spec["faces"], "<i8")
+        mesh = cls(vertices, faces, spec["solid"], str(spec["source"]))
         # The user was warned when the spec was made.
         object.__setattr__(mesh, "_warned", True)
         return mesh
@@ -544,34 +503,6 @@ class Mesh(ExactShape):
             )
 
 
-def _merged_faces(points: Floats, faces: Ints) -> Floats:
-    """Return rows that identify the surface of closed bodies.
-
-    They do not depend on the diagonals of flat faces. Triangles in one plane across an axis that
-    face the same way are identified by the sides that do not cancel between them, and their
-    multiplicity; other triangles by themselves. `points` are in order, and `faces` index them.
-    """
-    corners = points[faces]
-    level = (corners == corners[:, :1]).all(axis=1)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    plane = np.where(
-        level.any(axis=1), (1 + level.argmax(axis=1)) * np.sign((level * normal).sum(axis=1)), 0.0
-    )
-    # A triangle that is identified by itself has all of its corners in each of its rows.
-    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
-    forth = sides[..., 0] < sides[..., 1]
-    third = np.where(plane[:, None] == 0.0, np.roll(faces, -2, axis=1), -1)
-    rows = np.column_stack(
-        [np.repeat(plane, 3), np.sort(sides, axis=-1).reshape(-1, 2), third.ravel()]
-    )
-    kinds, kind = unique_rows(rows)
-    counts = np.bincount(kind, weights=np.where(forth, 1.0, -1.0).ravel())
-    kinds, counts = kinds[counts != 0.0], counts[counts != 0.0]
-    named = kinds[:, 1:].astype(np.int64)
-    last = np.where(named[:, 2:] < 0, 0.0, points[named[:, 2]])
-    return np.column_stack([kinds[:, 0], counts, points[named[:, 0]], points[named[:, 1]], last])
-
-
 def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     """Fill holes that are at most `width` wide, metres.
 
@@ -613,13 +544,8 @@ def _check_vertices(values: Any, source: str) -> Floats:
             f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values
         )
     far = float(np.abs(vertices).max(initial=0.0))
-    if far > _MAX_COORDINATE:
-        rule = f"the limit is {_MAX_COORDINATE:g}"
-        raise GeometryError(
-            f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values
-        )
-    if 0.0 < far < _MIN_MESH_EXTENT:
-        rule = f"they must reach {_MIN_MESH_EXTENT:g}"
+    if far > 0.0 and not _MIN_MESH_EXTENT <= far <= _MAX_COORDINATE:
+        rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {_MAX_COORDINATE:g}"
         raise GeometryError(
             f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values
         )

@@ -86,7 +86,7 @@ class Polygons(ExactShape):
             if len(parts) == 1
             else [f"polygon[{number}]" for number in range(len(parts))]
         )
-        check_shapes(parts, names.__getitem__)
+        check_shapes(parts, names)
         for name, part in zip(names, parts, strict=True):
             if part.geom_type != "Polygon":
                 problem, rule = f"is a {part.geom_type}", "each part must be a Polygon"

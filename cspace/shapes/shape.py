@@ -463,9 +463,7 @@ def cylinder_bounds(radius: float, height: float) -> BoundsPair:
     Its axis is the z axis, with the origin halfway up.
     """
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)]) * (radius, height)
-    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(
-        profile * (1.0 - _BOUND_SLACK)
-    )
+    return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
 
 
 def cone_bounds(radius: float, height: float) -> BoundsPair:
@@ -474,9 +472,7 @@ def cone_bounds(radius: float, height: float) -> BoundsPair:
     Its axis is the z axis, with the origin halfway up.
     """
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (0.0, 0.5)]) * (radius, height)
-    return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(
-        profile * (1.0 - _BOUND_SLACK)
-    )
+    return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
 
 
 def capsule_bounds(radius: float, length: float) -> BoundsPair:
@@ -494,7 +490,12 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
 
     # The polygon of the arc touches the arc from outside, like the polygons of its circles.
     outer = profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
-    return _revolve(outer * (1.0 + _BOUND_SLACK)), _revolve(profile(1.0) * (1.0 - _BOUND_SLACK))
+    return _revolve_bounds(outer, profile(1.0))
+
+
+def _revolve_bounds(outer: Floats, inner: Floats) -> BoundsPair:
+    """Revolve the profiles of an outer and an inner bound, with slack for the rounding."""
+    return _revolve(outer * (1.0 + _BOUND_SLACK)), _revolve(inner * (1.0 - _BOUND_SLACK))
 
 
 def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, Floats]:

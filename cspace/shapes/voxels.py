@@ -319,12 +319,6 @@ class Voxels(ExactShape):
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
     def _features(self, matrix: Floats) -> Floats:
-        """Return a table that two shapes share if they are equal."""
-        if self.dim == 2:
-            endpoints = np.sort(
-                ((self._segments.reshape(-1, 2) @ matrix.T) + 0.0).reshape(-1, 2, 2), axis=1
-            )
-            return endpoints.reshape(-1, 4)
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
         corners = np.stack([low, high]) @ matrix.T

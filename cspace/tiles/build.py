@@ -85,11 +85,10 @@ def build_tiles(
     rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
     check_memory(rasters, "the map", grid, slices=slices)
     about = {
-        "shape": grid.shape,
-        "side": sides,
+        "shape": list(grid.shape),
+        "side": list(sides),
         "stamp": make_stamp(frame, grid.shape, sides, stamp),
         "source_stamp": stamp,
-        "updates": 0,
     }
     folder = _open_or_create(Path(store), frame, about)
     if folder.sums:
@@ -102,10 +101,9 @@ def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileF
     """Open the folder of a build to resume, or write a new one."""
     if read_format(path) == TILES_FORMAT:
         folder = TileFolder.open(path)
-        given = folder.about["stamp"], folder.about["updates"]
-        if given == (about["stamp"], 0):
+        if folder.about == about:
             return folder
-        problem = "has been updated" if given[1] else "holds another map, or one of other obstacles"
+        problem = "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
     elif path.exists() and (not path.is_dir() or any(path.iterdir())):
         problem, rule = "exists, but is no tiled map", "store must be new, empty or a tiled map"

@@ -80,7 +80,7 @@ class TileFolder:
     path : Path
     about : mapping
         ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
-        the workspace; ``updates``, their number.
+        the workspace.
     sums : mapping or None
         Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the
         ``digests`` of all tiles.
@@ -88,8 +88,6 @@ class TileFolder:
         Map of the first cell; if all tiles are complete, with the states outside the grid.
     digest : str
         Digest of the frame and of all attributes.
-    moment : tuple
-        Changes with every change of the map.
     """
 
     path: Path
@@ -97,7 +95,6 @@ class TileFolder:
     sums: Mapping[str, Any] | None
     frame: Contents
     digest: str
-    moment: tuple[int, int]
 
     @cached_property
     def grid(self) -> Grid:
@@ -248,12 +245,9 @@ class TileFolder:
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
         root = Path(path).absolute()  # workers have other working folders
-        moment = find_moment(root)
         frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            folder = cls(
-                root, attributes["tiles"], attributes["sums"], frame, attributes["digest"], moment
-            )
+            folder = cls(root, attributes["tiles"], attributes["sums"], frame, attributes["digest"])
             _check_attributes(folder)
             return folder
 
@@ -295,15 +289,6 @@ def as_box(corners: Ints) -> Box:
     return tuple(map(slice, *corners.tolist()))
 
 
-def find_moment(path: Path) -> tuple[int, int]:
-    """Return numbers that change when the attributes of a folder are replaced."""
-    try:
-        status = (path / ROOT_FILE).stat()
-    except OSError:
-        return 0, 0
-    return status.st_ino, status.st_mtime_ns
-
-
 def make_frame(
     workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
 ) -> Contents:
@@ -337,11 +322,8 @@ def write_root(
 def _check_attributes(folder: TileFolder) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
     about, sums, cells = folder.about, folder.sums, folder.grid.size
-    numbers = [*folder.tile, 1 + about["updates"]]
-    if (
-        not all(isinstance(n, int) and n > 0 for n in numbers)
-        or len(folder.tile) != folder.grid.dim
-    ):
+    is_positive = all(isinstance(n, int) and n > 0 for n in folder.tile)
+    if not is_positive or len(folder.tile) != folder.grid.dim:
         raise ValueError(f"its tiles have the sides {folder.tile}")
     if not isinstance(about["stamp"], str):
         raise ValueError("its stamp is no text")

@@ -14,7 +14,7 @@ Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,20 +23,14 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csgraph
 
 from cspace.arrays import Ints
-from cspace.files.access import replacing
-from cspace.limits import check_bytes
 from cspace.map.components import Components
 from cspace.map.contents import Contents
-from cspace.save import map_error
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
 from cspace.tiles.parts import OpenTiles
 from cspace.tiles.work import run_tasks
 
 if TYPE_CHECKING:
     from distributed import Client
-
-LABEL_FILE: Final = "components.npz"
-"""Name of the file with the joined nodes of all tiles, in the folder of the map."""
 
 LABEL_BYTES_PER_STATE: Final = 24
 """Memory for each state while a tile is labelled, in bytes, if every other cell is FREE."""
@@ -105,29 +99,17 @@ def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
     ]
 
 
-def compute_components(
+def label_tiles(
     folder: TileFolder, client: Client | None, progress: Progress | None
-) -> dict[str, Any]:
-    """Label all tiles; return the first node of each tile, and the pairs of joined nodes."""
+) -> list[list[tuple[int, Layers]]]:
+    """Label all tiles, as :func:`label_tile`."""
 
     def advance(done: int) -> None:
         if progress is not None:
             progress(done, len(folder))
 
     needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(folder.tile))
-    found = run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
-    joined: dict[str, Any] = {"key": folder.digest}
-    for mixed in (False, True):
-        labels = [each[mixed] for each in found]
-        offsets = np.cumsum([0, *(count for count, _ in labels)], dtype=np.int64)
-        nodes = {
-            index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
-            for index, first, (_, layers) in zip(folder, offsets, labels, strict=False)
-        }
-        exterior = find_exterior_nodes(folder, int(offsets[-1]), mixed)
-        joined[f"offsets_{mixed:d}"] = offsets
-        joined[f"pairs_{mixed:d}"] = join_tiles(folder, nodes, exterior)
-    return joined
+    return run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
 
 
 def find_exterior_nodes(folder: TileFolder, first: int, mixed: bool) -> Ints:
@@ -169,7 +151,7 @@ def make_graph(count: int, pairs: Ints) -> Any:
 
 
 class TiledComponents:
-    """Connected components of a tiled map, read from its folder, or computed and saved there.
+    """Connected components of a tiled map.
 
     The nodes of a tile have consecutive numbers. The last nodes are the exterior, one for each
     rotation cell.
@@ -179,50 +161,28 @@ class TiledComponents:
         self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
     ) -> None:
         self._tiles, self._folder = tiles, tiles.folder
-        self._offsets: list[Ints]
-        self._graphs: list[Any]
-        self._roots: list[Ints]
+        self._offsets: list[Ints] = []
+        self._graphs: list[Any] = []
+        self._roots: list[Ints] = []
         self._region = lru_cache(MAX_REGIONS)(self._label_region)
-        path = self._folder.path / LABEL_FILE
-        try:
-            self._take(self._load())
-        except Exception:  # missing or damaged in any way; then they are computed again
-            saved = compute_components(self._folder, client, progress)
-            with replacing(path, overwrite=True) as temporary:
-                np.savez_compressed(temporary, **saved)
-            self._take(saved)
+        found = label_tiles(self._folder, client, progress)
+        for mixed in (False, True):
+            self._join([each[mixed] for each in found], mixed)
 
-    def _load(self) -> dict[str, Any]:
-        """Read what is saved in the folder.
-
-        Raises any error if it is of another state of the map, or damaged.
-        """
-        path = self._folder.path / LABEL_FILE
-        with np.load(path, allow_pickle=False) as opened:
-            check_bytes(path, sum(part.file_size for part in opened.zip.infolist()), "unpacks to")
-            saved = dict(opened)
-        if str(saved["key"]) != self._folder.digest:
-            raise ValueError("they are of another state of the map")
-        return saved
-
-    def _take(self, saved: Mapping[str, Any]) -> None:
-        """Join the nodes; raise ValueError if they are not of the map."""
+    def _join(self, labels: Sequence[tuple[int, Layers]], mixed: bool) -> None:
+        """Join the nodes of all tiles."""
         folder = self._folder
-        self._offsets, self._graphs, self._roots = [], [], []
-        for number in range(2):
-            offsets, pairs = saved[f"offsets_{number}"], saved[f"pairs_{number}"]
-            if (
-                offsets.shape != (len(folder) + 1,)
-                or offsets[0] != 0
-                or (np.diff(offsets) < 0).any()
-            ):
-                raise ValueError("they are of other tiles")
-            if pairs.shape[1:] != (2,) or {offsets.dtype, pairs.dtype} != {np.dtype(np.int64)}:
-                raise ValueError("they are no pairs of nodes")
-            graph = make_graph(int(offsets[-1]) + len(folder.frame.slice_of), pairs)
-            self._offsets.append(offsets)
-            self._graphs.append(graph)
-            self._roots.append(csgraph.connected_components(graph, directed=False)[1])
+        offsets = np.cumsum([0, *(count for count, _ in labels)], dtype=np.int64)
+        nodes = {
+            index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
+            for index, first, (_, layers) in zip(folder, offsets, labels, strict=False)
+        }
+        exterior = find_exterior_nodes(folder, int(offsets[-1]), mixed)
+        count = int(offsets[-1]) + len(folder.frame.slice_of)
+        graph = make_graph(count, join_tiles(folder, nodes, exterior))
+        self._offsets.append(offsets)
+        self._graphs.append(graph)
+        self._roots.append(csgraph.connected_components(graph, directed=False)[1])
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
@@ -246,12 +206,7 @@ class TiledComponents:
 
     def _label_region(self, index: Index) -> Components:
         """Label the region of a tile."""
-        region = label_region(self._folder, index, self._tiles.part(index)._contents)
-        number = self._folder.number(index)
-        for mixed, offsets in enumerate(self._offsets):
-            if offsets[number + 1] - offsets[number] != region.count(bool(mixed)):
-                raise map_error(self._folder.path / LABEL_FILE, "it is of another map")
-        return region
+        return label_region(self._folder, index, self._tiles.part(index)._contents)
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """Return a shortest chain of tiles between two cells of the grid, and its crossings.

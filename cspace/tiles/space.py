@@ -13,17 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import STATE_NAMES, Bools, Floats, States, StrPath
 from cspace.check import check_count
 from cspace.configuration_map import ConfigurationMap
-from cspace.errors import ConfigurationError, FileError, InputError
-from cspace.files.access import retry_if_replaced
+from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.space import CSpace
-from cspace.tiles.folder import ONE_MORE, TileFolder, find_moment, grow, unfinished_map_error
+from cspace.tiles.folder import ONE_MORE, TileFolder, grow, unfinished_map_error
 from cspace.tiles.labels import TiledComponents
 from cspace.tiles.overview import build_overview
 from cspace.tiles.parts import Ask, OpenTiles
-from cspace.tiles.update import update_tiles
-from cspace.update import Patch, Update
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -71,11 +68,8 @@ class TiledCSpace(ConfigurationMap):
     """
 
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
+        self._folder = folder
         self._lock, self._cache_bytes = RLock(), int(cache_bytes)
-        self._set_folder(folder)
-
-    def _set_folder(self, folder: TileFolder) -> None:
-        """Show a newer state of the map."""
         self._tiles = OpenTiles(folder, self._cache_bytes)
         self._labels: TiledComponents | None = None
 
@@ -89,32 +83,14 @@ class TiledCSpace(ConfigurationMap):
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` on one state of the map, again if another process changes it meanwhile.
+        """Run ``work``, one thread at a time, because it opens and closes tiles.
 
         Raises FileError if the map is not complete.
         """
         with self._lock:
-            while True:
-                self._follow()
-                if not self._folder.sums:
-                    raise unfinished_map_error(self._folder)
-                try:
-                    result = work()
-                except FileError:  # an update may have removed a tile
-                    if not self._is_past():
-                        raise
-                else:
-                    if not self._is_past():
-                        return result
-
-    def _is_past(self) -> bool:
-        """Return True if the map has changed since it was read."""
-        return self._folder.moment != find_moment(self._folder.path)
-
-    def _follow(self) -> None:
-        """Read the map again if it has changed."""
-        if self._is_past():
-            self._set_folder(retry_if_replaced(self.path, partial(TileFolder.open, self.path)))
+            if not self._folder.sums:
+                raise unfinished_map_error(self._folder)
+            return work()
 
     # ---- properties ------------------------------------------------------------------------------
 
@@ -135,24 +111,13 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Fraction of tiles built; queries need 1."""
-        self._follow()
+        """Fraction of tiles built; queries need 1, so open a map again once its build is done."""
         return self._folder.progress
-
-    @property
-    def version(self) -> int:
-        """Number of updates since the build."""
-        self._follow()
-        return int(self._folder.about["updates"])
 
     @property
     def grid(self) -> Grid:
         """Grid of positions."""
         return self._folder.grid
-
-    @property
-    def _folder(self) -> TileFolder:
-        return self._tiles.folder
 
     @property
     def _kept(self) -> Contents:
@@ -174,7 +139,7 @@ class TiledCSpace(ConfigurationMap):
         if self.progress == 1.0:
             cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))}
         done = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
-        return {**done, **cells, "version": self.version}
+        return {**done, **cells}
 
     # ---- queries ---------------------------------------------------------------------------------
 
@@ -249,7 +214,7 @@ class TiledCSpace(ConfigurationMap):
     def compute_components(
         self, client: Client | None = None, progress: Callable[[int, int], None] | None = None
     ) -> None:
-        """Compute the connected components and save them.
+        """Compute the connected components, which the map keeps while it is open.
 
         The first :meth:`is_connected` calls this in threads of this process; call it to do so
         earlier or on a cluster.
@@ -264,7 +229,7 @@ class TiledCSpace(ConfigurationMap):
         self._at_one_moment(lambda: self._find_components(client, progress))
 
     def _find_components(self, *options: Any) -> TiledComponents:
-        """Return the components of the map, computed if they are not saved."""
+        """Return the components of the map, computed once."""
         if self._labels is None:
             self._labels = TiledComponents(self._tiles, *options)
         return self._labels
@@ -321,7 +286,7 @@ class TiledCSpace(ConfigurationMap):
         reach = 0.5 * self.grid.spacing * np.minimum(self.tile, 2 * MAX_NEAREST_CELLS)
         return self.window(center - reach, center + reach).nearest_free(point)
 
-    # ---- parts and updates -----------------------------------------------------------------------
+    # ---- parts -----------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
         """Return the map of a box, in memory.
@@ -333,8 +298,8 @@ class TiledCSpace(ConfigurationMap):
         map is the map, with its own ``outside``.
 
         With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer
-        cells instead if the map was built on cells, after an update, and if a shape extends beyond
-        a map with a free exterior.
+        cells instead if the map was built on cells, and if a shape extends beyond a map with a free
+        exterior.
 
         Parameters
         ----------
@@ -344,7 +309,7 @@ class TiledCSpace(ConfigurationMap):
         Returns
         -------
         CSpace
-            Independent of later updates of the tiled map.
+            Its updates leave the tiled map as it is.
 
         Raises
         ------
@@ -382,27 +347,3 @@ class TiledCSpace(ConfigurationMap):
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         return self._at_one_moment(lambda: build_overview(self._folder, count))
-
-    def update(
-        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
-    ) -> Update:
-        """Replace a box of workspace cells; update the map.
-
-        The result equals a new build. A window around the box is updated in memory, and the tiles
-        that the change reaches are replaced at one moment; :attr:`version` grows. Queries, in any
-        process, see the map before or after the update, even if it is killed. Updates wait for each
-        other.
-
-        Parameters
-        ----------
-        cells, lower, inner
-            As for :meth:`cspace.CSpace.update`.
-
-        Returns
-        -------
-        Update
-        """
-        patch = Patch.of(self.grid, cells, lower, inner)
-        with self._lock:
-            self._at_one_moment(lambda: None)  # raises if the map is not complete
-            return update_tiles(self._folder.path, patch)

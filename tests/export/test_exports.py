@@ -22,7 +22,6 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.export import boundaries as writing
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.maps import MAP_BUILDERS
@@ -172,19 +171,6 @@ def test_an_stl_far_from_the_origin_is_closed(far: float) -> None:
     assert trimesh.Trimesh(single.astype(float), faces, process=False).is_watertight
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
-def test_too_many_triangles_are_refused(
-    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
-    writing.write_boundary(state, grid, tmp_path / f"free{suffix}")
-    written = (tmp_path / f"free{suffix}").read_bytes()
-    monkeypatch.setattr(writing, "MAX_TRIANGLES", 11)
-    with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
-        writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
-    assert (tmp_path / f"free{suffix}").read_bytes() == written
-
-
 def build_full_map() -> cspace.CSpace:
     """Build a map without FREE cells."""
     return cspace.build(
@@ -317,19 +303,6 @@ def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> Non
     assert image.GetCellData().GetScalars().GetName() == min(
         key for key in arrays if key.startswith("cell_states")
     )
-
-
-@pytest.mark.parametrize(
-    "array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)]
-)
-def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) -> None:
-    with pytest.raises(
-        InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\)"
-    ):
-        write_vti(
-            {"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti"
-        )
-    assert not list(tmp_path.iterdir())
 
 
 # ---- ROS maps, and what holds for all ------------------------------------------------------------

@@ -47,8 +47,6 @@ def test_negative_corners_of_obj_count_back(tmp_path, second):
         lambda text: text.replace("v ", "v\t").replace("v\t", " V\t", 3),
         lambda text: text.replace("\n", " # a comment\n"),
         lambda text: text.replace("\n", " # path C:\\folder\\\n"),
-        lambda text: text.replace(" ", " \\\n ", 200),
-        lambda text: text.replace("f 1", "f \\\r\n1"),
         lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nl 1 2 3\np 1\nf"),
         lambda text: text.rstrip(),
         lambda text: text.replace(".0\n", ".0 1\n"),

@@ -382,25 +382,6 @@ def test_an_interrupted_write_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@refusals(
-    "state, grid, name, message",
-    (np.zeros((2, 3)), Grid((0, 0), 1.0, (3, 2)), "map.yaml", r"cell_states has shape \(2, 3\)"),
-    (
-        np.zeros((1, 1, 1), np.uint8),
-        Grid((0, 0, 0), 1.0, (1, 1, 1)),
-        "map.yaml",
-        r"cell_states has shape \(1, 1, 1\)",
-    ),
-    (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "cell_states holds"),
-    (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
-)
-def test_unsuitable_states_are_refused(
-    tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        write_ros_map(state, grid, tmp_path / name)
-
-
 @pytest.mark.parametrize(
     ("name", "shape"),
     [

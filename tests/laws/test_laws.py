@@ -125,7 +125,7 @@ def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map:
         assert distance <= nearest + 1e-9
 
 
-@pytest.mark.parametrize("kind", ALL_KINDS, ids="-".join)
+@pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
 def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
     obstacle_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
     space, shape = obstacle_map.space, obstacle_map.states.shape[1:]

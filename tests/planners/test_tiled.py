@@ -124,13 +124,6 @@ def test_tiled_plans_accept_the_options_of_plans_in_memory(options, tmp_path):
     assert edges.are_free(plan.waypoints)
     assert plan.clearance == pytest.approx(edges.clearance(plan.waypoints))
     assert plan.recheck().all() and "found, certified" in repr(plan).replace(plan.status, "found")
-    center = plan.path[len(plan.path) // 2, :2]
-    tiled.update(np.ones((2, 2), dtype=bool), tiled.grid.cell_of(center).tolist())
-    space.update(np.ones((2, 2), dtype=bool), space.grid.cell_of(center).tolist())
-    free = plan.recheck()
-    np.testing.assert_array_equal(free, edges.edges_are_free(plan.waypoints))
-    assert not free.all() and "no longer proven free" in repr(plan)
-    assert "path, no longer proven free" in [line.get_label() for line in plan.plot().lines]
 
 
 def test_a_car_rotates_in_a_bay(tmp_path):

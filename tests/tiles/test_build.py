@@ -253,8 +253,6 @@ def test_a_build_does_not_complete_a_map_with_a_tile_of_another_one(built, tmp_p
         {"tiles": {"side": [-8, -8]}},
         {"tiles": {"side": [8, 8, 8]}},
         {"tiles": {"side": 8}},
-        {"tiles": {"updates": -1}},
-        {"tiles": {"updates": "none"}},
         {"tiles": {"stamp": 7}},
         {"sums": 3},
         {"sums": {"counts": [1, 2]}},

@@ -22,7 +22,7 @@ FOREIGN = {
     *("clearance_checker", "reachable_bounds", "find_path", "find_widest_path"),
     *("min_path_length", "sample_free", "save", "export"),
     *("to_xarray", "to_occupancy_grid", "to_costmap", "add_obstacle"),
-    *("obstacles", "remove_obstacle"),
+    *("obstacles", "remove_obstacle", "update"),
 }
 """Names of maps in memory that tiled maps lack."""
 

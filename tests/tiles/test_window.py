@@ -39,7 +39,7 @@ def box():
     [(triangles, CAR, 6), (box, cspace.Robot.ball(0.13), None)],
     ids=["plane", "space"],
 )
-def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, outside, tmp_path):
+def test_window_uses_exact_shapes(obstacles, robot, rotations, outside, tmp_path):
     workspace = obstacles()
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(
@@ -58,10 +58,6 @@ def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, o
             window.motion_is_free(q, p, exact=True), space.motion_is_free(q, p, exact=True)
         )
         assert (free != space.is_free(q)).any()
-    tiled.update(np.ones((1,) * len(size), bool), (0,) * len(size))
-    after = tiled.window(low * size, high * size).is_free(q, exact=True)
-    assert not (after & ~free).any()
-    assert (after != free).any()
 
 
 def test_window_of_the_whole_map_equals_it(tmp_path):
