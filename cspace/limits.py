@@ -62,7 +62,7 @@ class Limits(NamedTuple):
     max_cells : int
         Cells, voxels or pixels of its grid.
     max_text_bytes : int
-        Bytes of JSON, GeoJSON, WKT and the JSON of glTF, which are parsed as a whole.
+        Bytes of JSON, GeoJSON, WKT, COLLADA and the JSON of glTF, which are parsed as a whole.
     max_description_bytes : int
         Bytes of YAML, URDF and SRDF, which take longest: up to two seconds for this size.
     """

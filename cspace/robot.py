@@ -250,9 +250,9 @@ class Robot(NotebookPicture):
         Parameters
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``
-            or ``.gltf``. A warning is given if the mesh is farther from its origin than its own
-            size.
+            Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``,
+            ``.gltf`` and ``.dae``. A warning is given if the mesh is farther from its origin than
+            its own size.
         solid : {"auto", "surface", "fill"}
             Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a
             ``cspace.Mesh``.
@@ -504,7 +504,7 @@ class Robot(NotebookPicture):
         ----------
         path : path-like
             Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``; a robot's description: ``.urdf``, links of it as
+            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
             ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as
             ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional

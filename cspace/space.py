@@ -73,9 +73,9 @@ class CSpace(ConfigurationMap, MapExport):
 
     A query of one configuration, a tuple or list of numbers, returns a Python value; a query of an
     array, shape (..., size), returns an array of shape (...). Queries are compiled and may run in
-    several threads at once. Labels, sums and distances are computed at the first call and cached; copies
-    and pickles of the map leave them out. Yaw is in radians, and wrapped. A quaternion and its
-    negative are the same rotation; the norm must be 1 within 1e-6.
+    several threads at once. Labels, sums and distances are computed at the first call and cached;
+    copies and pickles of the map leave them out. Yaw is in radians, and wrapped. A quaternion and
+    its negative are the same rotation; the norm must be 1 within 1e-6.
 
     With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven
     to leave the workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no

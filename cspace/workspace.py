@@ -553,7 +553,7 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
-            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb`` and ``.gltf``.
+            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and ``.dae``.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
@@ -669,7 +669,7 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """Read an OctoMap, ``.bt``, at its finest resolution.
+        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
 
         Parameters
         ----------
@@ -753,7 +753,7 @@ class Workspace(WorkspacePlot):
             ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
             ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
             ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf`` (mesh); ``.bt`` (OctoMap); ``.xyz``, ``.txt``,
+            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
             ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
             or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
         **options

@@ -60,7 +60,7 @@ def make(
             readable=False,
             help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In "
             "space: a mesh (.stl, "
-            ".obj, .ply, .glb ...), OctoMap (.bt), MovingAI .3dmap or points (.xyz, .csv, "
+            ".obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
             ".pcd, .ply). "
             "Either: .npy.",
         ),

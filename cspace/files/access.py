@@ -43,9 +43,7 @@ _MAX_LFS_POINTER_BYTES: Final = 1024
 """Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
 _CONVERTERS: Final = {
-    ".dae": "convert it: trimesh.load('mesh.dae').export('mesh.stl'), with pycollada",
     ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
-    ".ot": "convert it with OctoMap: convert_octree tree.ot tree.bt",
     ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
 }
 """Hint for each suffix of other formats that are easily converted."""

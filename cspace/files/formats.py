@@ -53,7 +53,7 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("from_polygons", 2)),
     **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
     **dict.fromkeys(meshes.MESH_SUFFIXES, Format("from_mesh", 3)),
-    ".bt": Format("from_octomap", 3),
+    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
     **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2)),
 }

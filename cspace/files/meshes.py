@@ -2,9 +2,10 @@
 
 A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with
 ``process=False``, and a separate count of the file's triangles must agree with its result. This
-package reads STL and OBJ itself. For STL the census is the reading. In OBJ files trimesh moves
-triangles whose corners count backwards or are written in mixed forms, loses those on lines with a
-leading blank, and cuts bent polygons into fans that leave the polygon.
+package reads STL, OBJ and COLLADA itself. For STL the census is the reading. In OBJ files trimesh
+moves triangles whose corners count backwards or are written in mixed forms, loses those on lines
+with a leading blank, and cuts bent polygons into fans that leave the polygon. pycollada drops
+unknown elements and warns on NumPy 2.5.
 
 In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not
 scale quantised numbers, and ignores instances, skins and morphs and everything below a camera node.
@@ -16,12 +17,14 @@ from __future__ import annotations
 import io
 import json
 import logging
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -36,7 +39,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
-from cspace.files.plain import check_nesting
+from cspace.files.plain import check_nesting, parse_xml
 from cspace.files.polygons import (
     join_surfaces,
     read_obj,
@@ -309,6 +312,305 @@ class _FolderFiles(Mapping[str, bytes]):
         return 0
 
 
+Named = dict[str, Element | None]
+"""Elements of a file by id; None if two elements share the id."""
+
+_SHAPELESS_CHILDREN: Final = frozenset(
+    ["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"]
+)
+"""Tags of the children of a node that have no shape."""
+
+_MAX_EXTRA_VISITS: Final = 100_000
+"""Largest number of node visits beyond the number of elements; a few nested instances can unfold
+without end."""
+
+_SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
+"""Tags of the children of a mesh that have no surface."""
+
+
+def read_collada(file: Path) -> Surface:
+    """Read the triangles of a COLLADA scene, in metres.
+
+    Axes stay as they are; lines are skipped.
+
+    Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an
+    unsupported surface or a polygon whose triangles are ambiguous.
+    """
+    root = parse_xml(read_bytes(file, "mesh", 20.0, "max_text_bytes"))
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    if root.tag != "COLLADA":
+        raise ContentError(f"holds {root.tag}, not COLLADA")
+    named: Named = {}
+    for element in root.iter():
+        if name := element.get("id"):
+            named[name] = None if name in named else element
+    unit = root.find("asset/unit")
+    metres = float(unit.get("meter", "1")) if unit is not None else 1.0
+    if not (math.isfinite(metres) and metres > 0.0):
+        raise ContentError(f"has a unit of {metres:g} metres")
+    instances = _place_geometries(root, named, metres)
+    # A geometry may be placed several times, so the memory is checked before it is copied.
+    arrays: dict[Element, Floats] = {}
+    surfaces = {
+        each: _read_surfaces(each, named, arrays)
+        for each in dict.fromkeys(each for each, _ in instances)
+    }
+    sizes = {
+        each: sum(surface_bytes(len(points), len(faces)) for points, faces in surfaces[each])
+        for each in surfaces
+    }
+    check_bytes(file, sum(sizes[each] for each, _ in instances), "unfolds to", memory=3.0)
+    return join_surfaces(
+        [transform_surface(surface, pose) for each, pose in instances for surface in surfaces[each]]
+    )
+
+
+def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[Element, Floats]]:
+    """List the placed geometries of a COLLADA scene.
+
+    Each has its transform, shape (4, 4), which contains the scale to ``metres`` per unit. Raises
+    ContentError if nodes are nested without end, and GeometryError if the scene has an unsupported
+    element.
+    """
+    instance = root.find("scene/instance_visual_scene")
+    if instance is None:
+        raise unsupported_part("geometries in no scene", "export it again with its scene")
+    scene = _resolve_instance(instance, named)
+    if scene.tag != "visual_scene":
+        raise ContentError(f"names {scene.tag} as its scene")
+    instances: list[tuple[Element, Floats]] = []
+    visits, max_visits = 0, _MAX_EXTRA_VISITS + sum(1 for _ in root.iter())
+    # Elements to visit, depth first, with the transform and the nodes above them.
+    pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
+        (child, np.diag([metres, metres, metres, 1.0]), ()) for child in reversed(list(scene))
+    ]
+    while pending:
+        element, above, path = pending.pop()
+        visits += 1
+        if visits > max_visits or len(path) > _MAX_NODE_LEVELS:
+            raise ContentError(f"nests nodes {len(path)} deep, and {visits} in all or more")
+        if element.tag in _SHAPELESS_CHILDREN:
+            continue
+        if element.tag == "instance_node":
+            element = _resolve_instance(element, named)
+        if element.tag == "node":
+            if element in path:
+                raise ContentError(f"has the node {element.get('id')!r} within itself")
+            transform, children = _local_transform(element)
+            pending += [
+                (child, above @ transform, (*path, element)) for child in reversed(children)
+            ]
+        elif element.tag == "instance_geometry":
+            instances.append((_resolve_instance(element, named), above))
+        else:
+            raise unsupported_part(f"a {element.tag} in its scene")
+    return instances
+
+
+def _resolve_instance(instance: Element, named: Named) -> Element:
+    """Return the element that an instance refers to.
+
+    Raises GeometryError if it is in another file, and ContentError if it is missing.
+    """
+    url = instance.get("url", "")
+    if not url.startswith("#"):
+        raise unsupported_part(
+            f"a {instance.tag} of another file ({url!r})", "export it again as one file"
+        )
+    target = named.get(url[1:])
+    if target is None:
+        raise ContentError(f"names {url!r}, which is missing or repeated")
+    return target
+
+
+def _local_transform(node: Element) -> tuple[Floats, list[Element]]:
+    """Return the transform and the children of a node.
+
+    ``node`` is of COLLADA. Its children are returned without the elements of its transform, which
+    has shape (4, 4), from the node to its parent.
+    """
+    transform, children = np.eye(4), []
+    for child in node:
+        if child.tag in ("lookat", "skew"):
+            raise unsupported_part(
+                f"a node with the transform {child.tag}", "export it again with matrices"
+            )
+        if child.tag not in _TRANSFORMS:
+            children.append(child)
+            continue
+        size, matrix = _TRANSFORMS[child.tag]
+        numbers = np.array((child.text or "").split(), dtype=np.float64)
+        if len(numbers) != size:
+            raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
+        transform = transform @ matrix(numbers)
+    return transform, children
+
+
+def _translation(offset: Floats) -> Floats:
+    """Return the matrix of a translation, shape (4, 4).
+
+    `offset` has shape (3,).
+    """
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def _rotation(values: Floats) -> Floats:
+    """Return the matrix of a rotation, shape (4, 4).
+
+    `values`, shape (4,), are the axis and the angle in degrees (Rodrigues, 1840).
+    """
+    length = float(np.linalg.norm(values[:3]))
+    x, y, z = values[:3] / length if length > 0.0 else values[:3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.radians(values[3])
+    matrix = np.eye(4)
+    matrix[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+_TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
+    "matrix": (16, lambda values: values.reshape(4, 4)),
+    "translate": (3, _translation),
+    "rotate": (4, _rotation),
+    "scale": (3, lambda values: np.diag([*values, 1.0])),
+}
+"""Number of values of each transform of a COLLADA node, and the function that makes its matrix."""
+
+
+def _read_surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
+    """Read the primitives of a COLLADA geometry as surfaces.
+
+    ``arrays`` caches the parsed arrays.
+    """
+    surfaces = []
+    for element in geometry:
+        if element.tag in ("asset", "extra"):
+            continue
+        if element.tag != "mesh":
+            raise unsupported_part(f"a geometry that is a {element.tag}")
+        surfaces += [
+            _read_primitive(part, named, arrays)
+            for part in element
+            if part.tag not in _SURFACELESS_CHILDREN
+        ]
+    return surfaces
+
+
+def _read_primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
+    """Read the triangles of a COLLADA primitive.
+
+    Raises GeometryError for an unsupported kind of primitive, and ContentError if counts disagree.
+    """
+    lists = [_read_corners(indices, part) for indices in part.findall("p")]
+    corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
+    count = int(part.get("count", "0"))
+    points = _read_positions(part, named, arrays) if count else np.empty((0, 3))
+    if part.find("ph") is not None:
+        raise unsupported_part("a polygon with holes")
+    if part.tag == "triangles":
+        if len(corners) != 3 * count:
+            raise ContentError(f"declares {count} triangles but holds {len(corners)} corners")
+        sizes = np.full(count, 3)
+    elif part.tag == "polylist":
+        counts = part.find("vcount")
+        sizes = _parse_integers(counts) if counts is not None else np.empty(0, dtype=np.int64)
+    elif part.tag == "polygons":
+        sizes = np.array(list(map(len, lists)), dtype=np.int64)
+    else:
+        raise unsupported_part(f"a mesh with {part.tag}")
+    if len(sizes) != count:
+        raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
+    return points, triangulate(points, corners, sizes)
+
+
+def _find_inputs(element: Element, semantic: str) -> list[Element]:
+    """List the inputs of a COLLADA element by meaning.
+
+    ``semantic`` is the meaning, e.g. "VERTEX".
+    """
+    return [each for each in element.findall("input") if each.get("semantic") == semantic]
+
+
+def _read_corners(indices: Element, part: Element) -> Ints:
+    """Return vertex indices of a COLLADA primitive.
+
+    The result has shape (n,). Each corner has an index for every input of the primitive; the offset
+    of the input VERTEX selects one of them.
+    """
+    stride = 1 + max((int(each.get("offset", "0")) for each in part.findall("input")), default=0)
+    inputs = _find_inputs(part, "VERTEX")
+    numbers = _parse_integers(indices)
+    if len(inputs) != 1 or len(numbers) % stride:
+        raise ContentError(
+            f"has {part.tag} with {len(inputs)} inputs VERTEX and {len(numbers)} numbers, "
+            f"{stride} each"
+        )
+    return numbers[int(inputs[0].get("offset", "0")) :: stride]
+
+
+def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
+    """Return the vertex positions of a COLLADA primitive.
+
+    The result has shape (n, 3), in units of the file. `arrays` caches the parsed arrays.
+    """
+    vertices = [_resolve_source(given, named) for given in _find_inputs(part, "VERTEX")]
+    sources = [
+        _resolve_source(given, named)
+        for element in vertices
+        for given in _find_inputs(element, "POSITION")
+    ]
+    if len(sources) != 1:
+        raise ContentError(
+            f"has {part.tag} with {len(sources)} sources of positions instead of one"
+        )
+    accessor = sources[0].find("technique_common/accessor")
+    if accessor is None:
+        raise ContentError("has a source of positions without an accessor")
+    array = _resolve_source(accessor, named)
+    if array.tag not in ("float_array", "int_array"):
+        raise ContentError(f"has positions in {array.tag}")
+    values = arrays.get(array)
+    if values is None:
+        values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
+    count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
+    first = int(accessor.get("offset", "0"))
+    columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
+    names = [param.get("name") for param in accessor.findall("param") if param.get("name")]
+    if names != ["X", "Y", "Z"] or columns[-1] >= stride or first < 0 or count < 0:
+        raise ContentError(f"has positions with the columns {names} instead of X, Y, Z")
+    if len(values) != int(array.get("count", len(values))) or len(values) < first + count * stride:
+        raise ContentError(f"has {len(values)} numbers of positions but declares another count")
+    return values[first : first + count * stride].reshape(count, stride)[:, columns]
+
+
+def _resolve_source(given: Element, named: Named) -> Element:
+    """Return the element that an input refers to.
+
+    Raises ContentError if it is missing or repeated.
+    """
+    name = given.get("source", "")
+    source = named.get(name[1:]) if name.startswith("#") else None
+    if source is None:
+        raise ContentError(f"names the source {name!r}, which is missing or repeated")
+    return source
+
+
+def _parse_integers(element: Element) -> Ints:
+    """Parse the text of an element as integers.
+
+    The result has shape (n,).
+    """
+    try:
+        return np.array((element.text or "").split(), dtype=np.int64)
+    except ValueError as error:
+        raise ContentError(
+            f"has a {element.tag} that holds more than whole numbers ({error})"
+        ) from error
+
+
 # Silence trimesh's log of a bad file, because the error that is raised gives the reason.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
@@ -332,15 +634,16 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
-    ``.glb`` and ``.gltf`` are metres by definition, and other formats are assumed to be in metres.
-    Axes stay as they are, whichever axis the file calls up.
+    ``.glb`` and ``.gltf`` are metres by definition, coordinates of ``.dae`` are converted from the
+    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever
+    axis the file calls up.
 
     Nothing is repaired, merged or dropped: a file with an unsupported part is refused with
     GeometryError. A polygon of four or more corners is refused too if its triangles are ambiguous:
     its corners are out of plane by more than rounding, or no fan around one of them covers it.
-    Lines and points are skipped in ``.obj`` and ``.ply``, where they are common, and refused in
-    ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within its last number,
-    cannot be detected.
+    Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``, where they are common, and
+    refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within its
+    last number, cannot be detected.
 
     Returns
     -------
@@ -428,6 +731,7 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".ply": _read_ply,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
+    ".dae": read_collada,
 }
 """Function that reads a file, by suffix."""
 

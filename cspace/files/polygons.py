@@ -37,8 +37,13 @@ FILE_ROUNDING: Final = 1e-6
 """Additional tolerance relative to the largest coordinate, because files keep seven digits."""
 
 
-MAX_FANS: Final = 16
+MAX_FANS: Final = 500
 """Maximum number of corners tried as the centre of a fan; trying all takes quadratic time."""
+
+MIN_WORK: Final = 2**26
+WORK_PER_CORNER: Final = 16
+"""Maximum number of corners visited in all fans tried for a file: `WORK_PER_CORNER` times its
+corners, at least `MIN_WORK`. Visiting a million takes 0.1 s."""
 
 
 _SKIPPED_STATEMENTS: Final = frozenset(
@@ -102,12 +107,13 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         )
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
+    work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
         if size > 4:
             _check_repeats(polygons)
         if size > 3:
-            polygons = _cut_fans(vertices, polygons)
+            polygons, work = _cut_fans(vertices, polygons, work)
         faces.append(polygons)
     return np.concatenate(faces)
 
@@ -124,8 +130,11 @@ def _check_repeats(polygons: Ints) -> None:
         raise _face_error(polygons[np.argmin(distinct)], f"repeat only {distinct.min()} vertices")
 
 
-def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
-    """Cut polygons, shape (P, n) with n > 3, into fans; return the triangles."""
+def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
+    """Cut polygons, shape (P, n) with n > 3, into fans.
+
+    Return the triangles and the work left; at most `work` corners are visited.
+    """
     points = vertices[polygons]
     # A later check refuses values that are not finite, by name.
     points = np.where(np.isfinite(points).all(axis=(1, 2), keepdims=True), points, 0.0)
@@ -143,7 +152,8 @@ def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, MAX_FANS)):
         left = np.flatnonzero(apex < 0)
-        if not len(left):
+        work -= len(left) * count
+        if not len(left) or work < 0:
             break
         spokes = np.roll(points[left] - points[left, first : first + 1], -first, axis=1)[:, 1:]
         areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
@@ -159,7 +169,7 @@ def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
         [np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]],
         axis=2,
     )
-    return np.asarray(fans.reshape(-1, 3))
+    return np.asarray(fans.reshape(-1, 3)), work
 
 
 def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:

@@ -231,6 +231,10 @@ def test_deep_nesting_is_refused_before_recursion(
 # ---- sizes ---------------------------------------------------------------------------------------
 
 
+def make_chain(depths: int) -> bytes:
+    return struct.pack("<fB", 0.0, 1) * depths
+
+
 @refusals(
     "name, write, message",
     ("a.obj", lambda path: os.truncate(path, 2**36), "68.7 GB; at most 4.29 GB"),
@@ -314,6 +318,7 @@ def open_with_spacing(path: Path) -> Workspace:
         ("a.srdf", "max_description_bytes", open_as_srdf),
         ("a.geojson", "max_text_bytes", open_with_spacing),
         ("a.wkt", "max_text_bytes", open_with_spacing),
+        ("a.dae", "max_text_bytes", open_with_spacing),
         ("a.gltf", "max_text_bytes", open_with_spacing),
     ],
 )
@@ -415,7 +420,31 @@ def test_blanks_before_a_bracket_are_read_in_linear_time(tmp_path: Path) -> None
     check_refused(tmp_path / "a.wkt", "begins with", spacing=0.1)
 
 
-def test_nested_nodes_and_repeated_meshes_are_limited(tmp_path: Path) -> None:
+def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path]) -> None:
+    """Test nested nodes and scenes of repeated meshes."""
+    text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'
+
+    def nodes(depth: int, each: int) -> str:
+        inner = "".join(
+            f"<node id='n{i}'>" + each * f"<instance_node url='#n{i + 1}'/>" + "</node>"
+            for i in range(depth)
+        )
+        library = f"<library_nodes>{inner}<node id='n{depth}'>{shown}</node></library_nodes>"
+        head, tail = text.replace(shown, '<instance_node url="#n0"/>').split(
+            "<library_visual_scenes>"
+        )
+        return f"{head}{library}<library_visual_scenes>{tail}"
+
+    for name, content, message in (
+        ("a.dae", nodes(12, 10), "nests nodes"),
+        ("a.dae", nodes(5_000, 1), "nests nodes"),
+        ("b.dae", text.replace(shown, 3_000 * shown), "unfolds to"),
+    ):
+        (tmp_path / name).write_text(content)
+        with raised_limits(max_bytes=2**21):
+            check_refused(tmp_path / name, message, spacing=0.1)
+    (tmp_path / "a.dae").write_text(nodes(2, 3))
+    assert len(Mesh.of(tmp_path / "a.dae").faces) == 9 * 12
     for children, message in ((False, "unfolds to"), (True, "more than 256 nested nodes")):
         (tmp_path / "a.glb").write_bytes(write_glb(3_000, children))
         with raised_limits(max_bytes=2**21):
@@ -509,6 +538,7 @@ def test_a_face_that_repeats_few_vertices_is_refused(
 
 
 def test_fans_of_a_file_take_linear_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cspace.files.polygons.MIN_WORK", 0)
     vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
     write_polygon(tmp_path / "a.obj", vertices, [*range(len(vertices))])
     visited: list[int] = []
@@ -530,10 +560,10 @@ def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_octomap_without_its_data_line_is_refused_quickly(tmp_path: Path) -> None:
-    (tmp_path / "a.bt").write_bytes(
-        b"# Octomap OcTree binary file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000
+    (tmp_path / "a.ot").write_bytes(
+        b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000
     )
-    check_refused(tmp_path / "a.bt", "no line 'data'")
+    check_refused(tmp_path / "a.ot", "no line 'data'")
     (tmp_path / "a.pcd").write_bytes(b"VERSION .7\n" + b"\n" * 5_000_000)
     check_refused(tmp_path / "a.pcd", "header", spacing=0.1)
 
@@ -631,16 +661,15 @@ def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("name", ["box.dae", "robot.urdf"])
 @pytest.mark.parametrize("levels", [300, 100_000])
 def test_deeply_nested_elements_are_refused(
-    families: dict[str, Path], tmp_path: Path, levels: int
+    families: dict[str, Path], tmp_path: Path, name: str, levels: int
 ) -> None:
-    text = families["robot.urdf"].read_text()
-    head, end = re.match(r"(<\w+[^>]*>)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
-    path = tmp_path / "robot.urdf"
-    path.write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
+    head, end = re.match(r"(<\w+[^>]*>)(.*)", families[name].read_text(), re.DOTALL).groups()  # type: ignore[union-attr]
+    (tmp_path / name).write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
     with pytest.raises(FileError, match="more than 256 nested elements"):
-        cspace.Robot.from_urdf(path)
+        Mesh.of(tmp_path / name) if name == "box.dae" else cspace.Robot.from_urdf(tmp_path / name)
 
 
 def test_arrays_in_memory_keep_to_the_limit_of_cells(tmp_path: Path) -> None:

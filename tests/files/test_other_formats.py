@@ -20,8 +20,6 @@ OPENERS: dict[str, Callable[[Path], object]] = {
     ("name", "converter"),
     [
         ("mesh.off", "trimesh.load('mesh.off').export('mesh.ply')"),
-        ("mesh.dae", "trimesh.load('mesh.dae').export('mesh.stl')"),
-        ("tree.ot", "convert_octree tree.ot tree.bt"),
         ("LABELS.NRRD", "pynrrd or SimpleITK"),
     ],
 )

@@ -1,6 +1,7 @@
 """Voxel maps, and OctoMaps against OctoMap's library."""
 
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tests.refusals import refusals
 from tests.strategies import seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
+FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
 TINY_3DMAP = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
 
@@ -93,7 +95,7 @@ def test_malformed_voxel_maps_are_refused(tmp_path: Path, text: str, message: st
     ),
     (
         read_octomap,
-        BINARY.format(3).encode() + b"\x01\x40",  # free leaves at opposite corners
+        FULL.format(1).encode() + struct.pack("<fB", -1.0, 0),
         r"65536 x 65536 x 65536 cells, 2.815e\+14 in all; at most",
     ),
 )
@@ -177,6 +179,8 @@ def test_octomaps_agree_with_the_library(tmp_path_factory, seed, kind):
     octomap = pytest.importorskip("octomap")
     folder = tmp_path_factory.mktemp("trees")
     tree = draw_tree(octomap, seed, kind)
+    tree.write(os.fsencode(folder / "tree.ot"))
+    agrees(folder / "tree.ot", tree)
     tree.writeBinary(os.fsencode(folder / "tree.bt"))
     again = getattr(octomap, kind)(0.5)
     assert again.readBinary(os.fsencode(folder / "tree.bt"))
@@ -189,9 +193,9 @@ def test_coarse_leaves_are_expanded(tmp_path):
     for index in np.ndindex(8, 8, 8):
         tree.updateNode((np.array(index) + 0.5) * 0.25, 10.0)
     tree.updateNode(np.array([4.1, 0.1, 0.1]), -10.0)
-    tree.writeBinary(os.fsencode(tmp_path / "block.bt"))
+    tree.write(os.fsencode(tmp_path / "block.ot"))
     assert {size for _, size, _ in decode_leaves(tree)} == {8, 1}
-    expected = agrees(tmp_path / "block.bt", tree)
+    expected = agrees(tmp_path / "block.ot", tree)
     assert (expected[:8, :8, :8] == 1).all()
     assert (expected[8:] == 1).sum() == 0
 
@@ -231,9 +235,17 @@ def test_a_cell_lies_where_its_path_leads(tmp_path):
     assert occupied.all()
 
 
+def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
+    nodes = b"".join(struct.pack("<fB", 0.0, 1) for _ in range(15)) + struct.pack("<fB", 0.0, 7)
+    nodes += b"".join(struct.pack("<fB", odds, 0) for odds in (0.0, 1e-3, -1e-3))
+    (tmp_path / "odds.ot").write_bytes(FULL.format(19).encode() + nodes)
+    _, occupied, _ = read_octomap(tmp_path / "odds.ot", "free")
+    assert occupied[:, :, 0].tolist() == [[True, False], [True, False]]
+
+
 @refusals(
     "content, message",
-    (b"", "begins with ''"),
+    (b"", "is empty"),
     (b"hello\n", "begins with 'hello'"),
     (BINARY.format(17).encode()[:60], "no line 'data'"),
     (
@@ -253,6 +265,16 @@ def test_a_cell_lies_where_its_path_leads(tmp_path):
     (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
     (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
     (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),
+    (
+        FULL.format(3).encode() + struct.pack("<fB", 1.0, 255),
+        "ends after 1 nodes but its header says 3",
+    ),
+    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123", "ends after 2 nodes but"),
+    (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
+    (
+        FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0),
+        "1 nodes without a value (NaN)",
+    ),
 )
 def test_malformed_octomaps_are_refused(tmp_path, content, message):
     path = tmp_path / "bad.bt"
@@ -263,10 +285,10 @@ def test_malformed_octomaps_are_refused(tmp_path, content, message):
 
 
 @settings(max_examples=30)
-@given(st.binary(max_size=400), st.integers(1, 300))
-def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, size):
+@given(st.binary(max_size=400), st.sampled_from([BINARY, FULL]), st.integers(1, 300))
+def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
     path = tmp_path_factory.getbasetemp() / "any.bt"
-    path.write_bytes(BINARY.format(size).encode() + nodes)
+    path.write_bytes(header.format(size).encode() + nodes)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cspace.limits.free_bytes", lambda: 10**7)
         try:

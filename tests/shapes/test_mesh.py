@@ -67,6 +67,7 @@ def test_a_gltf_file_is_read_with_its_buffer(tmp_path):
     ("empty.obj", "", GeometryError, "empty"),
     ("noise.ply", "\0\1\2" * 100, FileError, "noise.ply"),
     ("mesh.xyz", "0 0 0\n", InputError, "suffix"),
+    ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
 )
 def test_files_without_a_mesh_are_refused(tmp_path, name, text, error, message):
     file = tmp_path / name

@@ -87,6 +87,19 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("box.gltf", gltf["model.gltf"])
     put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
     put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
+    corners, faces = (
+        " ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces)
+    )
+    put(
+        "box.dae",
+        f'<COLLADA><asset><unit meter="1"/></asset><library_geometries><geometry id="g"><mesh><source id="s">'
+        f'<float_array id="a" count="24">{corners}</float_array><technique_common><accessor source="#a" count="8" '
+        'stride="3"><param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#s"/></vertices><triangles count="12"><input '
+        f'semantic="VERTEX" source="#v" offset="0"/><p>{faces}</p></triangles></mesh></geometry></library_geometries>'
+        '<library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>',
+    )
     solids = (
         '<box size="1 2 3"/>',
         '<cylinder radius="0.5" length="2"/>',
@@ -111,6 +124,9 @@ def write_families(folder: Path) -> dict[str, Path]:
         + b"\3\0" * 15
         + b"\x55\xaa",
     )
+    inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
+    nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
+    put("tree.ot", b"# Octomap OcTree file\nid OcTree\nsize 18\nres 0.1\ndata\n" + nodes)
     points = np.random.default_rng(0).random((9, 3))
     put("points.xyz", "\n".join(" ".join(map(repr, row)) for row in points.tolist()))
     put("points.csv", "\n".join(",".join(map(repr, row)) for row in points.tolist()))
@@ -210,7 +226,7 @@ def open_file(path: Path) -> object:
     if path.name.startswith("request"):
         return read_moveit_request(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    options = {".yaml": {}, ".bt": {}}.get(path.suffix, {"spacing": 0.5})
+    options = {".yaml": {}, ".bt": {}, ".ot": {}}.get(path.suffix, {"spacing": 0.5})
     return Workspace.open(path, **options).outer
 
 
