@@ -313,12 +313,6 @@ class Plan:
         """Return a summary in a few lines."""
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
-    def _repr_html_(self) -> str:
-        """Return the summary with a picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, self._lines())
-
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
         if not self.solved:

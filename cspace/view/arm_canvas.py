@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
 from cspace.plot.arms import (
+    ARM_CAMERA,
     GHOST_COLOR,
     GHOST_COUNT,
     VIEW_MARGIN_SHARE,
@@ -367,27 +368,16 @@ class ArmCanvas(Canvas):
 
         Return the longest side of the box around the arm, metres.
         """
-        arms = [
-            points
-            for q in self.endpoints.values()
-            for points, _ in self._figure.pose_links(q).values()
-        ]
-        lower, upper = (
-            np.min([points.min(axis=0) for points in arms], 0),
-            np.max([p.max(axis=0) for p in arms], 0),
-        )
-        azimuth, margin = (
-            self._figure.camera_azimuth(lower, upper),
-            VIEW_MARGIN_SHARE * float(np.max(upper - lower)),
-        )
+        placed = [self._figure.pose_links(q) for q in self.endpoints.values()]
+        points = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        margin = VIEW_MARGIN_SHARE * float(np.max(upper - lower))
         obstacles = self._figure.obstacles.values()
-        clipped = (points.clip(lower - margin, upper + margin) for points, _ in obstacles)
-        near = np.concatenate([[lower, upper], *clipped])
-        self._place_camera(
-            near.min(axis=0),
-            near.max(axis=0),
-            np.array([math.cos(azimuth), math.sin(azimuth), 0.6]),
-        )
+        clipped = (vertices.clip(lower - margin, upper + margin) for vertices, _ in obstacles)
+        near = np.concatenate([points, *clipped])
+        azimuth = math.radians(ARM_CAMERA[1])
+        back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
+        self._place_camera(near.min(axis=0), near.max(axis=0), back)
         return float(np.max(upper - lower))
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.errors import CspaceError, InputError, MissingPackageError
+from cspace.errors import CspaceError, InputError
 from cspace.view.canvas import MARKS, Canvas
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ class Panel:
     ----------
     gui : viser.GuiApi
     canvas : Canvas
-    choices : planners.Choices or None
-        Planners and drives; None if OMPL is not installed.
+    choices : planners.Choices
+        Planners and drives.
     changed : callable
         Called when a user chooses other things to draw.
 
@@ -86,7 +86,7 @@ class Panel:
     """
 
     def __init__(
-        self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]
+        self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
     ) -> None:
         self._gui, self._canvas = gui, canvas
         gui.configure_theme(
@@ -118,17 +118,16 @@ class Panel:
                 _legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())])
             )
 
-    def _add_plan(self, choices: Choices | None) -> None:
+    def _add_plan(self, choices: Choices) -> None:
         """Add the inputs and messages of a search."""
         gui, canvas = self._gui, self._canvas
-        planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(
             "planner",
-            (AUTOMATIC, *planners),
+            (AUTOMATIC, *choices.planners),
             hint="OMPL's planners; maps also have Grid and MaxClearance.",
         )
         self.drive = gui.add_dropdown(
-            "drive", drives, hint="How the robot moves.", visible=len(drives) > 1
+            "drive", choices.drives, hint="How the robot moves.", visible=len(choices.drives) > 1
         )
         self.turning_radius = gui.add_number(
             "turning radius (m)", 1.0, min=0.01, step=0.05, visible=False
@@ -143,10 +142,9 @@ class Panel:
         self.plan = gui.add_button("Plan")
         self.proof = gui.add_markdown("")
         self.answer = gui.add_markdown("")
-        curves = choices.curves if choices else ()
 
         def show_turning_radius(_: Any) -> None:
-            self.turning_radius.visible = self.drive.value in curves
+            self.turning_radius.visible = self.drive.value in choices.curves
 
         self.drive.on_update(show_turning_radius)
 
@@ -203,6 +201,8 @@ class Page:
         path: Floats,
         source: Plan | Trajectory | None = None,
     ) -> None:
+        import planners
+
         self._server, self._space, self._canvas = server, space, canvas
         self.marks = dict(canvas.endpoints)
         self.plan: Plan | None = None
@@ -216,7 +216,7 @@ class Page:
         self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = (
             self._workers
         )
-        self.panel = Panel(server.gui, canvas, _choices(space), self._drawer.request)
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._drawer.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
@@ -509,18 +509,6 @@ def _describe_plan(plan: Plan) -> str:
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."
     return f"{text}  \n{plan.length:.3f} {plan.length_unit}{apart}  \n{plan.planner}, {took}"
-
-
-def _choices(space: Any) -> Choices | None:
-    """Return the planners and drives for a space.
-
-    None if OMPL is not installed, which a search reports.
-    """
-    try:
-        import planners
-    except MissingPackageError:
-        return None
-    return planners.choices(space)
 
 
 def _legend_html(rows: list[tuple[str, str]]) -> str:
