@@ -416,9 +416,7 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
 
 
 @kernel
-def _solve_three_segments(
-    form: int, xi: float, eta: float, phi: float
-) -> tuple[Steering, Lengths]:
+def _solve_three_segments(form: int, xi: float, eta: float, phi: float) -> tuple[Steering, Lengths]:
     """Return a word of two arcs with a straight or an arc between; zeros if unreachable."""
     apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
     if form == 1:

@@ -497,8 +497,9 @@ class EdgesOnMap(LocalPlanner):
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
-        connected, disconnected = self.space._connectivity(*endpoints)
-        return True if connected else False if disconnected else None
+        if self.space.is_connected(*endpoints):
+            return True
+        return False if self.space.is_disconnected(*endpoints) else None
 
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no proven edges can join start and goal.
