@@ -42,7 +42,7 @@ from cspace.map.storage import (
     read_only,
 )
 from cspace.raster import Raster
-from cspace.rotations.base import MAX_EXPECTED_ANGLE
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -1267,7 +1267,10 @@ class CSpace(ConfigurationMap, MapExport):
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
         """
-        point = self.rotations.make_canonical(self._check_configurations(q, name), name)
+        given = as_points(check_finite(q, name), name, self.size)
+        if given.ndim == 1:
+            warn_of_degrees(given, self._angles, name)
+        point = self.rotations.make_canonical(given, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         if is_valid and free:
             is_valid = bool(self.is_free(point, exact=True)) if exact else self._is_in_free(point)

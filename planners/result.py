@@ -100,8 +100,7 @@ class Plan:
         curves are proven along the real curve. It does not change when obstacles change:
         :meth:`recheck` proves the edges now.
     status : str
-        The result in a line: a path, or whether one is proven to exist. For an arm, also how far
-        the start or goal was moved onto limits that it exceeded.
+        The result in a line: a path, or whether one is proven to exist.
     hint : str
         Advice if the search found no path though one may exist; otherwise empty.
     length : float
