@@ -338,11 +338,10 @@ def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) ->
                 break
             word = _solve_form(form, u, v, angle)
             if kind == DUBINS:
-                # Arcs just below 2 pi are tried as they are, and as 0.
-                _write_forward(word, form, mirror, SNAP_RADIANS, steering[count], lengths[count])
-                count += 1
-                _write_forward(word, form, mirror, 0.0, steering[count], lengths[count])
-                count += 1
+                for snap in (SNAP_RADIANS, 0.0):  # arcs just below 2 pi are tried as 0 and as given
+                    _write_word(word, -1, mirror, sign, steering[count], lengths[count])
+                    _wrap_arcs(form, snap, lengths[count])
+                    count += 1
                 continue
             _write_word(word, -1, mirror, sign, steering[count], lengths[count])
             count += 1
@@ -371,19 +370,11 @@ def _write_word(
 
 
 @kernel
-def _write_forward(
-    word: tuple[Steering, Lengths],
-    form: int,
-    mirror: int,
-    snap: float,
-    steering: Ints,
-    lengths: Floats,
-) -> None:
-    """Write a word whose arcs are driven forwards."""
+def _wrap_arcs(form: int, snap: float, lengths: Floats) -> None:
+    """Wrap the arcs of a word, so that they are driven forwards."""
     for k in range(5):
-        is_arc = k != 1 or form == 3
-        steering[k] = mirror * word[0][k]
-        lengths[k] = _forward_arc(word[1][k], snap) if is_arc else word[1][k]
+        if k != 1 or form == 3:
+            lengths[k] = _forward_arc(lengths[k], snap)
 
 
 @kernel

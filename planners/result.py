@@ -232,11 +232,9 @@ class Plan:
     def shown_distance(self) -> tuple[str, float]:
         """Name and value of the obstacle distance, otherwise the clearance."""
         distance = self.obstacle_distance
-        return (
-            ("clearance", self.clearance)
-            if math.isnan(distance)
-            else ("obstacle_distance", distance)
-        )
+        if math.isnan(distance):
+            return "clearance", self.clearance
+        return "obstacle_distance", distance
 
     @property
     def distance_text(self) -> str:
