@@ -243,15 +243,10 @@ class ConfigurationSpace(SpaceView, ABC):
 
         Each part is a problem on a part of the space in memory. Return for each a function that
         opens the part, and two configurations to join in it. Only a tiled map has several parts;
-        see :class:`cspace.TiledCSpace`.
+        see :class:`cspace.TiledCSpace`. The configurations have been checked.
         """
-        return [
-            (
-                lambda: self,
-                self._check_configurations(q0, "q0"),
-                self._check_configurations(q1, "q1"),
-            )
-        ]
+        first, last = (np.array(q, dtype=np.float64) for q in (q0, q1))
+        return [(lambda: self, first, last)]
 
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 

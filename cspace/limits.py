@@ -91,17 +91,6 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
-def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
-    """Estimate the time of :func:`cspace.build` on one core.
-
-    The factor of uncertainty is about three. Parameters as for :func:`map_bytes`. Fitted to
-    measurements on one machine, with robots a few tens of cells across: the rasters of each slice,
-    and each state.
-    """
-    rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
-    return slices * (rasters + state * count_cells(shape))
-
-
 def free_bytes() -> int:
     """Return the memory that this process can still use, in bytes.
 

@@ -30,7 +30,6 @@ from cspace.shapes import (
     primitives,
     shape_from_spec,
 )
-from cspace.shown import NotebookPicture
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -46,7 +45,7 @@ GROWN: Final = "it grows the robot, in metres"
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Robot(NotebookPicture):
+class Robot:
     """A rigid robot in the plane or in space.
 
     Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`,

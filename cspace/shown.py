@@ -21,19 +21,7 @@ if TYPE_CHECKING:
     from cspace.view.viewer import Viewer, ViewOptions
 
 
-class NotebookPicture:
-    """An object that notebooks show as a small picture."""
-
-    __slots__ = ()
-
-    def _repr_html_(self) -> str:
-        """Return the repr and a small picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, [repr(self)])
-
-
-class WorkspacePlot(NotebookPicture):
+class WorkspacePlot:
     """Pictures of a workspace."""
 
     __slots__ = ()
@@ -165,7 +153,7 @@ class SpaceView:
         return open_viewer(self, block, options)
 
 
-class MapExport(NotebookPicture):
+class MapExport:
     """Files and messages of a map in memory."""
 
     _contents: Contents

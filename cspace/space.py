@@ -19,6 +19,7 @@ from cspace.check import (
     check_count,
     check_finite,
     check_flag,
+    check_points,
     check_positive,
     check_rng,
     check_rows,
@@ -46,7 +47,7 @@ from cspace.map.storage import (
     read_only,
 )
 from cspace.raster import Raster
-from cspace.rotations.base import MAX_EXPECTED_ANGLE
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
 from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.workspace import Workspace, copy_workspace
@@ -586,10 +587,14 @@ class CSpace(ConfigurationMap, MapExport):
         path = waypoints(self.grid, rotations, endpoints, cells)
         if (endpoints[0, dim:] == endpoints[1, dim:]).all() and (cells[:, 0] == cells[0, 0]).all():
             path[:, dim:] = endpoints[0, dim:]  # without turning to the center of the rotation cell
-        if not self.certify_path(path).all():
+        check = self.edge_checker()
+        rows = path.tolist()
+        edges = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
+        if not all(check(*first, *last) for first, last in edges):
             return np.empty((0, self.size))
-        check = in_time(self.edge_checker(), until)
-        return pulled_straight(path, rotations, check, cost) if straight else path
+        if not straight:
+            return path
+        return pulled_straight(path, rotations, in_time(check, until), cost)
 
     def _cheapest_path(
         self,
@@ -1256,12 +1261,24 @@ class CSpace(ConfigurationMap, MapExport):
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
         """
-        point = self.rotations.make_canonical(self._check_configurations(q, name), name)
-        is_inside = point.ndim == 1 and self.grid.contains(point[: self.grid.dim])
-        if not is_inside or (free and not self.is_free(point, exact=exact)):
+        given = check_points(q, name, self.size)
+        if given.ndim == 1:
+            warn_of_degrees(given, self._angles, name)
+        point = self.rotations.make_canonical(given, name)
+        is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
+        if is_valid and free:
+            is_valid = bool(self.is_free(point, exact=True)) if exact else self._is_in_free(point)
+        if not is_valid:
             kind = ("free " if exact else "FREE ") if free else ""
             hint = "ask nearest_free for one" if free else "ask grid.lower and grid.upper"
             raise ConfigurationError(
                 name, f"is {q!r}", f"it must be one {kind}configuration in the grid", hint, value=q
             )
         return point
+
+    def _is_in_free(self, point: Floats) -> bool:
+        """Return True if a configuration in the grid lies in a FREE cell."""
+        rotation, *cell = self._cells_of(point).tolist()
+        last = np.subtract(self.grid.shape, 1)  # the upper border belongs to the last cell
+        index = (self._slice_of[rotation], *np.minimum(cell, last))
+        return bool(self._seen[index] == FREE)

@@ -332,27 +332,49 @@ def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) ->
             continue
         u, v, angle = sign * x, mirror * y, sign * mirror * phi
         c, s = math.cos(angle), math.sin(angle)
-        for variant in range(2 * WORD_FORMS):
-            form, second = variant // 2, variant % 2 == 1
-            if (kind == DUBINS and form > 3) or (
-                kind != DUBINS and second and form not in (3, 6, 7)
-            ):
+        back_u, back_v = u * c + v * s, u * s - v * c
+        for form in range(WORD_FORMS):
+            if kind == DUBINS and form > 3:
+                break
+            word = _solve_form(form, u, v, angle)
+            if kind == DUBINS:
+                for snap in (SNAP_RADIANS, 0.0):  # arcs just below 2 pi are tried as 0 and as given
+                    _write_word(word, -1, mirror, sign, steering[count], lengths[count])
+                    _wrap_arcs(form, snap, lengths[count])
+                    count += 1
                 continue
-            # The second variant is driven from its end to its start; for Dubins, its arcs are not
-            # snapped to 0.
-            back = second and kind != DUBINS
-            word = _solve_form(
-                form, u * c + v * s if back else u, u * s - v * c if back else v, angle
-            )
-            last = 2 if form == 3 else 3
-            for k in range(5):
-                other = last - k if back and k <= last else k
-                length = word[1][other]
-                if kind == DUBINS and (k != 1 or form == 3):
-                    length = _forward_arc(length, 0.0 if second else SNAP_RADIANS)
-                steering[count, k], lengths[count, k] = mirror * word[0][other], sign * length
+            _write_word(word, -1, mirror, sign, steering[count], lengths[count])
             count += 1
+            if form in (3, 6, 7):  # the others are the same from the end to the start
+                word = _solve_form(form, back_u, back_v, angle)
+                last = 2 if form == 3 else 3
+                _write_word(word, last, mirror, sign, steering[count], lengths[count])
+                count += 1
     return count
+
+
+@kernel
+def _write_word(
+    word: tuple[Steering, Lengths],
+    last: int,
+    mirror: int,
+    sign: int,
+    steering: Ints,
+    lengths: Floats,
+) -> None:
+    """Write a word with its segments up to ``last`` in reverse order; none if ``last`` is -1."""
+    for k in range(5):
+        source = last - k if k <= last else k
+        steering[k] = mirror * word[0][source]
+        lengths[k] = sign * word[1][source]
+
+
+@kernel
+def _wrap_arcs(form: int, snap: float, lengths: Floats) -> None:
+    """Wrap the arcs of a word, so that they are driven forwards."""
+    for k in range(5):
+        if k != 1 or form == 3:
+            lengths[k] = _forward_arc(lengths[k], snap)
 
 
 @kernel
@@ -370,7 +392,6 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
 @kernel
 def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Lengths]:
     """Return a form's word to (x, y, phi); zeros if unreachable."""
-    half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
     if form == 0:
         return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)
     # Center of the last circle, which turns left or right, relative to the center of the first
@@ -378,6 +399,16 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
     left = form in (1, 3, 6)
     xi = x - math.sin(phi) if left else x + math.sin(phi)
     eta = y - 1.0 + math.cos(phi) if left else y - 1.0 - math.cos(phi)
+    if form <= 3:
+        return _solve_three_segments(form, xi, eta, phi)
+    if form <= 5:
+        return _solve_four_arcs(form, xi, eta, phi)
+    return _solve_with_quarter_turn(form, xi, eta, phi)
+
+
+@kernel
+def _solve_three_segments(form: int, xi: float, eta: float, phi: float) -> tuple[Steering, Lengths]:
+    """Return a word of two arcs with a straight or an arc between; zeros if unreachable."""
     apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
     if form == 1:
         return (1, 0, 1, 0, 0), (bearing, apart, _around(phi - bearing), 0.0, 0.0)
@@ -389,6 +420,13 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
         u = -2.0 * math.asin(min(0.25 * apart, 1.0))
         t = _around(bearing + 0.5 * u + math.pi)
         return (1, -1, 1, 0, 0), (t, u, _around(phi - t + u), 0.0, 0.0)
+    return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _solve_four_arcs(form: int, xi: float, eta: float, phi: float) -> tuple[Steering, Lengths]:
+    """Return a word of four arcs, the inner two of equal length; zeros if unreachable."""
+    apart = math.hypot(xi, eta)
     if form == 4 and apart <= 2.0 + TOUCH_TOLERANCE:
         u = math.acos(min(0.25 * (2.0 + apart), 1.0))
         t, v = _tau_omega(u, -u, xi, eta, phi)
@@ -397,18 +435,27 @@ def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Le
         u = -math.acos(min((20.0 - apart * apart) / 16.0, 1.0))
         t, v = _tau_omega(u, u, xi, eta, phi)
         return (1, -1, 1, -1, 0), (t, u, u, v, 0.0)
-    if form == 6 and apart >= 2.0 - TOUCH_TOLERANCE:
-        u = math.sqrt(max(apart * apart - 4.0, 0.0))
-        t = _around(bearing + math.atan2(u, -2.0))
-        return (1, -1, 0, 1, 0), (t, -half, 2.0 - u, _around(phi - half - t), 0.0)
-    if form == 7 and apart >= 2.0 - TOUCH_TOLERANCE:
+    return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _solve_with_quarter_turn(
+    form: int, xi: float, eta: float, phi: float
+) -> tuple[Steering, Lengths]:
+    """Return a word with an arc of a quarter turn beside a straight; zeros if unreachable."""
+    half, apart = 0.5 * math.pi, math.hypot(xi, eta)
+    if apart < 2.0 - TOUCH_TOLERANCE:
+        return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
+    if form == 7:
         t = math.atan2(xi, -eta)
         return (1, -1, 0, -1, 0), (t, -half, 2.0 - apart, _around(t + half - phi), 0.0)
-    if form == 8 and apart >= 2.0 - TOUCH_TOLERANCE:
-        u = 4.0 - math.sqrt(max(apart * apart - 4.0, 0.0))
-        t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
-        return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))
-    return none
+    straight = math.sqrt(max(apart * apart - 4.0, 0.0))
+    if form == 6:
+        t = _around(math.atan2(eta, xi) + math.atan2(straight, -2.0))
+        return (1, -1, 0, 1, 0), (t, -half, 2.0 - straight, _around(phi - half - t), 0.0)
+    u = 4.0 - straight
+    t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
+    return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))
 
 
 @allocating

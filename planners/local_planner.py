@@ -271,24 +271,17 @@ class LocalPlanner(ABC):
 
     def find_goals(
         self, goal: GoalLike, start: Configuration, seed: int | None
-    ) -> list[tuple[Configuration, ArrayLike]]:
+    ) -> list[Configuration]:
         """Return the checked goals that a path may end at, nearest first.
 
-        Each comes with the goal as given. Raises errors as :meth:`check_endpoint`; also if an arm
-        reaches none of the poses given, or collides there.
+        Raises errors as :meth:`check_endpoint`; also if an arm reaches none of the poses given, or
+        collides there.
         """
         if isinstance(goal, PoseGoal):
             rule, hint = "a map has no frames", "pass a configuration"
             raise InputError("goal", f"is a pose of {goal.frame!r}", rule, hint, value=goal)
         given = check_finite(goal, "goal")  # type: ignore[arg-type]  # pose goals are not numeric
-        return [(self.check_endpoint(given, "goal"), given)]
-
-    def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that :meth:`check_endpoint` moves onto their limits.
-
-        Returns an empty text if it moves no joint.
-        """
-        return ""
+        return [self.check_endpoint(given, "goal")]
 
     def prove_existence(self, endpoints: Endpoints) -> bool | None:
         """Prove or disprove that a path exists; None if undecided."""
@@ -484,9 +477,8 @@ class EdgesOnMap(LocalPlanner):
             hints.append(f"the nearest is {format_configuration(nearest)}")
         except ConfigurationError:
             where = "at all" if self.in_memory else "near there"
-            no_hint = not hints
-            hints.append(f"the map has no FREE configuration {where}")
-            hints += ["use a smaller robot, margin or spacing"] * no_hint
+            hints = hints or ["use a smaller robot, margin or spacing"]
+            hints.insert(0, f"the map has no FREE configuration {where}")
         problem = f"{format_configuration(point)} {problem}"
         return ConfigurationError(
             name, problem, rule, "; ".join(hints), value=point, nearest=nearest
@@ -778,20 +770,21 @@ class JointMotions(LocalPlanner):
 
     def find_goals(
         self, goal: GoalLike, start: Configuration, seed: int | None
-    ) -> list[tuple[Configuration, ArrayLike]]:
+    ) -> list[Configuration]:
         """Return the goals that are proven free, the nearest first.
 
         A pose gives several goals.
         """
         alternatives = _list_alternatives(goal)
-        goals, errors = list[tuple[Configuration, ArrayLike]](), list[ConfigurationError]()
+        goals: list[Configuration] = []
+        errors: list[ConfigurationError] = []
         for number, each in enumerate(alternatives):
             name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
             try:
                 if isinstance(each, PoseGoal):
-                    goals += [(q, q) for q in self._solve_pose(each, name, start, seed)]
+                    goals += self._solve_pose(each, name, start, seed)
                 else:
-                    goals.append((self.check_endpoint(each, name), each))
+                    goals.append(self.check_endpoint(each, name))
             except ConfigurationError as error:
                 errors.append(error)
         if not goals and len(alternatives) == 1:
@@ -804,9 +797,7 @@ class JointMotions(LocalPlanner):
             raise ConfigurationError(
                 "goal", problem, rule, str(errors[0]), value=goal, nearest=errors[0].nearest
             )
-        lengths = self.edge_lengths(
-            np.array(start)[np.newaxis], np.array([checked for checked, _ in goals])
-        )
+        lengths = self.edge_lengths(np.array(start)[np.newaxis], np.array(goals))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
 
     def _solve_pose(
@@ -833,14 +824,6 @@ class JointMotions(LocalPlanner):
         raise ConfigurationError(
             name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest
         )
-
-    def explain_clamping(self, q: ArrayLike, name: str) -> str:
-        """Name the joints that :meth:`check_endpoint` moves onto their limits."""
-        arm, point = self.space.arm, self._check_size(q, name)
-        excess = np.abs(arm._clamp(point) - point)
-        rows = zip(arm.joints, excess.tolist(), arm.units, strict=True)
-        joints = [f"{joint} by {by:.2g} {unit}" for joint, by, unit in rows if by]
-        return f"{name} moved onto the limit of {', '.join(joints)}" if joints else ""
 
 
 class CarCurves(EdgesOnMap):

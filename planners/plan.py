@@ -319,7 +319,7 @@ def plan(
     subproblems = edges.space._tile_subproblems(*task.endpoints[:2]) if may_exist else []
     result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
     exists = True if searches_first and result.proven else prove()
-    return _make_plan(task, start, result, exists, began)
+    return _make_plan(task, result, exists, began)
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +328,6 @@ class _Task:
 
     edges: LocalPlanner  # on the whole space
     endpoints: Endpoints  # start and goals as OMPL holds them, the nearest goal first
-    given_goals: tuple[ArrayLike, ...]  # as the user gave them
     search: Search
     objective: str | MakeObjective
     time_limit: float
@@ -361,12 +360,12 @@ def _check_arguments(
         iterations=_check_iterations(search.iterations, name),
     )
     checked = edges.check_endpoint(start, "start")
-    goals, given_goals = zip(*edges.find_goals(goal, checked, search.seed), strict=True)
+    goals = edges.find_goals(goal, checked, search.seed)
     if name in _WHY_ONE_GOAL and len(goals) > 1:
         problem = f"has {len(goals)} configurations and planner is {name!r}"
         hint = "pass one configuration or choose another planner"
         raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
-    task = _Task(edges, (checked, *goals), given_goals, search, objective, time_limit, is_named)
+    task = _Task(edges, (checked, *goals), search, objective, time_limit, is_named)
     if name in BUILT_IN_SEARCHES:
         _check_built_in_search(task)
     return task
@@ -754,25 +753,16 @@ def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(
-    task: _Task, given: ArrayLike, result: SearchResult, exists: bool | None, began: float
-) -> Plan:
+def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
-    ``given`` is the start as the user gave it; ``began`` is a reading of ``time.perf_counter``
-    before all checks.
+    ``began`` is a reading of ``time.perf_counter`` before all checks.
     """
     searched = time.perf_counter()
     status, hint = _describe_outcome(task, result, exists)
-    reached = (
-        kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
-        if len(result.path)
-        else 0
-    )
-    ends = zip((given, task.given_goals[max(reached, 1) - 1]), ("start", "goal"), strict=True)
-    status = "; ".join(
-        filter(None, (status, *(task.edges.explain_clamping(*each) for each in ends)))
-    )
+    reached = 0
+    if len(result.path):
+        reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
     edges, search = task.edges, task.search
     waypoints = edges.breakpoints(result.path)
     solved = len(waypoints) > 0

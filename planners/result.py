@@ -100,8 +100,7 @@ class Plan:
         curves are proven along the real curve. It does not change when obstacles change:
         :meth:`recheck` proves the edges now.
     status : str
-        The result in a line: a path, or whether one is proven to exist. For an arm, also how far
-        the start or goal was moved onto limits that it exceeded.
+        The result in a line: a path, or whether one is proven to exist.
     hint : str
         Advice if the search found no path though one may exist; otherwise empty.
     length : float
@@ -233,11 +232,9 @@ class Plan:
     def shown_distance(self) -> tuple[str, float]:
         """Name and value of the obstacle distance, otherwise the clearance."""
         distance = self.obstacle_distance
-        return (
-            ("clearance", self.clearance)
-            if math.isnan(distance)
-            else ("obstacle_distance", distance)
-        )
+        if math.isnan(distance):
+            return "clearance", self.clearance
+        return "obstacle_distance", distance
 
     @property
     def distance_text(self) -> str:
@@ -312,12 +309,6 @@ class Plan:
     def __repr__(self) -> str:
         """Return a summary in a few lines."""
         return "Plan(" + "\n     ".join(self._lines()) + ")"
-
-    def _repr_html_(self) -> str:
-        """Return the summary with a picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, self._lines())
 
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""

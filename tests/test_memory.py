@@ -10,7 +10,6 @@ from cspace.engines.slices import raster_bytes, slice_rasters
 from cspace.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
-    build_seconds,
     bytes_text,
     check_memory,
 )
@@ -91,14 +90,6 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
     cells = sum(raster.cells.size for pair in pairs for raster in pair)
     needed = SLICE_BYTES * len(pairs) + RASTER_CELL_BYTES[robot.dim] * cells
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
-
-
-def test_build_times_grow_with_slices_and_cells():
-    assert (
-        build_seconds((64, 64, 46), 6912)
-        > build_seconds((64, 64, 46), 100)
-        > build_seconds((64, 64), 100)
-    )
 
 
 def test_sizes_are_formatted_in_round_units():

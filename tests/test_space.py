@@ -54,7 +54,3 @@ def test_dof_counts_degrees_of_freedom_and_size_coordinates(side, rotations, dof
     robot = cspace.Robot.rectangle(*side) if len(side) == 2 else cspace.Robot.box(side)
     space = cspace.build(workspace, robot, rotations=rotations)
     assert (space.dof, space.size, len(space.axes)) == (dof, size, size)
-
-
-def test_notebooks_show_a_picture():
-    assert build_map()._repr_html_().count("data:image/png;base64,") == 1

@@ -17,7 +17,7 @@ from cspace.cli.compile import compile_ahead
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, plan
-from cspace.cli.report import Options, format_error, name_options, option_names
+from cspace.cli.report import format_error, join_lines, option_names
 from cspace.errors import AngleWarning, CspaceError
 
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
@@ -31,11 +31,7 @@ class _Commands(TyperGroup):
         """Run a command; print errors and exit with code 2 or 130."""
 
         def warn(message: Warning | str, *_: Any, **__: Any) -> None:
-            typer.echo(
-                "cspace: warning: "
-                f"{name_options(' '.join(str(message).split()), self._options(ctx))}",
-                err=True,
-            )
+            typer.echo(f"cspace: warning: {join_lines(str(message))}", err=True)
 
         try:
             with warnings.catch_warnings():
@@ -46,30 +42,21 @@ class _Commands(TyperGroup):
         except BrokenPipeError:
             raise
         except CspaceError as error:
-            problem = format_error(error, self._options(ctx))
+            options = option_names(self.commands.get(ctx.invoked_subcommand or ""))
+            problem = format_error(error, options)
         except _USAGE_ERRORS as error:  # e.g. an option without its value
             command = error.ctx.command_path if error.ctx else "cspace"
-            message = (
-                " ".join(error.format_message().split())
-                .removesuffix(".")
-                .replace("Value error, ", "")
-            )
+            message = join_lines(error.format_message()).removesuffix(".")
             problem = f"{message}; see {command} --help"
         except OSError as error:
-            problem = " ".join(str(error).split())
+            problem = join_lines(str(error))
         except MemoryError as error:
-            problem = (
-                f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use "
-                "larger cells"
-            )
-        except KeyboardInterrupt as interrupt:
-            typer.echo("; ".join(["cspace: interrupted", *map(str, interrupt.args)]), err=True)
+            problem = f"out of memory: {error}; a map must fit in memory; use larger cells"
+        except KeyboardInterrupt:
+            typer.echo("cspace: interrupted", err=True)
             raise typer.Exit(130) from None
         typer.echo(f"cspace: {problem}", err=True)
         raise typer.Exit(2)
-
-    def _options(self, ctx: Any) -> Options:
-        return option_names(self.commands.get(ctx.invoked_subcommand or ""))
 
 
 app = typer.Typer(

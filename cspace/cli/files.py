@@ -5,12 +5,11 @@ from __future__ import annotations
 import csv
 import os
 import shutil
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cspace.errors import FileError, InputError, import_optional
+from cspace.errors import FileError, InputError
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -57,26 +56,6 @@ def check_folder(folder: Path) -> None:
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         problem = f"cannot be written: {existing.resolve()} is not a writable folder"
         raise FileError(str(folder), problem, "outputs need a writable folder", "choose another")
-
-
-def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the axes of a saved map and their units.
-
-    Units are "m", "rad" or "1". Only the metadata are read, because a map may be large and a wrong
-    option should be reported at once. Raises FileError if the map cannot be opened.
-    """
-    from cspace.opening import open_map
-    from cspace.rotations import Rotations
-    from cspace.save import read_format, read_root
-
-    try:
-        metadata, _ = read_root(file, read_format(file))
-        axes, units = metadata["axes"].split(), metadata.get("units", "").split()
-    except Exception:  # opening the map raises a better error, whatever is wrong
-        space = open_map(file)
-        return space.axes, space.units
-    known = Rotations.all_units()
-    return tuple(axes), (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
@@ -138,20 +117,6 @@ def prepare_store(output: Path, overwrite: bool) -> None:
         shutil.rmtree(output)
 
 
-@contextmanager
-def suggest_resuming(output: Path, overwrite: bool) -> Iterator[None]:
-    """Add how to resume the build to an interruption in the block."""
-    from cspace.save import read_format
-
-    try:
-        yield
-    except KeyboardInterrupt as interrupt:
-        if not read_format(output):
-            raise
-        command = "the same command without --overwrite" if overwrite else "the same command"
-        raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt
-
-
 def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
     """Return ``{"lazy": True}`` if cells can stay in their file, or {}."""
     from cspace.workspace import reader_of
@@ -161,30 +126,6 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
     except InputError:
         return {}
     return {} if options.get("solid") == "fill" else {"lazy": True}
-
-
-@contextmanager
-def connect_cluster(address: str | None) -> Iterator[Any]:
-    """Connect to a dask scheduler.
-
-    Yield its client, or None without an address. Raises MissingPackageError if dask is not
-    installed, and InputError if the connection fails.
-    """
-    if address is None:
-        yield None
-        return
-    from cspace.tiles.work import DASK_USE
-
-    try:
-        client = import_optional("distributed", DASK_USE, "distributed").Client(address, timeout=10)
-    except (OSError, ValueError, TimeoutError) as error:
-        problem = f"is {address!r}, which does not answer ({error})"
-        hint = "start one with: dask scheduler"
-        raise InputError(
-            "scheduler", problem, "it must be a dask scheduler", hint, value=address
-        ) from error
-    with client:
-        yield client
 
 
 def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:

@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from cspace.cli.files import (
     check_outputs,
-    connect_cluster,
     lazy_option,
     prepare_store,
-    read_axes,
     read_path,
     select_window,
-    suggest_resuming,
 )
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
-    Inputs,
     Json,
     MapFile,
     Mark,
     Overwrite,
     PackageDirs,
     PathFile,
+    Solid,
     SolidMesh,
     Srdf,
+    Unknown,
     check_dimensions,
     drop_none,
+    open_robot,
     parse_box,
     parse_configuration,
     parse_rotation,
@@ -37,10 +36,8 @@ from cspace.cli.options import (
     read_arm,
     read_marks,
     refuse_options,
-    spread_inputs,
 )
 from cspace.cli.report import Clock, show
-from cspace.errors import InputError
 from cspace.words import Method, Outside
 
 if TYPE_CHECKING:
@@ -48,10 +45,8 @@ if TYPE_CHECKING:
     from cspace.builder import BuildOptions
     from cspace.space import CSpace
     from cspace.tiles.space import TiledCSpace
-    from cspace.view import ViewOptions
 
 
-@spread_inputs
 def make(
     workspace: Annotated[
         Path,
@@ -75,7 +70,44 @@ def make(
             "a mesh.",
         ),
     ],
-    inputs: Inputs,
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Side of a cell, where the file does not say: images, polygons, meshes, points.",
+        ),
+    ] = None,
+    rotations: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COUNT",
+            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in "
+            "space, for all.",
+        ),
+    ] = None,
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOWER,UPPER",
+            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in "
+            "space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
+        ),
+    ] = None,
+    unknown: Annotated[
+        Unknown | None,
+        typer.Option(
+            help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."
+        ),
+    ] = None,
+    solid: SolidMesh = None,
+    robot_solid: Annotated[
+        Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")
+    ] = None,
+    package_dirs: PackageDirs = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -109,31 +141,29 @@ def make(
             "goes on where it was stopped.",
         ),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="With --tile: a dask cluster, e.g. tcp://10.0.0.1:8786."
-        ),
-    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
+    from cspace.check import check_positive
     from cspace.files.formats import read_dimension
     from cspace.save import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
-    cells = parse_rotation_cells(inputs.rotations)
+    cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
         check_outputs([output], MAP_SUFFIXES, overwrite)
     else:
         prepare_store(output, overwrite)
-    options = inputs.workspace_options()
+    box = None if bounds is None else parse_box(bounds, "bounds")
+    options = drop_none(spacing=spacing, unknown=unknown, bounds=box, solid=solid, radius=radius)
+    if spacing is not None:
+        check_positive(spacing, "spacing")
     clock = Clock()
     with clock.step("read"):
-        shape = inputs.read_robot(robot)
+        shape = open_robot(robot, robot_solid, package_dirs)
         reader_of(workspace, options)
         check_dimensions(workspace, read_dimension(workspace), shape, cells)
         lazy = {} if tile is None else lazy_option(workspace, options)
@@ -148,20 +178,10 @@ def make(
     }
     space: CSpace | TiledCSpace
     if tile is not None:
-        states = obstacles.grid.size * (int(cells.assign_slices(shape.shape).max()) + 1)
-        with (
-            suggest_resuming(output, overwrite),
-            connect_cluster(scheduler) as client,
-            clock.step("build", states) as progress,
-        ):
+        with clock.step("build") as progress:
             settings["progress"] = progress
-            space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)
+            space = build(obstacles, shape, store=output, tile=tile, **settings)
     else:
-        if scheduler is not None:
-            hint = "add e.g. --tile 4096"
-            raise InputError(
-                "scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler
-            )
         with clock.step("build") as progress:
             settings["progress"] = progress
             space = made = build(obstacles, shape, **settings)
@@ -231,29 +251,21 @@ def picture(
     """Draw a picture of a map, and of a path on it."""
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
-    from cspace.plot.picture import choose_view
-    from cspace.rotations import Rotations
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
-    axes, units = read_axes(file)
-    places = [axis for axis in axes if axis not in Rotations.all_names()]
-    marks = read_marks(start, goal, axes, units)
-    options = drop_none(
-        rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes),
-        center=None
-        if center is None
-        else parse_configuration(center, "center", places, units[: len(places)]),
-        zoom=zoom,
-        surface=surface,
-        cut=cut,
-    )
-    choose_view(axes, view, options)
     clock = Clock()
     with clock.step("read"):
-        points = None if path is None else read_path(path, axes)
         space = open_map(file)
+        axes, units, dim = space.axes, space.units, space.grid.dim
+        options = drop_none(view=view, zoom=zoom, surface=surface, cut=cut)
+        options |= read_marks(start, goal, axes, units)
+        if rotation is not None:
+            options["rotation"] = parse_rotation(rotation, "rotation", axes)
+        if center is not None:
+            options["center"] = parse_configuration(center, "center", axes[:dim], units[:dim])
+        if path is not None:
+            options["path"] = read_path(path, axes)
     with clock.step("draw"):
-        options |= drop_none(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
@@ -289,21 +301,17 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.export.maps import EXPORTS, check_export
+    from cspace.export.maps import EXPORTS
     from cspace.opening import open_map
-    from cspace.rotations import Rotations
 
     check_outputs([output], EXPORTS, overwrite)
-    axes, _ = read_axes(file)
-    check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
-    options = drop_none(
-        rotation=None if rotation is None else parse_rotation(rotation, "rotation", axes)
-    )
     clock = Clock()
     with clock.step("read"):
-        space = select_window(
-            open_map(file), None if window is None else parse_box(window, "window")
-        )
+        box = None if window is None else parse_box(window, "window")
+        space = select_window(open_map(file), box)
+        options = {}
+        if rotation is not None:
+            options["rotation"] = parse_rotation(rotation, "rotation", space.axes)
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
@@ -348,20 +356,17 @@ def view(
     from cspace.arms import build_arm_space
     from cspace.opening import open_map
 
-    clock = Clock()
-    space: CSpace | TiledCSpace | ArmSpace | None = None
+    space: CSpace | TiledCSpace | ArmSpace
     if file.suffix.lower() == ".urdf":
-        with clock.step("read"):
-            space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
-        axes, units = space.axes, space.arm.units
+        space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
+        units = space.arm.units
     else:
         options = drop_none(srdf=srdf, solid=solid, package_dirs=package_dirs or None, frame=frame)
         refuse_options(options, (), f"{file} is not a URDF")
-        axes, units = read_axes(file)
-    marks = read_marks(start, goal, axes, units)
-    points = None if path is None else read_path(path, axes)
-    if space is None:
-        with clock.step("read"):
-            space = open_map(file)
-    shown: ViewOptions = {"host": host, **drop_none(path=points, port=port, frame=frame, **marks)}  # type: ignore[typeddict-item]
+        space = open_map(file)
+        units = space.units
+    shown: dict[str, Any] = drop_none(host=host, port=port, frame=frame)
+    shown |= read_marks(start, goal, space.axes, units)
+    if path is not None:
+        shown["path"] = read_path(path, space.axes)
     space.view(**shown)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import wraps
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from cspace.cli.report import name_robot_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -78,94 +74,6 @@ Srdf = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Options of workspaces and robots that commands share; see :func:`spread_inputs`."""
-
-    spacing: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METRES",
-            help="Side of a cell, where the file does not say: images, polygons, meshes, points.",
-        ),
-    ] = None
-    rotations: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COUNT",
-            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in "
-            "space, for all.",
-        ),
-    ] = None
-    bounds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LOWER,UPPER",
-            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in "
-            "space "
-            "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
-        ),
-    ] = None
-    unknown: Annotated[
-        Unknown | None,
-        typer.Option(
-            help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."
-        ),
-    ] = None
-    solid: SolidMesh = None
-    robot_solid: Annotated[
-        Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")
-    ] = None
-    package_dirs: PackageDirs = None
-    radius: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud."),
-    ] = None
-
-    def workspace_options(self) -> dict[str, Any]:
-        """Return the options for the reader of a workspace, checked without the file.
-
-        Raises InputError if ``bounds`` is not a box or a number is out of range.
-        """
-        from cspace.check import check_positive
-
-        if self.spacing is not None:
-            check_positive(self.spacing, "spacing")
-        bounds = None if self.bounds is None else parse_box(self.bounds, "bounds")
-        return drop_none(
-            spacing=self.spacing,
-            unknown=self.unknown,
-            bounds=bounds,
-            solid=self.solid,
-            radius=self.radius,
-        )
-
-    def read_robot(self, text: str) -> Robot:
-        """Return the robot that ``--robot``, ``--robot-solid`` and ``--package-dir`` give.
-
-        Raises CspaceError as :func:`open_robot`.
-        """
-        with name_robot_options():
-            return open_robot(text, self.robot_solid, self.package_dirs)
-
-
-def spread_inputs(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the fields of :class:`Inputs` as options, instead of ``inputs``."""
-    fields = list(inspect.signature(Inputs, eval_str=True).parameters.values())
-    parameters: list[inspect.Parameter] = []
-    for each in inspect.signature(command, eval_str=True).parameters.values():
-        parameters += fields if each.name == "inputs" else [each]
-
-    @wraps(command)
-    def call(**options: Any) -> None:
-        inputs = Inputs(**{each.name: options.pop(each.name) for each in fields})
-        command(inputs=inputs, **options)
-
-    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    call.__annotations__ = {each.name: each.annotation for each in parameters}
-    return call
-
-
 def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
     """Return the robot of a short text or a file, or, of ``footprint:`` and a file, its projection.
 
@@ -205,9 +113,8 @@ def read_arm(
 _OPTION_PURPOSES: Final = {
     "srdf": "an arm",
     "frame": "an arm",
-    "package_dirs": "a URDF; with --robot, the robot's",
+    "package_dirs": "a URDF",
     "solid": "a mesh or a URDF",
-    "robot_solid": "the mesh of --robot",
 }
 """Inputs that use an option; all other options are for workspaces."""
 
@@ -257,15 +164,13 @@ def parse_rotation_cells(text: str | None) -> Rotations:
 
 
 def parse_configuration(
-    text: str, argument: str, axes: Sequence[str], units: Sequence[str] | None = None
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str]
 ) -> tuple[float, ...]:
     """Parse the configuration in an argument such as ``start``.
 
-    ``units`` has "m", "rad" or "1" for each axis, by default as for a rigid robot. Angles may be in
-    degrees: ``90deg``. Raises InputError if the text does not have one number for each axis,
-    separated by commas.
+    ``units`` has "m", "rad" or "1" for each axis. Angles may be in degrees: ``90deg``. Raises
+    InputError if the text does not have one number for each axis, separated by commas.
     """
-    units = _axis_units(axes) if units is None else units
     rule = (
         f"the map's configurations are {','.join(axes)}, in "
         f"{'metres' if 'm' in units else 'radians or degrees'}"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cspace.cli.files import check_folder, check_outputs, read_axes
+from cspace.cli.files import check_folder, check_outputs
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
     CONFIGURATION,
@@ -103,20 +102,17 @@ def plan(
     from cspace.plot import PICTURE_SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.space import CSpace
-    from planners.local_planner import check_drive
 
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    axes, units = read_axes(file)
-    endpoints = (
-        parse_configuration(start, "start", axes, units),
-        parse_configuration(goal, "goal", axes, units),
-    )
-    check_drive(axes, drive, turning_radius, exact)
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
+    endpoints = (
+        parse_configuration(start, "start", space.axes, space.units),
+        parse_configuration(goal, "goal", space.axes, space.units),
+    )
     options = drop_none(
         planner=planner,
         objective=objective,
@@ -128,9 +124,11 @@ def plan(
         planned = planners.plan(
             space, *endpoints, time_limit=time_limit, simplify=simplify, seed=seed, **options
         )
-    clock.split("plan", **_search_times(planned))
     with clock.step("measure"):
         described = _describe(planned)
+        if planned.solved:
+            name, distance = planned.shown_distance
+            described[with_unit(name, planned.distance_unit)] = distance
     if planned.solved:
         with clock.step("write"):
             _write(planned, output or [], overwrite)
@@ -144,11 +142,9 @@ def plan(
             save_animation(drawn, planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = (
-            f"; try {name_options(planned.hint, option_names(context.command))}"
-            if planned.hint
-            else ""
-        )
+        hint = ""
+        if planned.hint:
+            hint = f"; try {name_options(planned.hint, option_names(context.command))}"
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{hint}", err=True)
         raise typer.Exit(1)
 
@@ -196,7 +192,6 @@ def demo(
         }
     with clock.step("plan"):
         planned = planners.plan(space, flat.START_POSITION, flat.GOAL_POSITION, seed=1)
-    clock.split("plan", **_search_times(planned))
     if not (all(proofs.values()) and planned.solved and planned.certified):
         problem = f"failed: {proofs}, {planned.status}"
         raise InputError(
@@ -206,8 +201,6 @@ def demo(
             "please report it",
             value=proofs,
         )
-    with clock.step("measure"):
-        described = _describe(planned)
     output.mkdir(parents=True, exist_ok=True)
     with clock.step("save_inputs"):
         files |= flat.write_inputs(output)
@@ -221,7 +214,7 @@ def demo(
         {
             "map": describe_map(space),
             "proofs": proofs,
-            "plan": described,
+            "plan": _describe(planned),
             "files": {name: str(file) for name, file in files.items()},
             "seconds": clock.seconds,
         },
@@ -239,26 +232,14 @@ def _describe(plan: Plan) -> dict[str, Any]:
         "is_disconnected": plan.is_disconnected,
     }
     if plan.solved:
-        name, distance = plan.shown_distance
         described |= {
             "configurations": len(plan.path),
             with_unit("length", plan.length_unit): plan.length,
             **({"total_rotation_rad": plan.total_rotation} if plan.total_rotation else {}),
-            **({} if math.isnan(distance) else {with_unit(name, plan.distance_unit): distance}),
             "certified": plan.certified,
             "path": plan.path.tolist(),
         }
     return described
-
-
-def _search_times(plan: Plan) -> dict[str, float]:
-    """Return the durations of setup, search and check, seconds."""
-    times = plan.times
-    return {
-        "set_up": times.setup,
-        "plan": times.planning + times.simplification,
-        "check": times.checking,
-    }
 
 
 def _write(plan: Plan, files: list[Path], overwrite: bool) -> None:

@@ -10,7 +10,6 @@ import math
 import re
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
@@ -20,7 +19,6 @@ import typer
 from cspace.errors import CspaceError
 
 _UNIT_TEXTS: Final = {
-    "_cpu_s": " s of one core, very roughly",
     "_rad2_m": " rad² m",
     "_rad_m2": " rad m²",
     "_rad_m": " rad m",
@@ -51,28 +49,22 @@ class Clock:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def step(self, name: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
+    def step(self, name: str) -> Iterator[Callable[[int, int], None] | None]:
         """Time the block and show its progress on a terminal.
 
         Yield what :func:`progress_line` yields.
         """
         began = time.perf_counter()
-        with progress_line(name.replace("_", " "), cells) as progress:
+        with progress_line(name.replace("_", " ")) as progress:
             yield progress
         self.seconds[name] = round(time.perf_counter() - began, 4)
 
-    def split(self, name: str, **parts: float) -> None:
-        """Replace the last step by its parts."""
-        del self.seconds[name]
-        self.seconds |= {part: round(seconds, 4) for part, seconds in parts.items()}
-
 
 @contextmanager
-def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
+def progress_line(label: str) -> Iterator[Callable[[int, int], None] | None]:
     """Show a progress bar on standard error.
 
-    Yield the library's progress callback, or None without a terminal. With ``cells``, the number of
-    cells of a tiled map, the bar also shows the tiles done and the cells per second.
+    Yield the library's progress callback, or None without a terminal.
     """
     if not sys.stderr.isatty():
         yield None
@@ -81,20 +73,8 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task, began = bar.add_task(label, total=None), [math.nan, 0.0]
-
-        def advance(done: int, total: int) -> None:
-            text = label
-            if cells:
-                # Tiles of earlier runs are not part of this run's speed.
-                began[:] = began if began[0] == began[0] else [time.perf_counter(), done]
-                seconds = max(time.perf_counter() - began[0], 1e-9)
-                text = f"{label}: {done} of {total} tiles"
-                if done > began[1]:
-                    text += f", {(done - began[1]) / total * cells / seconds:.3g} cells/s"
-            bar.update(task, description=text, completed=done, total=total)
-
-        yield advance
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def with_unit(name: str, unit: str) -> str:
@@ -198,53 +178,24 @@ def option_names(command: Any) -> Options:
 
 
 def format_error(error: CspaceError, options: Options) -> str:
-    """Return an error as one line that names options, not arguments."""
+    """Return an error as one line that begins with the option, not the argument."""
     if error.problem is None:
-        return _line(str(error))
+        return join_lines(str(error))
     name, bracket, index = error.argument.partition("[")  # goal[0]
     subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.problem}"
-    return _line(
-        "; ".join(
-            filter(
-                None, (subject, *(name_options(part, options) for part in (error.rule, error.hint)))
-            )
-        )
-    )
+    parts = subject, error.rule, name_options(error.hint, options)
+    return join_lines("; ".join(part for part in parts if part))
 
 
-def name_options(text: str, options: Options) -> str:
-    """Replace arguments such as ``spacing=0.05`` in a text by options."""
+def name_options(hint: str, options: Options) -> str:
+    """Replace arguments such as ``spacing=0.05`` in a hint by options."""
 
     def option(found: re.Match[str]) -> str:
-        name, value = options[found["name"]], found["value"]
-        # With an equals sign, a minus does not look like the beginning of an option.
-        return name if value is None else f"{name}{'=' if value.startswith('-') else ' '}{value}"
+        return options[found[1]] + ("" if found[2] else "=")
 
-    text = text.replace("; Robot.parse takes ", ", or ")
-    text = re.sub(r"Rotations\.(\w+)\((\d+)\)", r"\1:\2", text)
-    name = rf"(?<![^\s(])(?P<name>{'|'.join(options)})"
-    value = r"(?P<quote>['\"]?)(?P<value>[^\s'\"]*)(?P=quote)"
-    argument = rf"{name}=(?:True\b|{value})"
-    return re.sub(argument, option, text) if options else text
+    return re.sub(rf"\b({'|'.join(options)})=(True\b)?", option, hint) if options else hint
 
 
-@contextmanager
-def name_robot_options() -> Iterator[None]:
-    """Name ``--robot-solid`` instead of ``solid`` in errors and warnings within the block."""
-    options = {"solid": "--robot-solid"}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
-        try:
-            yield
-        except CspaceError as error:
-            error.argument, error.hint = (
-                options.get(error.argument, error.argument),
-                name_options(error.hint, options),
-            )
-            raise
-    for warning in caught:
-        warnings.warn(name_options(str(warning.message), options), warning.category, stacklevel=3)
-
-
-def _line(text: str) -> str:
+def join_lines(text: str) -> str:
+    """Return a text as one line."""
     return " ".join(text.split())

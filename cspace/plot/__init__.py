@@ -2,7 +2,6 @@
 
 from cspace.plot.animation import animate
 from cspace.plot.picture import PICTURE_SUFFIXES as PICTURE_SUFFIXES
-from cspace.plot.picture import as_html as as_html
-from cspace.plot.picture import plot, save_plot, thumbnail
+from cspace.plot.picture import plot, save_plot
 
-__all__ = ["animate", "plot", "save_plot", "thumbnail"]
+__all__ = ["animate", "plot", "save_plot"]

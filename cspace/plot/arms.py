@@ -31,7 +31,8 @@ GHOST_COLOR: Final = "#c3e6da"
 """Colour of the arms along a path."""
 VIEW_MARGIN_SHARE: Final = 0.75
 """Margin around an arm in which obstacles are drawn, as a share of the longest side of its box."""
-_CAMERA_OFFSET: Final = math.radians(40.0)
+ARM_CAMERA: Final = (30.0, -40.0)
+"""Default elevation and azimuth of the camera for an arm, degrees."""
 
 
 class ArmFigure:
@@ -69,17 +70,6 @@ class ArmFigure:
             depth.append(depth[parent] + 1)
         self.tip = max(arm.links, key=lambda link: depth[link.body]).name
         self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
-
-    def camera_azimuth(self, low: Floats, high: Floats) -> float:
-        """Return the azimuth of a camera opposite the obstacles, radians."""
-        margin = VIEW_MARGIN_SHARE * float(np.max(high - low))
-        ends = low - margin, high + margin
-        clipped = [points.clip(*ends) for points, _ in self.obstacles.values()]
-        if clipped:
-            behind = np.mean([points.mean(axis=0) for points in clipped], axis=0) - (low + high) / 2
-            if np.hypot(*behind[:2]) > 0.2 * margin:
-                return math.atan2(-behind[1], -behind[0]) + _CAMERA_OFFSET
-        return -_CAMERA_OFFSET
 
     def pose_links(self, q: Floats) -> dict[str, Surface]:
         """Return the surfaces of the links at a configuration, by name."""
@@ -177,9 +167,7 @@ def paint_arm(
     near = [_clip(surface, low - margin, high + margin) for surface in figure.obstacles.values()]
     corners = np.concatenate([corners, *(vertices for vertices, _ in near)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    if camera is None:
-        camera = (30.0, math.degrees(figure.camera_azimuth(low, high)))
-    painting = Painting(box, ax, camera)
+    painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
     for surface in near:
         label, color = SURFACES["obstacles"]
         painting.add(split_surface(surface, painting.size), color, label)

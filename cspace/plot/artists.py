@@ -271,21 +271,19 @@ def is_to_scale(box: Floats) -> bool:
     return bool(lengths.max() <= MAX_ASPECT_RATIO * lengths.min())
 
 
-def axes_size(box: Floats, longer_side: float = AXES_INCHES) -> tuple[float, float]:
+def axes_size(box: Floats) -> tuple[float, float]:
     """Return width and height of axes for the first two axes of a box, inches."""
     lengths = (box[1] - box[0])[:2]
-    width, height = longer_side * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
+    width, height = AXES_INCHES * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
     return float(width), float(height)
 
 
-def new_figure(
-    width: float, height: float, dpi: float = 150.0, layout: Any = "compressed"
-) -> Figure:
+def new_figure(width: float, height: float, layout: Any = "compressed") -> Figure:
     """Return a figure without a window; sizes are in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
+    figure = Figure(figsize=(width, height), dpi=150.0, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -305,7 +303,7 @@ def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> Non
         if handles:
             legend_below(ax.figure, handles)
         # Notebooks show only figures with a window, and axes have no HTML representation.
-        vars(ax)["_repr_html_"] = lambda: image_html(render_png(ax.figure))
+        vars(ax)["_repr_html_"] = lambda: figure_html(ax.figure)
         return
     ax.set_title(heading, fontsize=10)
     if handles:
@@ -313,13 +311,9 @@ def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> Non
         ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), **style)
 
 
-def render_png(figure: Any) -> bytes:
-    """Return a figure as a small PNG file."""
+def figure_html(figure: Any) -> str:
+    """Return HTML that shows a figure."""
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=NOTEBOOK_DPI)
-    return file.getvalue()
-
-
-def image_html(png: bytes) -> str:
-    """Return HTML that shows a PNG file."""
-    return f'<img src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}" alt="">'
+    text = base64.b64encode(file.getvalue()).decode("ascii")
+    return f'<img src="data:image/png;base64,{text}" alt="">'

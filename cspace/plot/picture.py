@@ -1,31 +1,25 @@
-"""plot: a picture of a map, with a path and robots. thumbnail: a small one for notebooks."""
+"""plot: a picture of a map, with a path and robots."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
-
-import numpy as np
 
 from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
 from cspace.plot.route import (
-    Body,
     HasPath,
     MapLike,
     WorkspaceView,
-    collect_marks,
-    find_lost_steps,
     make_scene,
 )
 from cspace.plot.sections import draw_plane, draw_sections
 from cspace.plot.surface import draw_surface
-from cspace.rotations import OneRotation, Rotations
+from cspace.rotations import Rotations
 from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
@@ -47,8 +41,6 @@ VIEW_OPTIONS: Final = {
     "ax": ("plane", "3d"),
 }
 """Kinds of picture that take an option, if not all do."""
-_THUMBNAIL_INCHES: Final = 2.0
-"""Longer side of a thumbnail, inches."""
 _MAX_DPI: Final = 2400.0
 """Maximum pixels per inch of a saved picture."""
 
@@ -319,70 +311,3 @@ def save_figure(
         figure: Figure = draw()
         figure.canvas.print_figure(temporary, dpi=dots)
     return target
-
-
-def thumbnail(subject: object) -> bytes:
-    r"""Return a small PNG of a map, workspace, robot or plan.
-
-    It has no axes and no text, and its longer side is about 200 pixels. In space, maps and
-    workspaces show the layer of cells at half their height, and robots their outline from above.
-
-    Parameters
-    ----------
-    subject : CSpace, Workspace, Robot or Plan
-
-    Returns
-    -------
-    bytes
-        The PNG file.
-
-    Examples
-    --------
-    >>> import cspace
-    >>> thumbnail(cspace.Robot.disc(0.3))[:4]
-    b'\x89PNG'
-    """
-    size = (_THUMBNAIL_INCHES, _THUMBNAIL_INCHES)
-    figure = artists.new_figure(*size, artists.NOTEBOOK_DPI, layout=None)
-    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    ax.set_axis_off()
-    given: Any = subject
-    if hasattr(given, "waypoints"):
-        marks = collect_marks(given, given, given.path, None, None)
-        if len(given.path):
-            artists.draw_path(ax, given.path, find_lost_steps(given, given))
-        artists.draw_marks(ax, marks)
-    elif hasattr(given, "grid"):
-        _draw_layer(ax, given)
-    else:
-        body, origin = Body(given, OneRotation()), np.zeros((1, given.dim))
-        artists.draw_robots(ax, body, origin)
-        ax.update_datalim(body.extent(origin[0])[:, :2])
-        ax.plot(0.0, 0.0, "k+", markersize=10.0)
-    ax.set_aspect("equal", adjustable="datalim")
-    if ax.images:
-        left, right, bottom, top = ax.images[0].get_extent()
-        ax.set(xlim=(left, right), ylim=(bottom, top))
-        sides = np.array([right - left, top - bottom])
-        figure.set_size_inches(*(_THUMBNAIL_INCHES * sides / sides.max()))
-    else:
-        ax.margins(0.12)
-        ax.autoscale_view()
-    return artists.render_png(figure)
-
-
-def _draw_layer(ax: Axes, subject: Any) -> None:
-    """Draw the cells of a map or workspace, in space those at half its height."""
-    grid = subject.grid
-    window = tuple(slice(0, n) for n in grid.shape)
-    layer: tuple[Any, ...] = window[:2] + tuple(n // 2 for n in grid.shape[2:])
-    if isinstance(subject, Workspace):
-        classes = artists.classify_ground(subject, layer)
-    else:
-        classes = artists.classify_cells(subject, None, layer)
-    artists.draw_cells(ax, grid, classes, window)
-
-
-def as_html(subject: object, lines: Iterable[str]) -> str:
-    """Return HTML for notebooks: a thumbnail with lines of text below."""
-    return f"{artists.image_html(thumbnail(subject))}<p>{'<br>'.join(map(escape, lines))}</p>"

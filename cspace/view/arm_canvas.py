@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
 from cspace.plot.arms import (
+    ARM_CAMERA,
     GHOST_COLOR,
     GHOST_COUNT,
     VIEW_MARGIN_SHARE,
@@ -29,13 +30,12 @@ from cspace.view.canvas import (
     farthest_pair,
     sample_free_configurations,
     state_text,
-    to_linear_rgb,
 )
 from cspace.view.scene import KINDS, rgb
 from cspace.view.tool import ToolFrame
 
 if TYPE_CHECKING:
-    from viser import GuiApi, ViserServer
+    from viser import ViserServer
 
 STATE_COLORS: Final = {
     FREE: ROBOT_FILL_COLOR,
@@ -106,7 +106,6 @@ class ArmCanvas(Canvas):
         self._describe_panel()
         self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
         self._ghosts: list[Any] = []
-        self._shows_ghosts = self._shows_marks = True
         self._marks = dict(self.endpoints)
         self.robot = self.endpoints["start"]
         self._nodes: list[str] = []
@@ -120,9 +119,6 @@ class ArmCanvas(Canvas):
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
         space, arm = self._space, self._space.arm
-        self.joint_units = " or ".join(dict.fromkeys(arm.units))
-        limits = zip(arm.joints, arm.max_velocity.tolist(), strict=True)
-        self.unlimited = tuple(joint for joint, limit in limits if math.isinf(limit))
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         self.about = ", ".join(
@@ -151,7 +147,6 @@ class ArmCanvas(Canvas):
                 strict=True,
             )
         ]
-        self.typed = []
         self.legend = [
             (ROBOT_FILL_COLOR, "arm, FREE"),
             (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
@@ -196,7 +191,7 @@ class ArmCanvas(Canvas):
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
             return state_text(state, math.inf, self.unit, self.distance_name)
-        self._draw_line("/contact", contact.points, CONTACT_COLOR)
+        self._draw_line("/contact", contact.points, CONTACT_COLOR, 4.0)
         pair, apart = f"{contact.link} and {contact.other}", f"{contact.distance:.3f} m"
         label = apart if contact.distance else pair
         self._server.scene.add_label(
@@ -271,7 +266,7 @@ class ArmCanvas(Canvas):
         self._stand(q)
         if problem:
             ends = np.stack([self._space.arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
-            self._draw_line("/gap", ends, UNREACHED_COLOR)
+            self._draw_line("/gap", ends, UNREACHED_COLOR, 4.0)
         return problem
 
     def _stand(self, q: Floats) -> None:
@@ -288,27 +283,7 @@ class ArmCanvas(Canvas):
         self._show_marks()
         self._labels[name].position = self._figure.tip_positions(q[np.newaxis])[0]
 
-    def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add boxes that show or hide the arms at start and goal, and those along the path."""
-        marks, ghosts = (
-            gui.add_checkbox("start and goal", True),
-            gui.add_checkbox("arms along the path", True),
-        )
-
-        def show_marks(event: Any) -> None:
-            self._shows_marks = event.target.value
-            self._show_marks()
-
-        def show_ghosts(event: Any) -> None:
-            self._shows_ghosts = event.target.value
-            for link in self._ghosts:
-                link.visible = event.target.value
-
-        marks.on_update(show_marks)
-        ghosts.on_update(show_ghosts)
-        return {"start and goal": marks, "arms along the path": ghosts}
-
-    def draw_path(self, points: Floats) -> float:
+    def draw_path(self, points: Floats) -> None:
         """Draw the path of the tool frame, and pale arms along it; see :meth:`Canvas.draw_path`."""
         for link in self._ghosts:
             link.remove()
@@ -319,7 +294,7 @@ class ArmCanvas(Canvas):
             ]  # start and goal have arms already
             poses = self._space.arm.poses(self.interpolate(points, shares))
             self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
-        return super().draw_path(points)
+        super().draw_path(points)
 
     def _path_positions(self, q: Floats) -> Floats:
         return np.asarray(self._space.arm.pose(q, self.tool.name)[..., :3, 3])
@@ -340,39 +315,20 @@ class ArmCanvas(Canvas):
             side="double",
             cast_shadow=False,
             receive_shadow=False,
-            visible=self._shows_ghosts,
         )
 
     def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
-        """Draw balls of one radius as round points, which browsers draw far faster than meshes.
-
-        Points get lighter away from the base, because they have no shading.
-        """
-        distances = np.linalg.norm(centers, axis=1)
-        shares = (distances - distances.min()) / max(float(np.ptp(distances)), np.finfo(float).tiny)
-        lightness = np.interp(shares, (0.0, 1.0), (0.8, 1.6))
+        """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
         size = max(radius, MIN_POINT_SHARE * float(np.ptp(centers, axis=0).max()))
         points = self._server.scene.add_point_cloud(
             name,
             centers.astype(np.float32),
-            (lightness[:, np.newaxis] * rgb(KINDS["obstacles"].color))
-            .clip(0, 255)
-            .astype(np.uint8),
+            rgb(KINDS["obstacles"].color),
             point_size=size,  # viser's size is a radius on the screen
             point_shape="circle",
             precision="float32",
         )
         self.bytes += points.points.nbytes
-
-    def _draw_line(self, name: str, ends: Floats, color: str) -> None:
-        """Draw a line between two points, shape (2, 3)."""
-        self._server.scene.add_line_segments(
-            name,
-            ends[np.newaxis],
-            np.broadcast_to(to_linear_rgb(np.array(rgb(color), dtype=np.uint8)), (1, 2, 3)),
-            thickness=4.0,
-            thickness_units="screen",
-        )
 
     def _add_links(
         self, name: str, links: Iterable[str], color: str, opacity: float
@@ -391,11 +347,10 @@ class ArmCanvas(Canvas):
         with self._links_lock:
             for name, q in self._marks.items():
                 is_set = name == "start" or not _are_same(q, self._marks["start"])
-                shown = self._shows_marks and is_set
-                self._labels[name].visible = shown
+                self._labels[name].visible = is_set
                 apart = not _are_same(q, self.robot)
                 for link in self._links[name].values():
-                    link.visible = shown and apart
+                    link.visible = is_set and apart
 
     def _pose_arm(self, name: str, q: Floats) -> None:
         """Move the links of an arm to a configuration."""
@@ -413,27 +368,16 @@ class ArmCanvas(Canvas):
 
         Return the longest side of the box around the arm, metres.
         """
-        arms = [
-            points
-            for q in self.endpoints.values()
-            for points, _ in self._figure.pose_links(q).values()
-        ]
-        lower, upper = (
-            np.min([points.min(axis=0) for points in arms], 0),
-            np.max([p.max(axis=0) for p in arms], 0),
-        )
-        azimuth, margin = (
-            self._figure.camera_azimuth(lower, upper),
-            VIEW_MARGIN_SHARE * float(np.max(upper - lower)),
-        )
+        placed = [self._figure.pose_links(q) for q in self.endpoints.values()]
+        points = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        margin = VIEW_MARGIN_SHARE * float(np.max(upper - lower))
         obstacles = self._figure.obstacles.values()
-        clipped = (points.clip(lower - margin, upper + margin) for points, _ in obstacles)
-        near = np.concatenate([[lower, upper], *clipped])
-        self._place_camera(
-            near.min(axis=0),
-            near.max(axis=0),
-            np.array([math.cos(azimuth), math.sin(azimuth), 0.6]),
-        )
+        clipped = (vertices.clip(lower - margin, upper + margin) for vertices, _ in obstacles)
+        near = np.concatenate([points, *clipped])
+        azimuth = math.radians(ARM_CAMERA[1])
+        back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
+        self._place_camera(near.min(axis=0), near.max(axis=0), back)
         return float(np.max(upper - lower))
 
 

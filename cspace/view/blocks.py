@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from typing import Final, NamedTuple
 
 from cspace.arrays import Floats, block_starts, reduce_blocks
@@ -39,14 +38,11 @@ class Cells:
     ----------
     drawn : CSpace
         The map that is drawn and sampled.
-    is_quick : bool
-        True if components are fast to compute. Those of a tiled map take long.
     """
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
         self._space = space
-        self.is_quick = isinstance(space, CSpace)
-        self._cached: OrderedDict[int, Blocks] = OrderedDict()
+        self._cached: dict[int, Blocks] = {}
         self.invalidate()
 
     def invalidate(self) -> None:
@@ -64,13 +60,12 @@ class Cells:
         space = self.drawn
         key = -1 if rotation is None else int(space.rotations.find_cells(rotation))
         if key not in self._cached:
+            if len(self._cached) >= _MAX_CACHED_SLICES:
+                self._cached.clear()
             classes = classify_ground(space.workspace)
             if rotation is not None:
                 classes = classify_cells(space, rotation)
             side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
             blocks = reduce_blocks(classes, block_starts(classes.shape, side))
             self._cached[key] = Blocks(blocks, side)
-        self._cached.move_to_end(key)
-        while len(self._cached) > _MAX_CACHED_SLICES:
-            self._cached.popitem(last=False)
         return self._cached[key]

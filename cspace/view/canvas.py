@@ -9,12 +9,11 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
-from cspace.plot.artists import GOAL_COLOR
-from cspace.view.scene import path_colors, rgb
+from cspace.plot.artists import GOAL_COLOR, PATH_COLOR
+from cspace.view.scene import rgb
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -71,8 +70,6 @@ class Canvas(ABC):
         Configuration of the robot.
     dials : list of Dial
         Coordinates that set a configuration.
-    typed : list of tuple of str and slice
-        Labels and indices of at most three dials typed together; empty if there are too many dials.
     title, about : str
         Description of the space.
     unit : str
@@ -83,31 +80,21 @@ class Canvas(ABC):
         Colours and their meanings.
     has_cells : bool
         True for maps, whose MIXED cells an exact check may decide.
-    is_quick : bool
-        True if :meth:`prove` is fast enough to run unasked.
     tool : ToolFrame or None
         Frame of an arm that users drag to a pose.
-    joint_units : str
-        Units of an arm's joints.
-    unlimited : tuple of str
-        Joints for which the URDF has no limit of velocity.
     bytes : int
         Size of the arrays sent so far to each client.
     """
 
     robot: Floats
     dials: list[Dial]
-    typed: list[tuple[str, slice]]
     title: str
     about: str
     unit = "m"
     distance_name = "clearance"
     legend: list[tuple[str, str]]
     has_cells = True
-    is_quick = True
     tool: ToolFrame | None = None
-    joint_units = ""
-    unlimited: tuple[str, ...] = ()
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         self._server, self._space, self.endpoints = server, space, endpoints
@@ -178,25 +165,21 @@ class Canvas(ABC):
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
         """Call ``moved`` when a user drags the start or the goal."""
 
-    def draw_path(self, points: Floats) -> float:
-        """Draw a path, coloured by :meth:`distance`.
-
-        Return the largest finite distance along it. Without points, remove the path and return NaN.
-        """
+    def draw_path(self, points: Floats) -> None:
+        """Draw a path; without points, remove it."""
         if not len(points):
             self._server.scene.remove_by_name("/path")
-            return math.nan
+            return
         q = self.interpolate(points, np.linspace(0.0, 1.0, PATH_POINTS))
-        distances = self.distance(q)
-        positions, colors = self._path_positions(q), to_linear_rgb(path_colors(distances))
+        self._draw_line("/path", self._path_positions(q), PATH_COLOR, 6.0)
+
+    def _draw_line(self, name: str, points: Floats, color: str, thickness: float) -> None:
+        """Draw a line through points, shape (n, 3); its thickness is in pixels."""
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        linear = to_linear_rgb(color)
         self._server.scene.add_line_segments(
-            "/path",
-            np.stack([positions[:-1], positions[1:]], axis=1),
-            np.stack([colors[:-1], colors[1:]], axis=1),
-            thickness=6.0,
-            thickness_units="screen",
+            name, segments, linear, thickness=thickness, thickness_units="screen"
         )
-        return float(np.max(distances, initial=0.0, where=np.isfinite(distances)))
 
     @abstractmethod
     def _path_positions(self, q: Floats) -> Floats:
@@ -204,12 +187,12 @@ class Canvas(ABC):
 
     # ---- changes of the view and of the space ----------------------------------------------------
 
-    @abstractmethod
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
         """Add inputs that choose what is drawn and call ``changed``.
 
         Return them by label.
         """
+        return {}
 
     def draw(self) -> None:  # noqa: B027
         """Draw everything that depends on the robot's configuration."""
@@ -276,9 +259,11 @@ def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
     )
 
 
-def to_linear_rgb(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Convert sRGB colours to linear ones, as viser's lines need (IEC 61966-2-1)."""
-    share = colors / 255.0
-    return np.rint(
-        255.0 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    ).astype(np.uint8)
+def to_linear_rgb(color: str) -> tuple[int, int, int]:
+    """Convert an sRGB colour to a linear one, as viser's lines need (IEC 61966-2-1)."""
+    shares = (channel / 255.0 for channel in rgb(color))
+    red, green, blue = (
+        round(255.0 * (share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4))
+        for share in shares
+    )
+    return red, green, blue

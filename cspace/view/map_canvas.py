@@ -17,7 +17,6 @@ from cspace.plot.artists import (
     COLLIDES,
     OBSTACLE,
     OPEN,
-    PARTLY,
     ROBOT_EDGE_COLOR,
     ROBOT_FILL_COLOR,
     UNDECIDED,
@@ -27,7 +26,6 @@ from cspace.rotations import Rotations
 from cspace.view.blocks import Cells
 from cspace.view.canvas import (
     MARKS,
-    PATH_POINTS,
     Canvas,
     Dial,
     farthest_pair,
@@ -50,8 +48,7 @@ class MapCanvas(Canvas):
     space : CSpace or TiledCSpace
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
-        A path; cells above the robot on it, and all that covers it, are cut off. n is 0 without
-        a path.
+        A path; cells above the robot on it are cut off. n is 0 without a path.
     marks : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
 
@@ -72,7 +69,6 @@ class MapCanvas(Canvas):
         given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
         self.cells = cells = Cells(space)
         super().__init__(server, space, _choose_endpoints(space, cells) | given)
-        self.is_quick = cells.is_quick
         grid = cells.drawn.grid
         self.glyph = Body(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
@@ -99,35 +95,10 @@ class MapCanvas(Canvas):
         self.cut = self._choose_cut(points) if self.stage.has_height else float(self.stage.upper[2])
 
     def _choose_cut(self, points: Floats) -> float:
-        """Return the height of the first cut.
-
-        It is above the robot, and below all that covers start, goal or path.
-        """
+        """Return the height of the first cut, above the robot at start, goal and path."""
         about = np.concatenate([[*self.endpoints.values()], points])
         top = max(float(self.glyph.extent(q)[1, 2]) for q in about)
-        above_robot = _ceil_to(min(top, float(self.stage.upper[2])), self._step)
-        return min(above_robot, _floor_to(self._find_lowest_cover(points), self._step))
-
-    def _find_lowest_cover(self, points: Floats) -> float:
-        """Return the height of the lowest cells that cover start, goal or path.
-
-        It is in metres, for a view from above. The cells are at the rotation of the start, as on
-        the opened page. If none covers them, the height is beyond the map.
-        """
-        shown = np.array([*self.endpoints.values()])
-        if len(points):
-            shares = np.linspace(0.0, 1.0, PATH_POINTS)
-            shown = np.concatenate([shown, self.interpolate(points, shares)])
-        grid = self.cells.drawn.grid
-        blocks = self.cells.at(self.endpoints["start"][grid.dim :])
-        places = grid.cell_of(shown[:, : grid.dim]) // blocks.side
-        x, y, z = places.clip(0, np.subtract(blocks.classes.shape, 1)).T
-        covers = blocks.classes[x, y] > PARTLY  # opaque in a section
-        layers = np.arange(covers.shape[1])
-        covers &= layers >= z[:, np.newaxis]
-        heights = grid.lower[2] + grid.spacing * blocks.side * layers
-        beyond = grid.upper[2] + grid.spacing
-        return float(np.min(heights, initial=beyond, where=covers.any(axis=0)))
+        return _ceil_to(min(top, float(self.stage.upper[2])), self._step)
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -148,9 +119,6 @@ class MapCanvas(Canvas):
             Dial(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0)
             for angle in angles
         ]
-        self.typed = [(f"{', '.join(grid.axes)} ({grid.unit})", slice(0, grid.dim))]
-        if angles:
-            self.typed.append((f"{', '.join(angles)} (°)", slice(grid.dim, None)))
         self.legend = [
             (CLASSES[number][1], CLASSES[number][0])
             for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)

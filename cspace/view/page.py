@@ -11,16 +11,14 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.errors import CspaceError, InputError, MissingPackageError
+from cspace.errors import CspaceError, InputError
 from cspace.view.canvas import MARKS, Canvas
-from cspace.view.scene import HIGH_COLOR, LOW_COLOR
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -33,17 +31,12 @@ LOGGER: Final = logging.getLogger(__name__)
 
 PLAY_SECONDS: Final = 8.0
 """Duration of playing a path without times, seconds."""
-MAX_FRAME_RATE: Final = 25.0
-"""Maximum number of frames per second when a path is played."""
-REST_FACTOR: Final = 2.0
-"""Pause between two frames, as a multiple of the time the browser took for the first; it stays
-responsive."""
-MAX_WAIT_SECONDS: Final = 0.5
-"""Maximum time to wait until a browser has drawn a frame, seconds."""
+FRAME_RATE: Final = 25.0
+"""Number of frames per second when a path is played."""
 MAX_ACCELERATION: Final = 2.0
-"""First limit of the acceleration of joints, rad/s^2 and m/s^2."""
+"""Limit of the acceleration of joints, rad/s^2 and m/s^2."""
 MAX_VELOCITY: Final = 1.0
-"""First limit of the velocity of joints for which the URDF has none, rad/s and m/s."""
+"""Limit of the velocity of joints for which the URDF has none, rad/s and m/s."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
 
@@ -57,8 +50,8 @@ class Panel:
     ----------
     gui : viser.GuiApi
     canvas : Canvas
-    choices : planners.Choices or None
-        Planners and drives; None if OMPL is not installed.
+    choices : planners.Choices
+        Planners and drives.
     changed : callable
         Called when a user chooses other things to draw.
 
@@ -76,11 +69,6 @@ class Panel:
         Position of the robot on the path, percent of its length, or of the duration of a
         trajectory.
     play : GuiButtonHandle
-    max_acceleration, max_velocity : GuiInputHandle of float
-        Limits of an arm's joints, rad or m, and seconds; the second for joints whose URDF has no
-        limit of velocity.
-    clock : GuiHtmlHandle
-        Time of the robot's position on a trajectory.
     tool_frame : GuiDropdownHandle
         Frame of an arm that users drag.
     position_only : GuiInputHandle of bool
@@ -98,7 +86,7 @@ class Panel:
     """
 
     def __init__(
-        self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]
+        self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
     ) -> None:
         self._gui, self._canvas = gui, canvas
         gui.configure_theme(
@@ -109,10 +97,7 @@ class Panel:
         )
         gui.main_panel.dock_right()
         gui.add_markdown(f"**{canvas.title}**  \n{canvas.about}")
-        self._typed: dict[str, list[Any]] = {}
         with gui.add_folder("Plan"):
-            for name, q in canvas.endpoints.items():
-                self._typed[name] = self._add_typed(name, canvas.dial_values(q))
             self._add_plan(choices)
         if canvas.tool is not None:
             with gui.add_folder("Tool"):
@@ -120,9 +105,6 @@ class Panel:
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
             self.play = gui.add_button("Play")
-            self.clock = gui.add_html("")
-            self.scale = gui.add_html("")
-            self._add_limits()
         with gui.add_folder("Robot"):
             self.sliders: list[Any] = [
                 gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low)
@@ -136,38 +118,16 @@ class Panel:
                 _legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())])
             )
 
-    def _add_typed(self, name: str, numbers: tuple[float, ...]) -> list[Any]:
-        """Add the fields in which a user types the start or the goal, of one to three numbers each.
-
-        ``numbers`` are the current values of all fields.
-        """
-        add: dict[int, Callable[..., Any]] = {
-            1: self._gui.add_number,
-            2: self._gui.add_vector2,
-            3: self._gui.add_vector3,
-        }
-        hint = f"Or drag the {name} in the scene."
-        return [
-            add[len(numbers[which])](
-                f"{name}: {label}",
-                _input_value(numbers[which]),
-                step=self._canvas.dials[which][0].step,
-                hint=hint,
-            )
-            for label, which in self._canvas.typed
-        ]
-
-    def _add_plan(self, choices: Choices | None) -> None:
+    def _add_plan(self, choices: Choices) -> None:
         """Add the inputs and messages of a search."""
         gui, canvas = self._gui, self._canvas
-        planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(
             "planner",
-            (AUTOMATIC, *planners),
+            (AUTOMATIC, *choices.planners),
             hint="OMPL's planners; maps also have Grid and MaxClearance.",
         )
         self.drive = gui.add_dropdown(
-            "drive", drives, hint="How the robot moves.", visible=len(drives) > 1
+            "drive", choices.drives, hint="How the robot moves.", visible=len(choices.drives) > 1
         )
         self.turning_radius = gui.add_number(
             "turning radius (m)", 1.0, min=0.01, step=0.05, visible=False
@@ -180,12 +140,11 @@ class Panel:
             visible=canvas.has_cells,
         )
         self.plan = gui.add_button("Plan")
-        self.proof = gui.add_markdown("Computing components …" if canvas.is_quick else "")
+        self.proof = gui.add_markdown("")
         self.answer = gui.add_markdown("")
-        curves = choices.curves if choices else ()
 
         def show_turning_radius(_: Any) -> None:
-            self.turning_radius.visible = self.drive.value in curves
+            self.turning_radius.visible = self.drive.value in choices.curves
 
         self.drive.on_update(show_turning_radius)
 
@@ -203,69 +162,10 @@ class Panel:
         )
         self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
 
-    def _add_limits(self) -> None:
-        """Add the limits of the trajectories of an arm."""
-        gui, canvas = self._gui, self._canvas
-        self.max_acceleration = gui.add_number(
-            f"max {canvas.joint_units}/s²",
-            MAX_ACCELERATION,
-            min=0.01,
-            step=0.1,
-            hint="Limit of the acceleration of each joint; a URDF has none.",
-            visible=canvas.tool is not None,
-        )
-        self.max_velocity = gui.add_number(
-            f"max {canvas.joint_units}/s",
-            MAX_VELOCITY,
-            min=0.01,
-            step=0.1,
-            hint="Limit of the velocity of joints for which the URDF has none: "
-            f"{', '.join(canvas.unlimited)}.",
-            visible=bool(canvas.unlimited),
-        )
-
-    def typed(self, name: str) -> tuple[float, ...]:
-        """Return the typed values of :attr:`Canvas.dials` of the start or the goal."""
-        return tuple(
-            float(value) for handle in self._typed[name] for value in np.atleast_1d(handle.value)
-        )
-
-    def on_type(self, name: str, typed: Callable[[], None]) -> None:
-        """Call ``typed`` when a user types coordinates of the start or the goal."""
-        for handle in self._typed[name]:
-            handle.on_update(lambda event: typed() if event.client is not None else None)
-
-    def write(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Show the coordinates of the start or the goal."""
-        for (_, which), handle in zip(self._canvas.typed, self._typed[name], strict=True):
-            step = self._canvas.dials[which][0].step
-            decimals = max(3, 2 - math.floor(math.log10(step)))
-            handle.value = _input_value(tuple(round(number, decimals) for number in numbers[which]))
-
     def show_robot(self, numbers: tuple[float, ...]) -> None:
         """Show the coordinates of the robot."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
-
-    def show_time(self, share: float, duration: float | None) -> None:
-        """Show the time at a share of a trajectory; nothing if it has no duration, seconds."""
-        self.clock.content = (
-            "" if duration is None else _note_html(f"{share * duration:.2f} s of {duration:.2f} s")
-        )
-
-    def reset_path(self, max_distance: float | None) -> None:
-        """Move the slider to the start of a new path.
-
-        ``max_distance`` is the largest distance along it, or None without a path.
-        """
-        self.share.value = 0.0
-        self.share.disabled = self.play.disabled = max_distance is None
-        if max_distance is None:
-            self.scale.content = _note_html("Plan one, or open the page with a path.")
-        else:
-            self.scale.content = _scale_html(
-                max_distance, self._canvas.unit, self._canvas.distance_name
-            )
 
 
 class Page:
@@ -301,10 +201,14 @@ class Page:
         path: Floats,
         source: Plan | Trajectory | None = None,
     ) -> None:
+        import planners
+
         self._server, self._space, self._canvas = server, space, canvas
-        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
-        self._path, self.trajectory, self._proves = path, None, canvas.is_quick  # type: Floats, Trajectory | None, bool
-        self._source, self._strays = source, False
+        self.marks = dict(canvas.endpoints)
+        self.plan: Plan | None = None
+        self.trajectory: Trajectory | None = None
+        self._path = path
+        self._strays = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
         tasks = canvas.draw, self._describe, self._prove, self._search, self._play, self._reach
@@ -312,7 +216,7 @@ class Page:
         self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = (
             self._workers
         )
-        self.panel = Panel(server.gui, canvas, _choices(space), self._drawer.request)
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._drawer.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
@@ -336,7 +240,6 @@ class Page:
                 self.go(panel.share.value / 100.0)
 
         for name in self.marks:
-            panel.on_type(name, partial(self._mark_typed, name))
             canvas.on_drag(name, partial(self._record_mark, name))
         for slider in panel.sliders:
             slider.on_update(slide_robot)
@@ -346,8 +249,6 @@ class Page:
             lambda _: self._playing.clear() if self._playing.is_set() else self.play()
         )
         panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
-        for limit in (panel.max_acceleration, panel.max_velocity):
-            limit.on_update(lambda _: self._change_limits())
         if canvas.tool is not None:
             self._connect_tool(canvas.tool)
 
@@ -392,7 +293,6 @@ class Page:
     def go(self, share: float) -> None:
         """Move the robot to a share, from 0 to 1, of its path or trajectory."""
         motion = self.trajectory
-        self.panel.show_time(share, None if motion is None else motion.duration)
         if motion is not None:
             self.move(motion.sample(share * motion.duration)[0])
         else:
@@ -435,13 +335,9 @@ class Page:
         self._canvas.mark(name, q)
         self._record_mark(name, q)
 
-    def _mark_typed(self, name: str) -> None:
-        self.mark(name, self._canvas.configuration_of(self.panel.typed(name)))
-
     def _record_mark(self, name: str, q: Floats) -> None:
         """Record a new start or goal."""
         self.marks[name] = q
-        self.panel.write(name, self._canvas.dial_values(q))
         self.panel.answer.content = ""  # it concerned other endpoints
         self._prover.request()
 
@@ -485,8 +381,7 @@ class Page:
 
     def _prove(self) -> None:
         """Show the proofs about start and goal."""
-        if self._proves:
-            self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
+        self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
     def _reach(self) -> None:
         """Move the arm to the pose of its tool frame, and show whether it reaches it."""
@@ -532,7 +427,6 @@ class Page:
             )
         finally:
             panel.plan.disabled = False
-        self._proves = True  # the components are known from now on
         self._prover.request()
         if pose is None:
             self._show_path(plan.path, plan)
@@ -556,61 +450,43 @@ class Page:
         panel.play.label = "Stop"
         share = panel.share.value / 100.0 if panel.share.value < 100.0 else 0.0
         motion = self.trajectory
-        seconds = PLAY_SECONDS if motion is None else max(motion.duration, 1.0 / MAX_FRAME_RATE)
+        seconds = PLAY_SECONDS if motion is None else max(motion.duration, 1.0 / FRAME_RATE)
         began = time.perf_counter() - share * seconds
         try:
             while self._playing.is_set() and share < 1.0 and len(self._path):
                 share = min(1.0, (time.perf_counter() - began) / seconds)
                 panel.share.value = round(100.0 * share, 1)
                 self.go(share)
-                sent = time.perf_counter()
-                self._wait_for_browsers()
-                taken = time.perf_counter() - sent
-                time.sleep(max(1.0 / MAX_FRAME_RATE - taken, REST_FACTOR * taken))
+                time.sleep(1.0 / FRAME_RATE)
         finally:
             self._playing.clear()
             panel.play.label = "Play"
 
-    def _wait_for_browsers(self) -> None:
-        """Wait until all browsers have processed the messages sent so far."""
-        self._server.flush()
-        for client in self._server.get_clients().values():
-            # A browser answers messages in order, so any answer will do; it may also have left, or
-            # be slow.
-            with suppress(RuntimeError, TimeoutError):
-                client.local_storage.get_item("", MAX_WAIT_SECONDS)
-
     def _show_path(self, path: Floats, source: Plan | Trajectory | None = None) -> None:
         """Show a path, from its start."""
         self._playing.clear()
-        self._path, self._source = path, source
-        max_distance = self._canvas.draw_path(path)
-        self.panel.reset_path(max_distance if len(path) else None)
-        self._time_path()
+        self._path = path
+        self._canvas.draw_path(path)
+        self.panel.share.value = 0.0
+        self.panel.share.disabled = self.panel.play.disabled = not len(path)
+        self.trajectory = self._time_path(source)
 
-    def _change_limits(self) -> None:
-        """Give the path new times, or show why it cannot have them."""
-        try:
-            self._time_path()
-        except InputError as error:
-            self._report_error(error)
-
-    def _time_path(self) -> None:
-        """Give the path of an arm's plan times, within the limits of the panel."""
-        source: Any = self._source
-        self.trajectory = source if hasattr(source, "sample") else None
-        for limit in (self.panel.max_acceleration, self.panel.max_velocity):
-            limit.disabled = self.trajectory is not None  # it has times already
-        if hasattr(source, "trajectory") and self._canvas.tool is not None and len(self._path):
-            speed = float(self.panel.max_velocity.value)
-            self.trajectory = source.trajectory(
-                max_velocity=dict.fromkeys(self._canvas.unlimited, speed),
-                max_acceleration=float(self.panel.max_acceleration.value),
-            )
-        motion = self.trajectory
-        self.panel.show_time(
-            self.panel.share.value / 100.0, None if motion is None else motion.duration
+    def _time_path(self, source: Any) -> Trajectory | None:
+        """Return a given trajectory, or one along the plan of an arm; None without times."""
+        if hasattr(source, "sample"):
+            return cast("Trajectory", source)
+        if not hasattr(source, "trajectory") or self._canvas.tool is None or not len(self._path):
+            return None
+        arm = self._space.arm
+        unlimited = [
+            joint
+            for joint, limit in zip(arm.joints, arm.max_velocity.tolist(), strict=True)
+            if math.isinf(limit)
+        ]
+        motion: Trajectory = source.trajectory(
+            max_velocity=dict.fromkeys(unlimited, MAX_VELOCITY), max_acceleration=MAX_ACCELERATION
         )
+        return motion
 
     def _report_error(self, error: Exception) -> None:
         """Show an error on the page, which stays usable."""
@@ -635,18 +511,6 @@ def _describe_plan(plan: Plan) -> str:
     return f"{text}  \n{plan.length:.3f} {plan.length_unit}{apart}  \n{plan.planner}, {took}"
 
 
-def _choices(space: Any) -> Choices | None:
-    """Return the planners and drives for a space.
-
-    None if OMPL is not installed, which a search reports.
-    """
-    try:
-        import planners
-    except MissingPackageError:
-        return None
-    return planners.choices(space)
-
-
 def _legend_html(rows: list[tuple[str, str]]) -> str:
     """Return rows of colours and their meanings as HTML."""
     square = (
@@ -659,32 +523,6 @@ def _legend_html(rows: list[tuple[str, str]]) -> str:
         for color, name in rows
     )
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
-
-
-def _scale_html(max_distance: float, unit: str, name: str) -> str:
-    """Return the colour scale of a path as HTML."""
-    if math.isnan(max_distance):
-        return _note_html(f"A tiled map has no {name} here.")
-    bar = (
-        "height:0.6em;border-radius:0.3em;background:linear-gradient(to "
-        f"right,{LOW_COLOR},{HIGH_COLOR})"
-    )
-    row = "display:flex;justify-content:space-between"
-    return (
-        f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{row}"><span>0</span><span>{name}</span>'
-        f"<span>{max_distance:.2g} {unit}</span></div></div>"
-    )
-
-
-def _note_html(text: str) -> str:
-    style = "font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777"
-    return f'<div style="{style}">{html.escape(text)}</div>'
-
-
-def _input_value(numbers: tuple[float, ...]) -> Any:
-    """Return the value of an input: a number, or a tuple of several."""
-    return numbers if len(numbers) > 1 else numbers[0]
 
 
 class Worker:

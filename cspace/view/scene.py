@@ -1,4 +1,4 @@
-"""Geometry of the page as plain arrays: solids of cells, sections, robots and path colours."""
+"""Geometry of the page as plain arrays: solids of cells, sections and robots."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from cspace.grid import Grid
 from cspace.plot.artists import (
     CLASSES,
     COLLIDES,
-    LOST_COLOR,
     OBSTACLE,
     PARTLY,
-    PATH_COLOR,
     UNDECIDED,
     UNSEEN,
     Classes,
@@ -70,10 +68,6 @@ KINDS: Final = {
 SECTION: Final = "section"
 """Name of the section: the cells cut by a height, or the ground of a plane map."""
 
-LOW_COLOR: Final = LOST_COLOR
-"""Colour of a path at zero clearance."""
-HIGH_COLOR: Final = PATH_COLOR
-"""Colour of a path at its largest clearance."""
 MIN_SECTION_PIXELS: Final = 1024
 """Minimum number of pixels along the longer side of a section, so that the borders of cells are
 sharp."""
@@ -247,18 +241,6 @@ def _slab(robot: Robot, height: float) -> Surface:
         ]
     vertices = np.concatenate(triangles).reshape(-1, 3)
     return vertices, np.arange(len(vertices)).reshape(-1, 3)
-
-
-def path_colors(clearances: Floats) -> NDArray[np.uint8]:
-    """Return colours from low to high by clearance.
-
-    The result has shape (n, 3).
-    """
-    largest = float(np.nanmax(clearances, initial=0.0, where=np.isfinite(clearances)))
-    share = np.clip(
-        np.nan_to_num(clearances, nan=0.0, posinf=largest) / max(largest, 1e-12), 0.0, 1.0
-    )[:, np.newaxis]
-    return np.rint((1.0 - share) * rgb(LOW_COLOR) + share * rgb(HIGH_COLOR)).astype(np.uint8)
 
 
 def rgb(color: str) -> Color:

@@ -263,34 +263,21 @@ def _free_port(host: str, port: int | None) -> int:
         ports: Iterable[int] = range(FIRST_PORT, FIRST_PORT + _MAX_PORTS)
     else:
         ports = [check_count(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
-    hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-    no_host = InputError(
-        "host", f"is {host!r}", "it must be an address of this machine", hint, value=host
-    )
-    try:
-        kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
-    except OSError as error:
-        raise no_host from error
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for candidate in ports:
-        with socket.socket(kind, socket.SOCK_STREAM) as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                trial.bind((host, candidate))
-            except PermissionError as error:
-                hint = "pass a port from 1024 on"
-                raise InputError(
-                    "port", f"is {candidate}", "this user cannot serve it", hint, value=port
-                ) from error
-            except OSError as error:
-                if error.errno not in _TAKEN_ERRORS:
-                    raise no_host from error
-                continue
-            return int(trial.getsockname()[1])
-    problem = (
-        f"is {port}"
-        if port is not None
-        else f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
-    )
-    raise InputError(
-        "port", problem, "other programs use it", "pass another port, or 0 for any", value=port
-    )
+        try:
+            with socket.create_server((host, candidate), family=family) as trial:
+                return int(trial.getsockname()[1])
+        except PermissionError as error:
+            rule, hint = "this user cannot serve it", "pass a port from 1024 on"
+            raise InputError("port", f"is {candidate}", rule, hint, value=port) from error
+        except OSError as error:
+            if error.errno not in _TAKEN_ERRORS:
+                rule = "it must be an address of this machine"
+                hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
+                raise InputError("host", f"is {host!r}", rule, hint, value=host) from error
+    problem = f"is {port}"
+    if port is None:
+        problem = f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
+    hint = "pass another port, or 0 for any"
+    raise InputError("port", problem, "other programs use it", hint, value=port)

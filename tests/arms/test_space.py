@@ -382,7 +382,7 @@ HAIR = 4e-6
 """Radians or metres; within the accepted excess over a limit."""
 
 
-def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path) -> None:
+def test_plans_clamp_endpoints_slightly_beyond_limits(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
     for planner in (None, "RRTConnect"):
         plan = planners.plan(
@@ -392,8 +392,6 @@ def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path)
         assert plan.path[0].tolist() == plan.start.tolist() == [-1.123456, 0.3]
         assert plan.path[-1].tolist() == [2.0, 0.5]
         assert plan.status.startswith("path found")
-        assert "start moved onto the limit of shoulder by 4e-06 rad; goal moved onto" in plan.status
-    assert "moved" not in planners.plan(space, (-1.123456, 0.3), (2.0, 0.5), seed=1).status
     path = space.find_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
     assert path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
     for call in (

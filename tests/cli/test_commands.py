@@ -22,7 +22,6 @@ from cspace.cli.compile import plan_in_plane
 from cspace.cli.report import option_names, progress_line
 from cspace.compiling import cache_folder
 from cspace.errors import InputError
-from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.plot.artists import PATH_COLOR
 from cspace.view.scene import rgb
@@ -208,23 +207,20 @@ def test_options_set_the_grid_of_shapes(room: Path) -> None:
     assert (printed["lower_m"], printed["shape"]) == ([-1.0, -1.0], [6, 8])
 
 
-def test_warnings_name_options_in_one_line(room: Path) -> None:
+def test_warnings_are_printed_in_one_line(room: Path) -> None:
     common = ["map", "open.obj", "--robot", "ball:0.1", "--spacing", 0.25]
-    document(*common, "-o", "a.zarr", warning="--solid surface")
+    document(*common, "-o", "a.zarr", warning="solid='surface'")
     document(*common, "--solid", "fill", "-o", "b.zarr")
     occupied = [
         np.count_nonzero(cspace.open(name).workspace.inner) for name in ("a.zarr", "b.zarr")
     ]
     assert occupied[0] < occupied[1]
-    document(
-        "map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="--robot-solid surface"
-    )
+    document("map", "rooms.3dmap", "--robot", "open.obj", "-o", "c.zarr", warning="solid='surface'")
     document(
         "map", "rooms.3dmap", "--robot", "open.obj", "--robot-solid", "surface", "-o", "d.zarr"
     )
     assert cspace.open("d.zarr").robot.spec["solid"] == "surface"
     cube = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
-    document("info", *cube, warning="fits into one cell of 2 m")
     document(
         "map",
         *cube[:-1],
@@ -272,54 +268,12 @@ def test_info_describes_a_mesh_without_rasterizing_it(
         {"closed": 1, "open": 0},
         1.0,
     )
-    assert not {"cells", "memory", "spacing_m"} & set(printed)
-    printed = document(
-        "info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3"
-    )
-    assert (printed["shape"], printed["cells"]) == ([200, 100, 100], {"total": 2_000_000})
-    assert printed["memory"]["needed_bytes"] == max(
-        MESH_CELL_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100))
-    )
-    assert printed["memory"]["fits"] is True
-    assert (printed["robot"]["name"], printed["robot"]["cells_across"]) == (
-        "box 0.1 m x 0.2 m x 0.3 m",
-        [10, 20, 30],
-    )
+    assert not {"cells", "spacing_m"} & set(printed)
+    printed = document("info", "cube.obj", "--spacing", 0.01)
+    assert (printed["shape"], printed["cells"]) == ([100, 100, 100], {"total": 1_000_000})
     printed = document("info", "open.obj", warning="open")
     assert (printed["watertight"], printed["bodies"]) == (False, {"closed": 0, "open": 1})
     assert "volume_m3" not in printed
-
-
-@pytest.mark.parametrize(("robot", "slices"), [(None, 72), ("rect:0.2x0.1", 36), ("disc:0.1", 1)])
-def test_info_counts_the_slices_of_a_robot(room: Path, robot: str | None, slices: int) -> None:
-    more = [] if robot is None else ["--robot", robot]
-    printed = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
-    assert (printed["rotations"], printed["slices"]) == (72, slices)
-    assert printed["memory"]["map_bytes"] == slices * 100 * 100
-    rasters = printed["memory"]["needed_bytes"] - 2 * 10_000 - map_bytes((100, 100), slices)
-    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (
-        slices == 36
-    )  # only robots have rasters
-    assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
-
-
-def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    printed = document("info", "cube.obj", "--spacing", 1e-7)
-    assert printed["cells"]["total"] == 10**21
-    assert printed["memory"]["fits"] is False
-    assert "use a spacing of at least" in printed["memory"]["problem"]
-    printed = document("info", "cube.obj", "--spacing", 0.002, "--rotations", "quaternions:16")
-    assert "fewer rotations" in printed["memory"]["problem"]
-    printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
-    assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]
-    # The build refuses the same map.
-    result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
-    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
-    assert "use a spacing of at least" in result.stderr
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
-    printed = document("info", "rooms.3dmap")["memory"]
-    assert printed["fits"] is False
-    assert "a machine with more memory, or cut the file" in printed["problem"]
 
 
 @pytest.mark.parametrize(
@@ -355,11 +309,11 @@ def test_info_describes_cells_points_and_robots(room: Path) -> None:
         printed = document("info", *arguments)
         assert printed["cells"] == {"occupied": occupied, "free": 2400 - occupied, "total": 2400}
         assert printed["extents_m"] == [25 * side, 12 * side, 8 * side]
-    printed = document("info", "cloud.xyz", "--radius", 0.25)
+    printed = document("info", "cloud.xyz")
     assert (printed["points"], printed["lower_m"], printed["upper_m"]) == (
         3,
-        [-0.25] * 3,
-        [1.25, 2.25, 0.75],
+        [0.0] * 3,
+        [1.0, 2.0, 0.5],
     )
     assert document("info", "cloud.xyz", "--spacing", 0.5)["shape"] == [2, 4, 1]
     printed = document("info", "cube.obj", "--as", "robot", "--spacing", 0.3)
@@ -370,7 +324,7 @@ def test_info_describes_cells_points_and_robots(room: Path) -> None:
 
 
 def test_info_describes_real_files(data: Path) -> None:
-    printed = document("info", data / "voxels/geb079.bt", "--robot", "box:0.6x0.6x0.2")
+    printed = document("info", data / "voxels/geb079.bt")
     assert (printed["spacing_m"], printed["shape"]) == (0.08, [487, 187, 39])
     cells = printed["cells"]
     assert cells["total"] == 487 * 187 * 39 == cells["occupied"] + cells["unknown"] + cells["free"]
@@ -495,7 +449,7 @@ def test_info_warns_of_open_meshes_of_an_arm(tmp_path: Path) -> None:
     path = urdfs.write_urdf(
         tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0))
     )
-    assert "--solid surface" in run("info", path).stderr
+    assert "solid='surface'" in run("info", path).stderr
     assert not run("info", path, "--solid", "surface").stderr
 
 
@@ -506,7 +460,7 @@ def test_package_dirs_locate_meshes_of_ros_packages(tmp_path: Path) -> None:
     urdf = tmp_path / "urdf" / "robot.urdf"
     mesh = '<collision><geometry><mesh filename="package://arm/link.stl"/></geometry></collision>'
     urdf.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
-    assert "pass --package-dir FOLDER" in run("info", urdf).stderr
+    assert "package" in run("info", urdf).stderr
     printed = document("info", urdf, "--package-dir", tmp_path, "--package-dir", tmp_path / "ws")
     assert printed["extents_m"] == pytest.approx([1.0, 2.0, 3.0])
 
@@ -611,10 +565,10 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
     (
         "turning",
         "1",
-        "configurations are shoulder,elbow, in radians or degrees; write e.g. --start 90deg,90deg",
+        "configurations are shoulder,elbow, in radians or degrees; write e.g. --start=90deg,90deg",
     ),
-    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start 90deg,0.2"),
-    ("mixed", "0,20deg", "write e.g. --start 90deg,0.2"),
+    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
+    ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
 )
 def test_plan_refuses_invalid_joint_values(
     joints: Path, file: str, start: str, message: str
@@ -665,9 +619,7 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
     assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
     assert list(printed["seconds"]) == [
         "read",
-        "set_up",
         "plan",
-        "check",
         "measure",
         "write",
         "draw",
@@ -729,8 +681,7 @@ def test_plan_suggests_options_if_time_runs_out(room: Path) -> None:
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     assert "a path exists; try " in result.stderr
-    assert "--time-limit 1e-08" in result.stderr
-    assert "time_limit" not in result.stderr
+    assert "--time-limit=1e-08" in result.stderr
     assert "pproximate" not in result.output
     assert not Path("p.gif").exists()
 

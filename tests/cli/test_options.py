@@ -2,15 +2,13 @@
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace.cli.files import read_axes
 from cspace.cli.options import parse_angle, parse_box, parse_configuration
-from cspace.cli.report import format_error, name_options, show
+from cspace.cli.report import format_error, show
 from cspace.errors import CspaceError, FileError, InputError
 from tests.commands import COMMANDS, flatten, run
 from tests.refusals import refusals
@@ -21,27 +19,13 @@ AXES_OF = {
     "space": ("x", "y", "z"),
     "both": ("x", "y", "z", "yaw"),
 }
-OPTION_NAMES = {
-    name: f"--{name.replace('_', '-')}"
-    for name in ("solid", "spacing", "robot_solid", "exact", "rotations")
-}
+OPTION_NAMES = {"solid": "--solid", "spacing": "--spacing"}
 
 
-@pytest.mark.parametrize(
-    ("file", "kind"),
-    [
-        ("plane.zarr", "plane"),
-        ("turning.zarr", "turning"),
-        ("space.zarr", "space"),
-        ("both.zarr", "both"),
-    ],
-)
-def test_axes_of_a_map_are_read_without_its_cells(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
-) -> None:
-    monkeypatch.setattr("cspace.opening.open_map", None)
-    units = tuple("rad" if axis == "yaw" else "m" for axis in AXES_OF[kind])
-    assert read_axes(folder / file) == (AXES_OF[kind], units)
+def parse(text: str, kind: str) -> tuple[float, ...]:
+    """Parse a start on a map of a kind."""
+    units = ["rad" if axis == "yaw" else "m" for axis in AXES_OF[kind]]
+    return parse_configuration(text, "start", AXES_OF[kind], units)
 
 
 @pytest.mark.parametrize(
@@ -54,19 +38,19 @@ def test_axes_of_a_map_are_read_without_its_cells(
     ],
 )
 def test_parse_configuration_reads_units(text: str, kind: str, expected: tuple[float, ...]) -> None:
-    assert parse_configuration(text, "start", AXES_OF[kind]) == expected
+    assert parse(text, kind) == expected
 
 
 @pytest.mark.parametrize("kind", AXES_OF)
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b", "a,b,1", "", "1,2,3,4,5"])
 def test_invalid_configurations_are_refused_with_an_example(text: str, kind: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse_configuration(text, "start", AXES_OF[kind])
+        parse(text, kind)
     assert str(caught.value).startswith(
         f"start is {text!r}; the map's configurations are {','.join(AXES_OF[kind])}, in"
     )
     example = str(caught.value).rpartition("start=")[2]
-    assert len(parse_configuration(example, "start", AXES_OF[kind])) == len(AXES_OF[kind])
+    assert len(parse(example, kind)) == len(AXES_OF[kind])
 
 
 @pytest.mark.parametrize(
@@ -122,22 +106,6 @@ def test_parse_box_refuses_other_texts(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("message", "expected"),
-    [
-        ("pass solid='surface' if", "pass --solid surface if"),
-        ('pass robot_solid="fill".', "pass --robot-solid fill."),
-        ("e.g. spacing=0.05 (metres)", "e.g. --spacing 0.05 (metres)"),
-        ("ask without exact=True; or", "ask without --exact; or"),
-        ("more cells (rotations=72), or", "more cells (--rotations 72), or"),
-        ("leave margin=0.1 out", "leave margin=0.1 out"),  # not an option of this command
-        ("runs/spacing=0.05/a.npy is", "runs/spacing=0.05/a.npy is"),
-    ],
-)
-def test_name_options_replaces_arguments(message: str, expected: str) -> None:
-    assert name_options(message, OPTION_NAMES) == expected
-
-
-@pytest.mark.parametrize(
     ("error", "expected"),
     [
         (
@@ -146,7 +114,7 @@ def test_name_options_replaces_arguments(message: str, expected: str) -> None:
         ),
         (
             InputError("solid", "is 'x'", hint="pass solid='fill'"),
-            "--solid is 'x'; pass --solid fill",
+            "--solid is 'x'; pass --solid='fill'",
         ),
         (
             FileError("spacing=1.npy", "does not exist", "check the name"),

@@ -338,8 +338,8 @@ def test_a_proof_that_no_path_exists_prevents_the_search(
 
 @pytest.mark.parametrize("name", ENDPOINTS)
 def test_connectivity_is_queried_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    query, calls = CSpace._connectivity, list[Any]()
-    monkeypatch.setattr(CSpace, "_connectivity", lambda *q: calls.append(q) or query(*q))
+    query, calls = CSpace.is_connected, list[Any]()
+    monkeypatch.setattr(CSpace, "is_connected", lambda *q: calls.append(q) or query(*q))
     plan = planners.plan(
         build_room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1
     )

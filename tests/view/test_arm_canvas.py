@@ -221,7 +221,5 @@ def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:
         assert viewer.page.wait(60.0)
         panel, canvas = viewer.page.panel, viewer.canvas
         assert [slider.label for slider in panel.sliders] == ["shoulder (rad)", "elbow (rad)"]
-        assert canvas.typed[0][0] == "shoulder, elbow (rad)" and canvas.about.endswith(
-            "cells of 0.1 rad"
-        )
-        assert panel.state.content.strip().endswith(" rad") and " rad</span>" in panel.scale.content
+        assert canvas.about.endswith("cells of 0.1 rad")
+        assert panel.state.content.strip().endswith(" rad")

@@ -11,13 +11,10 @@ import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.view.blocks import Cells
 from cspace.view.scene import (
-    HIGH_COLOR,
     KINDS,
-    LOW_COLOR,
     Stage,
     extract_border,
     make_robot_surface,
-    path_colors,
     rgb,
 )
 
@@ -135,11 +132,3 @@ def test_robot_surface_has_the_volume_of_the_robot(robot: cspace.Robot) -> None:
     mesh.merge_vertices()
     assert mesh.volume == pytest.approx(size, rel=1e-6)
     assert mesh.is_watertight != base
-
-
-def test_the_path_is_coloured_by_its_clearance() -> None:
-    colors = path_colors(np.array([0.0, 1.0, 2.0, np.nan, np.inf]))
-    np.testing.assert_array_equal(colors[[0, 3]], [rgb(LOW_COLOR)] * 2)
-    np.testing.assert_array_equal(colors[[2, 4]], [rgb(HIGH_COLOR)] * 2)
-    assert (np.abs(colors[1] - (np.array(rgb(LOW_COLOR)) + rgb(HIGH_COLOR)) / 2) <= 1).all()
-    np.testing.assert_array_equal(path_colors(np.zeros(2)), [rgb(LOW_COLOR)] * 2)
