@@ -200,7 +200,7 @@ def build(
             robot,
             store,
             tile,
-            build=build,
+            build=build_in_memory,
             method=method,
             inner=inner,
             client=client,
@@ -216,15 +216,42 @@ def build(
         raise InputError(
             "client", "is given without a store", "its workers make tiles", hint, value=client
         )
-    workspace = workspace._in_memory()
+    return build_in_memory(
+        workspace._in_memory(),
+        robot,
+        cells,
+        inner=inner,
+        counts=counts,
+        method=method,
+        outside=outside,
+        margin=margin,
+        workers=workers,
+        progress=progress,
+    )
+
+
+def build_in_memory(
+    workspace: Workspace,
+    robot: Robot,
+    rotations: Rotations,
+    *,
+    inner: bool,
+    counts: bool = False,
+    method: Method,
+    outside: Outside,
+    margin: float,
+    workers: int | None,
+    progress: Progress | None = None,
+) -> CSpace:
+    """Build a map of checked arguments; see :func:`build`."""
     grid = workspace.grid
-    slice_of = cells.assign_slices(robot.shape)
+    slice_of = rotations.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, counts) + raster_bytes(
-        robot, grid.spacing, margin, cells, slices
+        robot, grid.spacing, margin, rotations, slices
     )
     check_memory(needed, "the map", grid, slices=slices)
-    rasters = slice_rasters(robot, grid.spacing, margin, cells)
+    rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
     correlation = Correlation.create(method, groups, outside, workers, progress, counts)
     states = np.empty((slices, *grid.shape), dtype=np.uint8)
@@ -233,7 +260,7 @@ def build(
     contents = Contents(
         workspace,
         robot,
-        cells,
+        rotations,
         slice_of,
         states,
         outside,

@@ -108,7 +108,7 @@ def raised_limits(**limits: int) -> Iterator[None]:
     Parameters
     ----------
     **limits : int
-        New values of the fields of :class:`Limits`, by name: ``max_bytes``, ``max_cells``,
+        New values of the limits, by name: ``max_bytes``, ``max_cells``,
         ``max_text_bytes`` and ``max_description_bytes``.
 
     Raises

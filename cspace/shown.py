@@ -212,8 +212,9 @@ class MapExport:
     ) -> Any:
         """Return a plane map as a ROS occupancy grid.
 
-        FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`Workspace.from_occupancy_grid` reads
-        it back: as the cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED cells.
+        FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`cspace.Workspace.from_occupancy_grid`
+        reads it back: as the cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED
+        cells.
 
         Parameters
         ----------

@@ -838,12 +838,12 @@ class CSpace(ConfigurationMap, MapExport):
         :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
         follow the update.
 
-        The first update copies the cells of the workspace, so that the :class:`Workspace` passed to
-        the build, and other maps of it, do not change. :attr:`workspace` then has the current
-        cells; its ``shapes`` are None, and queries with ``exact=True`` use the outer cells instead.
-        Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped, because they
-        belong to the old obstacles. A map built without ``inner`` gets no BLOCKED cells, also after
-        it is saved and opened.
+        The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`
+        passed to the build, and other maps of it, do not change. :attr:`workspace` then has the
+        current cells; its ``shapes`` are None, and queries with ``exact=True`` use the outer cells
+        instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped,
+        because they belong to the old obstacles. A map built without ``inner`` gets no BLOCKED
+        cells, also after it is saved and opened.
 
         All data that the map derives from its cells, such as components, distances and the geometry
         for ``exact=True``, are computed anew when next asked for.
@@ -913,12 +913,12 @@ class CSpace(ConfigurationMap, MapExport):
         ----------
         name : str
         shape : shape, or array-like, shape (n, 2) or (n, 3)
-            Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes,
-            such as a shapely geometry, or three or more corners of a polygon; in space a mesh, as
-            :meth:`Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in both points with
-            their ``radius``, a decomposition into balls, a shape of ``cspace.shapes``, a robot, or
-            the short text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point of a robot
-            is then the origin of the map.
+            Metres, in the map's frame. In the plane what :meth:`cspace.Workspace.from_polygons`
+            takes, such as a shapely geometry, or three or more corners of a polygon; in space a
+            mesh, as :meth:`cspace.Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in
+            both points with their ``radius``, a decomposition into balls, a shape of
+            ``cspace.shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``.
+            The reference point of a robot is then the origin of the map.
         radius : array-like, shape () or (n,), optional
             Radius of the balls around points, metres, zero or above.
 
@@ -931,8 +931,8 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If the name is empty or no string, or the obstacle is of another type or dimension, has
             points without a radius, or is so far away that rounding could matter; nothing changes
-            then. A :class:`GeometryError` if it is empty, not finite, or a polygon that crosses
-            itself.
+            then. A :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon
+            that crosses itself.
 
         Examples
         --------

@@ -428,7 +428,7 @@ SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     "arguments, message",
     ({"rotations": 0}, "rotations is 0"),
     ({"rotations": -4}, "rotations is -4"),
-    ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
+    ({"rotations": [0.0, 1.0, 3.0]}, "must ascend over 6.28"),
     ({"method": "guess"}, "'auto', 'fft' or 'direct'"),
     ({"method": "direct", "counts": True}, "use method='fft' or method='auto'"),
     ({"method": None}, "method is None"),

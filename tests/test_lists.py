@@ -26,7 +26,6 @@ from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.save import MAP_SUFFIXES
-from cspace.spectral.decompose import BALL_READERS
 from tests.commands import run
 from tests.repository import ROOT
 from tests.soak import files as soak
@@ -109,7 +108,7 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES, *BALL_READERS}
+    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 

@@ -37,7 +37,8 @@ def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
     )
     options = {"store": tmp_path / "map.zarr"} if store else {}
     with pytest.raises(
-        cspace.InputError, match=r"rotations .* at most 65536 cells|rotations .* from 1 to 65536"
+        cspace.InputError,
+        match=r"rotations .* from 2 to 65537 borders|rotations .* from 1 to 65536",
     ):
         cspace.build(workspace, robot, rotations=rotations, **options)
     assert not list(tmp_path.iterdir())

@@ -352,7 +352,7 @@ def test_obstacles_accept_robots_and_specs() -> None:
     ),
     ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
     ("cart", (1.0, 1.0), None, "points need a radius"),
-    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not valid.*for points, pass"),
+    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not valid.*make_valid"),
     ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "must be finite"),
     ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
     ("cart", [(0.0, np.inf)], 0.1, "must be finite"),

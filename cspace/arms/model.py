@@ -393,8 +393,10 @@ class Arm:
         if not len(found.joints):
             nearest = q.copy()
             nearest[rows] = found.nearest
-            far = f"{found.distance:.3g} m and {found.angle:.3g} rad"
-            within = "{:g} m and {:g} rad".format(*goal.tolerance)
+            far, within = f"{found.distance:.3g} m", f"{goal.tolerance[0]:g} m"
+            if math.isfinite(goal.tolerance[1]):
+                far += f" and {found.angle:.3g} rad"
+                within += f" and {goal.tolerance[1]:g} rad"
             problem = (
                 f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
             )

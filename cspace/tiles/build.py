@@ -163,7 +163,7 @@ def build_tile(job: BuildJob, index: Index) -> None:
     space = job.build(
         Workspace(folder.sub_grid(window), outer, inner),
         frame.robot,
-        rotations=frame.rotations,
+        frame.rotations,
         inner=frame.proves_blocked,
         method=job.method,
         outside=frame.outside,

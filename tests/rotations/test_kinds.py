@@ -120,7 +120,7 @@ def test_messages_name_the_rotation(space: CSpace) -> None:
     with pytest.raises(InputError, match="a pitch small enough"):
         space.classify([0.5, 0.5, 0.5, np.inf])
     with pytest.raises(InputError, match="has the pitch 'up'"):
-        parse_configuration("1,1,1,up", "start", space.axes)
+        parse_configuration("1,1,1,up", "start", space.axes, space.units)
     with pytest.raises(InputError, match="pitch:8"):
         parse_rotation_cells("roll:7")
 

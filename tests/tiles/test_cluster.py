@@ -13,11 +13,9 @@ from contextlib import suppress
 import numpy as np
 import psutil
 import pytest
-import zarr
 
 import cspace
 from cspace.errors import CspaceError, InputError
-from tests.commands import run
 from tests.laws.any_map import CAR
 from tests.repository import ROOT
 from tests.tiles.test_build import check_states, check_tile, random_workspace, tiles_of
@@ -150,90 +148,6 @@ def test_a_cluster_without_workers_is_rejected(live, tmp_path):
         until(lambda: not client.scheduler_info()["workers"])
         with pytest.raises(InputError, match="has no workers"):
             cspace.build(random_workspace((90, 90)), CAR, store=tmp_path / "m", client=client)
-
-
-def press_control_c(command, cwd, text):
-    """Interrupt a command on a terminal once it prints ``text``; return output and exit code."""
-    process, terminal = pytest.importorskip("pty").fork()
-    if process == 0:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells make background processes ignore it
-        os.chdir(cwd)
-        os.execve(
-            command[0],
-            command,
-            {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "TERM": "xterm"},
-        )
-    seen, pressed = "", False
-    with suppress(OSError):  # Linux raises at the end of a terminal
-        while part := os.read(terminal, 65536):
-            seen += part.decode(errors="replace")
-            if not pressed and text in seen:
-                pressed = os.write(terminal, b"\x03") > 0
-    return seen, os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-
-
-SLOW_WORKER = """
-import pathlib, time
-import cspace.tiles.work as work
-
-def dask_setup(worker):
-    made, run_task = [], work._run_task
-
-    def wait(index, **options):
-        end = time.monotonic() + 30.0
-        while len(made) == 20 and not pathlib.Path({!r}).exists() and time.monotonic() < end:
-            time.sleep(0.05)
-        if len(made) < 20:
-            time.sleep(0.05)
-        made.append(index)
-        return run_task(index, **options)
-
-    work._run_task = wait
-"""
-"""Preload of a worker: build 20 tiles slowly, then wait for a file.
-
-Therefore the interrupt comes before the last tile.
-"""
-
-
-def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monkeypatch):
-    # The command runs in another folder than the workers.
-    workspace = random_workspace((300, 250))
-    zarr.create_array(
-        tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True}
-    )
-    (tmp_path / "waits.py").write_text(SLOW_WORKER.format(str(tmp_path / "go on")))
-    live.worker("--preload", str(tmp_path / "waits.py"))
-    command = [
-        "map",
-        "site.zarr",
-        "--spacing",
-        "0.1",
-        "--robot",
-        "rect:0.5x0.2",
-        "--rotations",
-        "8",
-        "--tile",
-        "25",
-    ]
-    command += ["--scheduler", live.address, "-o", "m.zarr"]
-    with live.client(1):
-        seen, code = press_control_c(
-            [sys.executable, "-m", "cspace", *command], tmp_path, " of 120 tiles, "
-        )
-        assert code == 130, seen
-        assert "cells/s" in seen
-        assert "interrupted" in seen
-        assert 0.0 < cspace.open(tmp_path / "m.zarr").progress < 1.0
-        (tmp_path / "go on").touch()
-        monkeypatch.chdir(tmp_path)
-        result = run(*command)
-    assert result.exit_code == 0
-    robot, cells = (
-        cspace.Robot.rectangle(0.5, 0.2),
-        cspace.Workspace.from_array(workspace.outer, 0.1),
-    )
-    check_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
 
 
 def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
