@@ -392,6 +392,8 @@ def test_a_saved_map_has_one_version(
     begun = getattr(module, step)
 
     def in_the_midst(*args: Any, **members: Any) -> Any:
+        if changing.ident is not None:
+            return begun(*args, **members)
         before = space.cell_states.copy()
         changing.start()
         changing.join(0.2)

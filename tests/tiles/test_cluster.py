@@ -153,6 +153,7 @@ def test_a_cluster_without_workers_is_rejected(live, tmp_path):
 def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
     workspace, steps = random_workspace((200, 150)), []
     live.worker()
+    live.worker()
     with live.client(2) as client:
         options = {"client": client, "tile": 40, "progress": lambda *step: steps.append(step)}
         cspace.build(workspace, CAR, rotations=6, store=tmp_path / "m", **options)
