@@ -276,8 +276,12 @@ def double(value: float) -> float:
     return 2 * value
 
 
-def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
+def test_the_clock_stops_while_a_function_is_compiled_or_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from numba import TypingError
+
+    monkeypatch.setattr("cspace.compiling.cache_folder", lambda: None)  # nothing is compiled yet
 
     def good(x: float) -> float:
         return 2.0 * x + 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import threading
+import time
 import tracemalloc
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -289,9 +290,11 @@ def test_moves_are_seen_before_or_after_by_other_threads(tmp_path: Path) -> None
     for thread in threads:
         thread.start()
     shape = Robot.box((0.2, 0.2, 1.0))
-    for _ in range(60):
+    count, until = 0, time.monotonic() + 60.0
+    while count < 60 or (len(seen) < 2 and time.monotonic() < until):
         space.add_obstacle("post", shape, moved)
         space.add_obstacle("post", posed_box((0.2, 0.2, 1.0), 1.5, 0.0))
+        count += 1
     done.set()
     for thread in threads:
         thread.join()
