@@ -15,7 +15,7 @@ from benchmarks.first_process import DEMO
 from benchmarks.report import Report
 from cspace.demo import write_inputs
 
-MAX_DEMO_COMPILATIONS: Final = 90
+MAX_DEMO_COMPILATIONS: Final = 60
 """Most functions that the demo compiles on an empty cache; a test counts them."""
 
 MAX_COLD_SECONDS: Final = {
