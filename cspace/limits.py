@@ -40,13 +40,6 @@ to 11."""
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that work may use."""
 
-FIXED_CELLS_HINT: Final = (
-    "its cells are those of the file, so take a machine with more memory, or cut the file or "
-    "make its cells coarser "
-    "with the tools of its own format"
-)
-"""Hint for files that declare the size of their cells."""
-
 _MIN_CHECKED_BYTES: Final = 2**18
 """Size of files below which the free memory is not queried, because that takes longer than reading.
 """

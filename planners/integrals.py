@@ -10,7 +10,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Numbers, Row
 from cspace.compiling import kernel
-from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, configuration_before
 from cspace.map.distance import DistanceMap, DistanceTable, clearance_at
 from cspace.map.edges import position_along
 from cspace.map.record import Map
@@ -76,11 +76,8 @@ def straight_edge_cost(
     has steps of at most one cell and 5 degrees.
     """
     middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = (
-        position_before(map_, both, middle),
-        rotation_before(map_.rotations.borders, both, middle),
-    )
-    p1, r1 = position_before(map_, both, end), rotation_before(map_.rotations.borders, both, end)
+    p0, r0 = configuration_before(map_, both, middle)
+    p1, r1 = configuration_before(map_, both, end)
     metres = math.sqrt((p1[0] - p0[0]) ** 2 + (p1[1] - p0[1]) ** 2 + (p1[2] - p0[2]) ** 2)
     angle = arc_angle_and_error(r0, r1, 0)[0]
     steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP))), 0.0

@@ -29,14 +29,13 @@ from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous
 from cspace.map.edges import edge_is_free, edges_are_free, position_along
-from cspace.map.points import classify, is_usable, position_in, state_at
+from cspace.map.points import classify, configuration_in, is_usable, state_at
 from cspace.map.record import Map
 from cspace.rotations.lookup import (
     arc_angle_and_error,
     arc_count,
     matrix_rows,
     rotation_along,
-    rotation_in,
 )
 from cspace.shapes import Box, RoundedSimplices
 from cspace.threads import in_chunks
@@ -456,14 +455,8 @@ def prove_edges(
 ) -> None:
     """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
     for k in range(first.shape[0]):
-        p0, r0 = (
-            position_in(inputs.map, first, k),
-            rotation_in(inputs.map.rotations.borders, first[k]),
-        )
-        p1, r1 = (
-            position_in(inputs.map, second, k),
-            rotation_in(inputs.map.rotations.borders, second[k]),
-        )
+        p0, r0 = configuration_in(inputs.map, first, k)
+        p1, r1 = configuration_in(inputs.map, second, k)
         out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
 
 

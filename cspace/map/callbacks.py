@@ -86,14 +86,20 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     return (numbers[end - 1] if borders.shape[0] > 0 else 0.0,)
 
 
+@inlined
+def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of the configuration whose numbers end before ``end``."""
+    rotation = rotation_before(map_.rotations.borders, numbers, end)
+    return position_before(map_, numbers, end), rotation
+
+
 @kernel
 def state_of(
     map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
 ) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
     numbers = a, b, c, d, e, f, g
-    position = position_before(map_, numbers, MAX_SIZE)
-    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     return state_at(map_, position, rotation) if is_usable(position, rotation) else NOT_USABLE
 
 
@@ -103,8 +109,7 @@ def place_of(
 ) -> int:
     """Return the index of the cell over all rotation cells, or -1."""
     numbers = a, b, c, d, e, f, g
-    position = position_before(map_, numbers, MAX_SIZE)
-    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     cell = cell_of(map_, position)
     if not (is_usable(position, rotation) and is_in_grid(map_, cell)):
         return -1
@@ -137,14 +142,8 @@ def motion_of(
     """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
     numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
     middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = (
-        position_before(map_, numbers, middle),
-        rotation_before(map_.rotations.borders, numbers, middle),
-    )
-    p1, r1 = (
-        position_before(map_, numbers, end),
-        rotation_before(map_.rotations.borders, numbers, end),
-    )
+    p0, r0 = configuration_before(map_, numbers, middle)
+    p1, r1 = configuration_before(map_, numbers, end)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
     return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

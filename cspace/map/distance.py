@@ -42,10 +42,9 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, Floats, Ints, Numbers, Row, States
 from cspace.compiling import kernel
 from cspace.grid import SLACK
-from cspace.map.callbacks import MAX_SIZE, bind_kernel, position_before, rotation_before
-from cspace.map.points import MAX_CELL, is_usable, position_in, slice_of, state_at
+from cspace.map.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace.map.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace.map.record import Map
-from cspace.rotations.lookup import rotation_in
 from cspace.threads import cores, in_chunks, in_threads
 
 Distances = NDArray[np.float32]
@@ -337,10 +336,7 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
     Return the index of the first unusable configuration, or -1.
     """
     for n in range(points.shape[0]):
-        position, rotation = (
-            position_in(map_, points, n),
-            rotation_in(map_.rotations.borders, points[n]),
-        )
+        position, rotation = configuration_in(map_, points, n)
         if not is_usable(position, rotation):
             return n
         out[n] = clearance_at(map_, table, position, rotation)
@@ -361,8 +357,7 @@ def clearance_of(
 ) -> float:
     """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
     numbers = a, b, c, d, e, f, g
-    position = position_before(map_, numbers, MAX_SIZE)
-    rotation = rotation_before(map_.rotations.borders, numbers, MAX_SIZE)
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     return clearance_at(map_, table, position, rotation)
 
 

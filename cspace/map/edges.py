@@ -15,14 +15,13 @@ from cspace.grid import SLACK
 from cspace.map.points import (
     MAX_POSITION,
     Cell,
+    configuration_in,
     grid_box,
     is_usable,
     outer_box,
-    position_in,
     run_is_free,
 )
 from cspace.map.record import Map
-from cspace.rotations.lookup import rotation_in
 from cspace.rotations.quaternion import count_arcs, find_arc, next_part, time_on_arc
 from cspace.rotations.yaw import (
     clip_parameters,
@@ -46,8 +45,8 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     of the first unusable edge, or -1.
     """
     for k in range(starts.shape[0]):
-        p0, r0 = position_in(map_, starts, k), rotation_in(map_.rotations.borders, starts[k])
-        p1, r1 = position_in(map_, ends, k), rotation_in(map_.rotations.borders, ends[k])
+        p0, r0 = configuration_in(map_, starts, k)
+        p1, r1 = configuration_in(map_, ends, k)
         if not (is_usable(p0, r0) and is_usable(p1, r1)):
             return k
         out[k] = edge_is_free(map_, p0, r0, p1, r1)

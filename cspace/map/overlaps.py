@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Numbers, Row
 from cspace.compiling import kernel
-from cspace.map.points import cell_of, is_usable, position_in, slice_of
+from cspace.map.points import cell_of, configuration_in, is_usable, slice_of
 from cspace.map.record import Map
 from cspace.raster import Raster, extract_runs
-from cspace.rotations.lookup import rotation_in
 
 
 class RobotRows(NamedTuple):
@@ -64,10 +63,7 @@ def count_overlaps(
     ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     for k in range(points.shape[0]):
-        position, rotation = (
-            position_in(map_, points, k),
-            rotation_in(map_.rotations.borders, points[k]),
-        )
+        position, rotation = configuration_in(map_, points, k)
         if not is_usable(position, rotation):
             return k
         out[k] = overlap_at(map_, counts, robot, outside, position, rotation)

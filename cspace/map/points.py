@@ -46,21 +46,16 @@ def position_in(map_: Map, points: Floats, k: int) -> Row:
 
 
 @inlined
+def configuration_in(map_: Map, points: Floats, k: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of row k of an array of configurations."""
+    return position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+
+
+@inlined
 def is_usable(position: Row, rotation: Numbers) -> bool:
     """Return True if a configuration is finite and its rotation exact enough."""
     x, y, z = position
     return math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and is_rotation(rotation)
-
-
-@kernel
-def first_bad_row(map_: Map, points: Floats) -> int:
-    """Return the index of the first configuration that is not usable, or -1."""
-    for k in range(points.shape[0]):
-        if not is_usable(
-            position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
-        ):
-            return k
-    return -1
 
 
 # ---- states --------------------------------------------------------------------------------------
@@ -106,12 +101,11 @@ def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     if is_in_grid(map_, cell):
         return int(map_.states[s, cell[0], cell[1], cell[2]])
     first, last = exterior_box(map_, s)
+    in_box, finite = True, True
     for axis in range(3):
-        if not math.isfinite(position[axis]):
-            return MIXED
-        if not first[axis] <= cell[axis] <= last[axis]:
-            return int(map_.exterior[s, 2 * map_.dim])
-    return MIXED
+        in_box &= first[axis] <= cell[axis] <= last[axis]
+        finite &= math.isfinite(position[axis])
+    return MIXED if in_box or not finite else int(map_.exterior[s, 2 * map_.dim])
 
 
 @kernel
@@ -127,10 +121,7 @@ def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
 def classify(map_: Map, points: Floats, out: States) -> int:
     """Write states; return the index of the first unusable configuration, or -1."""
     for k in range(points.shape[0]):
-        position, rotation = (
-            position_in(map_, points, k),
-            rotation_in(map_.rotations.borders, points[k]),
-        )
+        position, rotation = configuration_in(map_, points, k)
         if not is_usable(position, rotation):
             return k
         out[k] = state_at(map_, position, rotation)
@@ -225,10 +216,7 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     Return the index of the first unusable configuration, or -1. The distance is along each axis.
     """
     for k in range(points.shape[0]):
-        position, rotation = (
-            position_in(map_, points, k),
-            rotation_in(map_.rotations.borders, points[k]),
-        )
+        position, rotation = configuration_in(map_, points, k)
         if not is_usable(position, rotation):
             return k
         out[k] = around_is_free(map_, position, rotation, distance, angle)

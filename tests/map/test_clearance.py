@@ -280,3 +280,10 @@ def test_clearance_refuses_too_little_memory(monkeypatch):
         ):
             space.clearance(q)
     assert space.clearance(q).tolist() == [math.inf]
+
+
+def test_the_clearance_of_a_callback_is_zero_for_nan_beside_the_grid():
+    workspace = Workspace.from_array(np.eye(8, dtype=bool), 0.1)
+    check = cspace.build(workspace, Robot.disc(0.1), outside="free").clearance_checker()
+    assert check(-5.0, 0.4) > 0.0
+    assert check(-5.0, np.nan) == check(np.nan, -5.0) == 0.0
