@@ -14,11 +14,11 @@ from cspace.compiling import inlined, kernel
 from cspace.grid import SLACK
 from cspace.map.points import (
     MAX_POSITION,
-    Cell,
     configuration_in,
     grid_box,
     is_usable,
     outer_box,
+    run_in_grid_is_free,
     run_is_free,
 )
 from cspace.map.record import Map
@@ -150,25 +150,19 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
         total += abs(p[axis]) + abs(q[axis])
     if not total <= MAX_POSITION:  # True for NaN
         return False
-    low, high = grid_box(
-        map_
-    )  # for a segment in the grid, whose configurations are in closed cells of the grid
-    if not inside:
-        # A segment that leaves the grid is proven only if all cells outside both grid and box are
-        # FREE.
-        if map_.exterior[s, 2 * map_.dim] != FREE:
-            return False
-        low, high = outer_box(map_, s)
-    return segment_is_free_in_box(map_, s, p, q, low, high)
+    if inside:  # then the closed cells of the grid contain all of it
+        return walk_is_free(map_, s, p, q, True)
+    # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
+    return bool(map_.exterior[s, 2 * map_.dim] == FREE and walk_is_free(map_, s, p, q, False))
 
 
 @inlined
-def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: Cell) -> bool:
-    """Return True if a segment touches only FREE cells in a box.
+def walk_is_free(map_: Map, s: int, p: Row, q: Row, inside: bool) -> bool:
+    """Return True if a segment touches only FREE cells, of the grid if it is `inside`.
 
-    The segment leads from `p` to `q`, in cells. The box has the cells from `low` to `high`, both
-    included; cells outside it are not tested.
+    The segment leads from `p` to `q`, in cells.
     """
+    low, high = grid_box(map_) if inside else outer_box(map_, s)
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
     # along z.
     x_rate, y_rate = time_per_cell(p[0], q[0]), time_per_cell(p[1], q[1])
@@ -184,7 +178,11 @@ def segment_is_free_in_box(map_: Map, s: int, p: Row, q: Row, low: Cell, high: C
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            if not run_is_free(map_, s, i, j, max(low[2], bottom), min(high[2], top)):
+            bottom, top = max(low[2], bottom), min(high[2], top)
+            if inside:
+                if not run_in_grid_is_free(map_, s, i, j, bottom, top):
+                    return False
+            elif not run_is_free(map_, s, i, j, bottom, top):
                 return False
     return True
 

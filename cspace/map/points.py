@@ -140,9 +140,8 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     _, nx, ny, nz = map_.states.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
-        for k in range(max(first, 0), min(last, nz - 1) + 1):
-            if map_.states[s, i, j, k] != FREE:
-                return False
+        if not run_in_grid_is_free(map_, s, i, j, max(first, 0), min(last, nz - 1)):
+            return False
         if first >= 0 and last < nz:
             return True
     low, high = exterior_box(map_, s)
@@ -150,6 +149,18 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
         return True
     begin, end = max(first, low[2]), min(last, high[2])
     return begin > end or (in_grid and begin >= 0 and end < nz)
+
+
+@inlined
+def run_in_grid_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
+    """Return True if cells ``first`` to ``last`` along the last axis, all in the grid, are FREE."""
+    # Most runs have one or two cells; processors guess wrong when a loop over those ends.
+    if first <= last and (map_.states[s, i, j, first] | map_.states[s, i, j, last]) != FREE:
+        return False
+    for k in range(first + 1, last):
+        if map_.states[s, i, j, k] != FREE:
+            return False
+    return True
 
 
 @kernel
