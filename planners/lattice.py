@@ -33,7 +33,7 @@ from cspace.map.record import Map
 from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
-from planners.local_planner import EdgesOnMap, Endpoints
+from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
@@ -163,7 +163,7 @@ class Nodes(NamedTuple):
 
 
 def find_lattice_path(
-    edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float
+    edges: LocalPlanner, endpoints: Endpoints, simplify: bool, seconds: float
 ) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
 
@@ -216,14 +216,14 @@ def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     return all_yaws[order], np.concatenate([steps, steps[nearest]])[order], order >= len(yaws)
 
 
-def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
+def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
     """Compute the cost to the goal from cells and headings.
 
     Also return whether the start is reached.
 
     The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
     """
-    grid, is_car = edges.space.grid, edges.turning_radius is not None
+    grid, is_car = edges.cells.grid, edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
     free = np.stack([np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS) for yaw in yaws])
     shape = free.shape[1:]
@@ -273,9 +273,9 @@ def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tup
     return Guide(goal_pose, yaws, costs, reached, grid.spacing, float(unreached)), reaches_start
 
 
-def _free_cells(edges: EdgesOnMap, yaw: float) -> Bools:
+def _free_cells(edges: LocalPlanner, yaw: float) -> Bools:
     """Return which cells are FREE at a yaw, shape (nx, ny)."""
-    return np.asarray(edges.space.states_at(yaw) == FREE)
+    return np.asarray(edges.cells.states_at(yaw) == FREE)
 
 
 def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
@@ -293,7 +293,7 @@ def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
     return passable
 
 
-def _can_turn(edges: EdgesOnMap, free: Bools, yaws: Floats, k: int) -> Bools:
+def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
     """Return at which cells the robot may turn from heading k to the next.
 
     A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn
@@ -321,18 +321,18 @@ def make_progress(count: int, length: int) -> Progress:
     )
 
 
-def _reverses(edges: EdgesOnMap) -> bool:
+def _reverses(edges: LocalPlanner) -> bool:
     """Return True if the robot may drive in reverse."""
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
-def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
+def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
     those of drives from one cell to another, and the yaws of start and goal.
     """
-    spacing, count = edges.space.grid.spacing, 3 + _reverses(edges)
+    spacing, count = edges.cells.grid.spacing, 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
     # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
     diagonals = math.sqrt(2.0) * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
@@ -358,14 +358,14 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     )
 
 
-def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Motions:
+def _car_motions(edges: LocalPlanner, start: Pose, level: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is
     an index into :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
-    arc, spacing = TWO_PI / count, edges.space.grid.spacing
+    arc, spacing = TWO_PI / count, edges.cells.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
@@ -404,7 +404,7 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
 
 
 def _search(
-    edges: EdgesOnMap,
+    edges: LocalPlanner,
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
@@ -416,7 +416,7 @@ def _search(
     If n is 0, the note says what ended the search. Raises TimeoutError after ``until``.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
-    map_ = edges.space._kernel_map
+    map_ = edges.cells._kernel_map
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
     capacity = max_nodes + motions.costs.shape[1]
     progress = make_progress(capacity, capacity)
@@ -472,7 +472,7 @@ def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Float
     return kept
 
 
-def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
+def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
     check = edges.edge_checker()
 
@@ -494,7 +494,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
 
 def _skip_waypoints(
-    edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float
+    edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
 ) -> Floats:
     """Return the shortest path by free edges between waypoints, found by dynamic programming.
 

@@ -12,14 +12,14 @@ from ompl import base as ob
 
 from cspace.arrays import FREE, Floats
 from cspace.check import check_not_negative, check_positive
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
 from cspace.map.distance import Distances
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.words import Drive
 from planners.integrals import CostDensity, Field, make_edge_cost
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner
+from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of
 
 DEFAULT_WEIGHT: Final = 10.0
@@ -222,14 +222,14 @@ def default_clearance_threshold(space: CSpace) -> float:
 
 
 def find_clear_path(
-    edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float
+    edges: LocalPlanner, endpoints: Endpoints, straight: bool, seconds: float
 ) -> Floats:
     """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
     Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
     ``straight``, these are the centers of a chain of cells.
     """
-    space, threshold = edges.space, default_clearance_threshold(edges.space)
+    space, threshold = edges.cells, default_clearance_threshold(edges.cells)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
     def factor_at(clearances: Distances) -> Distances:
@@ -242,15 +242,13 @@ def find_clear_path(
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
-def edges_on_map(
-    space: ConfigurationSpace, drive: Drive, turning_radius: float | None
-) -> EdgesOnMap:
+def edges_on_map(space: Space, drive: Drive, turning_radius: float | None) -> LocalPlanner:
     """Return the local planner of a map.
 
     Raises InputError for an arm, and as :func:`planners.state_space`.
     """
     edges = local_planner(space, False, drive, turning_radius)
-    if not isinstance(edges, EdgesOnMap):
+    if not space.has_cells:
         hint = "use the length, or a function that returns an objective"
         raise InputError(
             "objective",

@@ -10,8 +10,7 @@ import numpy as np
 from ompl import base as ob
 
 from cspace.arrays import Floats
-from cspace.configuration_map import ConfigurationMap
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
 from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
 
@@ -82,41 +81,22 @@ class StateKind(NamedTuple):
         return next(ends, 0)
 
 
-def kind_of(space: ConfigurationSpace) -> StateKind:
+def kind_of(space: Space) -> StateKind:
     """Return the conversions between configurations of ``space`` and OMPL's states.
 
-    Raises InputError for a map with rotations of a kind that OMPL has no states for.
+    Raises InputError for a pose of a kind that OMPL has no states for.
     """
-    if (
-        isinstance(space, ConfigurationMap)
-        and space.rotations.names
-        and space.axes not in _STATE_KINDS
-    ):
+    if not space.has_poses:
+        return _make_joint_kind(space.periodic_axes)
+    if space.axes not in _STATE_KINDS:
         rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
         hint = "add its states to planners/states.py, or search with space.find_path"
         raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
-    rigid_body = None if any(space.periodic_axes) else _STATE_KINDS.get(space.axes)
-    return rigid_body or _make_joint_kind(space.periodic_axes)
-
-
-def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration so that it can be typed back."""
-    return f"({', '.join(map(repr, q))})"
-
-
-def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a ConfigurationSpace."""
-    if not isinstance(space, ConfigurationSpace):
-        hint = (
-            "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the "
-            "order of arguments"
-        )
-        rule = "it must be a CSpace or an ArmSpace"
-        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
+    return _STATE_KINDS[space.axes]
 
 
 def check_information(si: object, space: object) -> None:
-    """Check that ``si`` is SpaceInformation and ``space`` a ConfigurationSpace."""
+    """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
     if not isinstance(si, ob.SpaceInformation):
         rule, hint = (
             "it must be an ompl.base.SpaceInformation",
@@ -124,6 +104,14 @@ def check_information(si: object, space: object) -> None:
         )
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
+
+
+def check_space(space: object) -> None:
+    """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
+    if not isinstance(space, Space):
+        rule = "it must be a cspace.Space, as the results of cspace.build and cspace.open are"
+        hint = "check the order of arguments"
+        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
 
 
 def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:

@@ -82,7 +82,7 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
         assert_in_range(
-            *(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both)
+            *(end[-1] for _, *both in tiled.subproblems(first, last) for end in both)
         )
 
 

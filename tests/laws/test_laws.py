@@ -318,7 +318,7 @@ def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: 
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
-        subproblems = space._tile_subproblems(q0, q1)
+        subproblems = space.subproblems(q0, q1)
         np.testing.assert_allclose(subproblems[0][1][: space.grid.dim], q0[: space.grid.dim])
         np.testing.assert_allclose(subproblems[-1][2][: space.grid.dim], q1[: space.grid.dim])
         for open_tile, start, goal in subproblems:

@@ -174,7 +174,7 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     space = cspace.build(workspace, cspace.Robot.disc(0.15))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)
     start, goal, path = (0.7, 3.2), (5.3, 3.2), np.empty((0, 2))
-    subproblems = tiled._tile_subproblems(start, goal)
+    subproblems = tiled.subproblems(start, goal)
     assert len(subproblems) > 3
     for open_part, first, last in subproblems:
         path = np.vstack([path, open_part().find_path(first, last)])
@@ -188,7 +188,7 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     workspace = cspace.Workspace.from_array(walls, 0.1)
     assert not cspace.build(
         workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15
-    )._tile_subproblems(start, goal)
+    ).subproblems(start, goal)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(
             start
