@@ -152,6 +152,11 @@ class LocalPlanner:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
         return self.space.distance(starts, ends)
 
+    def wrap_yaws(self, path: Floats) -> Floats:
+        """Wrap the yaws of a path into [-pi, pi)."""
+        is_yaw = [name == "yaw" for name in self.space.rotations.names]
+        return wrapped(path, [False] * self.space.dim + is_yaw)
+
     def breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes."""
         return path

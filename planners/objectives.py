@@ -77,7 +77,8 @@ class WeightedLength(ob.OptimizationObjective):
         check_information(si, space)
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
-        edges = edges_on_map(space, drive, turning_radius)
+        check_has_cells(space)
+        edges = local_planner(space, False, drive, turning_radius)
         self._field, self._density = (
             field,
             CostDensity(offset, slope, weight, edges.rotation_weight),
@@ -242,22 +243,12 @@ def find_clear_path(
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
-def edges_on_map(space: Space, drive: Drive, turning_radius: float | None) -> LocalPlanner:
-    """Return the local planner of a map.
-
-    Raises InputError for an arm, and as :func:`planners.state_space`.
-    """
-    edges = local_planner(space, False, drive, turning_radius)
+def check_has_cells(space: Space) -> None:
+    """Raise InputError for an objective in a space that is no map."""
     if not space.has_cells:
+        problem, rule = f"is for maps, and space is {space!r}", "it weighs cells"
         hint = "use the length, or a function that returns an objective"
-        raise InputError(
-            "objective",
-            f"is for maps, and space is {space!r}",
-            "it weighs cells",
-            hint,
-            value=space,
-        )
-    return edges
+        raise InputError("objective", problem, rule, hint, value=space)
 
 
 def _check_field(space: CSpace, field: object) -> None:

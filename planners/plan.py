@@ -24,7 +24,7 @@ from cspace.configuration_space import (
     format_configuration,
 )
 from cspace.errors import InputError
-from cspace.rotations.base import TWO_PI, wrapped
+from cspace.rotations.base import TWO_PI
 from cspace.words import Drive
 from planners.catalogue import (
     BIRRT,
@@ -48,7 +48,12 @@ from planners.local_planner import (
     has_drives,
     local_planner,
 )
-from planners.objectives import ClearanceObjective, WeightedLength, edges_on_map, find_clear_path
+from planners.objectives import (
+    ClearanceObjective,
+    WeightedLength,
+    check_has_cells,
+    find_clear_path,
+)
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
 from planners.setup import MakeObjective, make_bounded_states
@@ -361,7 +366,7 @@ def _check_arguments(
         search,
         planner=name,
         fallback=fallback,
-        objective=_make_objective(edges.space, objective, name, edges),
+        objective=_make_objective(edges, objective, name),
         iterations=_check_iterations(search.iterations, name),
     )
     checked = space.check_endpoint(start, "start", edges.exact)
@@ -384,13 +389,10 @@ def _choose_planner(
     Raises InputError for a function, which no default planner minimises.
     """
     if callable(objective):
-        rule, hint = (
-            "the default planners minimise the length",
-            "name a planner that optimises: planner='RRTstar'",
-        )
-        raise InputError(
-            "objective", "is a function and no planner is named", rule, hint, value=objective
-        )
+        problem = "is a function and no planner is named"
+        rule = "the default planners minimise the length"
+        hint = "name a planner that optimises: planner='RRTstar'"
+        raise InputError("objective", problem, rule, hint, value=objective)
     if not edges.space.has_cells:
         return next(iter(_list_searches(edges.space)), search.planner)
     if objective == CLEARANCE:
@@ -430,11 +432,11 @@ def _check_options_of_search(task: _Task) -> None:
 
 
 def _refuse_option(task: _Task, option: str, value: object, rule: str) -> NoReturn:
-    """Raise InputError for an option that the planner does not support."""
+    """Raise InputError for an option that a built-in search does not support."""
     name, is_length = task.search.planner, task.objective == LENGTH
+    other = planner_named(None, task.edges.drive) if is_length else "RRTstar"
     chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
     problem = f"is {value!r} and planner is {name!r}{chosen}"
-    other = planner_named(None, task.edges.drive) if is_length else "RRTstar"
     hint = f"leave {option} out, or use planner={other!r}"
     raise InputError(option, problem, f"{name} {rule}", hint, value=value)
 
@@ -446,33 +448,21 @@ def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
     count = check_count(value, "iterations", 1, 2**62)
     if planner in THREADED_PLANNERS:
         problem, rule = f"is {count} and planner is {planner!r}", f"{planner} {NO_SECOND_THREAD}"
-        raise InputError(
-            "iterations",
-            problem,
-            rule,
-            "leave iterations out or choose another planner",
-            value=count,
-        )
+        hint = "leave iterations out or choose another planner"
+        raise InputError("iterations", problem, rule, hint, value=count)
     return count
 
 
 def _make_objective(
-    space: Space,
-    objective: str | MakeObjective,
-    planner: PlannerName,
-    edges: LocalPlanner,
+    edges: LocalPlanner, objective: str | MakeObjective, planner: PlannerName
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
-    drive, radius = edges.drive, edges.turning_radius
     if objective == LENGTH:
-        if drive not in ON_THE_SPOT:
+        if edges.drive not in ON_THE_SPOT:
             return None
-        return partial(WeightedLength, space=edges_on_map(space, drive, radius).cells, drive=drive)
+        return partial(WeightedLength, space=edges.cells, drive=edges.drive)
     if objective == CLEARANCE:
-        cells = edges_on_map(space, drive, radius).cells
-        make: MakeObjective = partial(
-            ClearanceObjective, space=cells, drive=drive, turning_radius=radius
-        )
+        make = _make_clearance_objective(edges)
     elif callable(objective):
         make = objective
     else:
@@ -480,14 +470,23 @@ def _make_objective(
         hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
         raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
-        without = planner in PLANNERS_WITHOUT_OBJECTIVE
-        rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
-        problem, hint = (
-            f"is {objective!r} and planner is {planner!r}",
-            "choose one that optimises: planner='RRTstar'",
-        )
+        is_deaf = planner in PLANNERS_WITHOUT_OBJECTIVE
+        rule = f"{planner} {'ignores objectives' if is_deaf else NO_SECOND_THREAD}"
+        problem = f"is {objective!r} and planner is {planner!r}"
+        hint = "choose one that optimises: planner='RRTstar'"
         raise InputError("objective", problem, rule, hint, value=objective)
     return make
+
+
+def _make_clearance_objective(edges: LocalPlanner) -> MakeObjective:
+    """Return the maker of the objective that keeps away from obstacles."""
+    check_has_cells(edges.space)
+    return partial(
+        ClearanceObjective,
+        space=edges.cells,
+        drive=edges.drive,
+        turning_radius=edges.turning_radius,
+    )
 
 
 def _search_tile_by_tile(
@@ -502,7 +501,7 @@ def _search_tile_by_tile(
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
         endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
-        objective = _make_objective(part.space, task.objective, task.search.planner, edges)
+        objective = _make_objective(part, task.objective, task.search.planner)
         search = replace(task.search, objective=objective)
         is_built_in = search.planner in _list_searches(part.space)
         if is_tiled and edges.drive == HOLONOMIC and not is_built_in:
@@ -510,15 +509,15 @@ def _search_tile_by_tile(
         result = _search(search, part, endpoints, task.time_limit, may_exist)
         planning += result.planning
         simplification += result.simplification
-        is_yaw = [name == "yaw" for name in edges.space.axes]
+        found = edges.wrap_yaws(result.path)
+        waypoints = edges.breakpoints(found)
         result = replace(
             result,
-            path=wrapped(result.path, is_yaw) if edges.space.has_poses else result.path,
+            path=found,
             planning=planning,
             simplification=simplification,
+            proven=len(waypoints) > 0 and part.are_free(waypoints),
         )
-        waypoints = edges.breakpoints(result.path)
-        result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
             first_text, last_text = map(format_configuration, endpoints[:2])
             return replace(result, where=f" from {first_text} to {last_text}" * is_tiled)
@@ -581,20 +580,18 @@ def _search_built_in(
     search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float
 ) -> SearchResult:
     """Run a built-in search; "Grid" leaves time for a fallback."""
-    # A search from the start to itself fills the caches of the map, which the time limit leaves
-    # out.
-    _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
+    if edges.space.has_cells:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves
+        # out.
+        _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
     seconds = limit
     if search.fallback is not None and search.planner == GRID:
         seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
     path, proof = _find_path(search, edges, endpoints, seconds)
-    is_by_length = search.planner == LATTICE or (
-        search.planner == GRID and search.objective is None
-    )
-    return SearchResult(
-        path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof
-    )
+    is_shortest = search.planner in (GRID, LATTICE) and search.objective is None
+    note = NO_SEARCH if len(path) == 2 and is_shortest else ""
+    return SearchResult(path, note, clock() - began, lattice=proof)
 
 
 def _find_path(

@@ -772,22 +772,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If a configuration is not one of finite numbers, the time limit is not above zero, or
             ``iterations`` is negative.
         """
-        return self._find_path(q0, q1, straight, iterations, seed, time_limit)
-
-    def _find_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        straight: bool,
-        iterations: int | None,
-        seed: int | None,
-        time_limit: float,
-        more_goals: Callable[[], ArrayLike] | None = None,
-    ) -> Floats:
-        """Find a path as :meth:`find_path`.
-
-        If the search does not end soon, ``more_goals`` gives further goals, shape (n, dof).
-        """
         from cspace.arms.search import PathSearch
 
         start = self._check_configuration(q0, "q0")
@@ -809,13 +793,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = snapshot.arm._ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
-        find_goals = more_goals or tuple
-
-        def find_more() -> Floats:
-            others = self._images(start, np.reshape(find_goals(), (-1, self.size)))
-            return others[are_free(snapshot.outer, others, others)]
-
-        path = search.find(straight, find_more if more_goals else None)
+        path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
 
     def follow_line(
