@@ -26,15 +26,20 @@ WRAP_TOLERANCE: Final = 1e-12
 class StateKind(NamedTuple):
     """Functions that convert between configurations and OMPL's states."""
 
-    make: Callable[[], ob.StateSpace]  # creates the state space for straight edges, without bounds
-    set_bounds: Callable[
-        [ob.StateSpace, Sequence[float], Sequence[float]], None
-    ]  # sets the bounds of positions
+    make: Callable[[], ob.StateSpace]
+    """Creates the state space for straight edges, without bounds."""
+
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
+    """Sets the bounds of positions or joints."""
+
     read: Callable[[ob.State], Configuration]
-    write: Callable[..., None]  # writes the numbers of a configuration to a state
-    periodic_axes: tuple[
-        bool, ...
-    ] = ()  # True for angles of continuous joints; empty if there are none
+    """Reads the numbers of a configuration from a state."""
+
+    write: Callable[..., None]
+    """Writes the numbers of a configuration to a state."""
+
+    periodic_axes: tuple[bool, ...] = ()
+    """True for angles of continuous joints; empty if there are none."""
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -170,16 +175,23 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
+def _make_vector_kind(size: int) -> StateKind:
+    """Create the conversions for vectors."""
+    # Planners read states all the time, and these two are twice as quick as a loop.
+    reads: dict[int, Callable[[ob.State], Configuration]] = {
+        2: lambda state: (state[0], state[1]),
+        3: lambda state: (state[0], state[1], state[2]),
+    }
+    read = reads.get(size, lambda state: tuple(map(state.__getitem__, range(size))))
+    return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read, _write_vector)
+
+
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): StateKind(
-        lambda: ob.RealVectorStateSpace(2), _bound, lambda s: (s[0], s[1]), _write_vector
-    ),
+    ("x", "y"): _make_vector_kind(2),
     ("x", "y", "yaw"): StateKind(
         lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
     ),
-    ("x", "y", "z"): StateKind(
-        lambda: ob.RealVectorStateSpace(3), _bound, lambda s: (s[0], s[1], s[2]), _write_vector
-    ),
+    ("x", "y", "z"): _make_vector_kind(3),
     ("x", "y", "z", "yaw"): StateKind(
         _make_r3_so2,
         lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
@@ -200,16 +212,10 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
     """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
-        return StateKind(
-            lambda: ob.RealVectorStateSpace(size),
-            _bound,
-            lambda state: tuple(map(state.__getitem__, range(size))),
-            _write_vector,
-        )
+        return _make_vector_kind(size)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
-    first = bool(
-        limited
-    )  # index of the first circle: the joints with limits, if any, share subspace 0
+    # Index of the first circle: the joints with limits, if any, share subspace 0.
+    first = bool(limited)
 
     def make() -> ob.StateSpace:
         states = ob.CompoundStateSpace()
