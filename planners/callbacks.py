@@ -63,8 +63,6 @@ class StateValidityChecker(ob.StateValidityChecker):
     def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
         """Replace the checks (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
-        if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
-            self.__dict__["isValid"] = self._is_free
 
 
 class MotionValidator(ob.MotionValidator):
@@ -140,8 +138,6 @@ class MotionValidator(ob.MotionValidator):
     def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
         """Replace the proofs (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
-        if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
-            self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):

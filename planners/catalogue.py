@@ -139,7 +139,7 @@ def planner_named(
         rule = f"it must be a geometric planner of the installed OMPL, {searches}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = cast(PlannerName, known[name.lower()])
-    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}
+    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {})
     reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
     if reason:
         problem = f"is {planner!r}" + f" and drive is {drive!r}" * (planner not in UNSAFE_PLANNERS)
