@@ -141,8 +141,9 @@ class Guide(NamedTuple):
 
     goal: Pose
     headings: Floats  # (h,), yaws
-    costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
-    reached: Ints  # (h, nx, ny), 0 for states that were not reached
+    costs: NDArray[
+        np.float32
+    ]  # (h, nx, ny), in cells, with the cells of Ground; infinite if unknown
     spacing: float  # of the cells
     unreached: float  # metres added to the straight distance of states not reached
 
@@ -181,11 +182,9 @@ def find_lattice_path(
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = (
-                _car_motions(edges, start, level, guide)
-                if is_car
-                else _spot_motions(edges, endpoints)
-            )
+            motions = _spot_motions(edges, endpoints)
+            if is_car:
+                motions = _car_motions(edges, start, level, guide)
             path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
             if len(path):
                 break
@@ -226,35 +225,20 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     grid, is_car = edges.cells.grid, edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
     free = np.stack([np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS) for yaw in yaws])
-    shape = free.shape[1:]
-    cells = [
+    first, last = (
         (int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS))
         for q in endpoints
-    ]
-    start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in cells)
-    metres_per_radian = edges.turning_radius or METRES_PER_RADIAN
-    reverse_cost = math.inf
-    if _reverses(edges):
-        reverse_cost = REVERSE_WEIGHT if is_car else 1.0
-    ground = Ground(
-        np.stack([_can_drive(free[k], *step) for k, step in enumerate(steps.tolist())]),
-        np.stack([_can_turn(edges, free, yaws, k) for k in range(len(yaws))]),
-        steps,
-        np.hypot(*steps.T),
-        metres_per_radian / grid.spacing * np.diff(yaws, append=yaws[0] + TWO_PI),
-        reverse_cost,
     )
-    x, y = np.ogrid[: shape[0], : shape[1]]
-    to_start = np.hypot(x - cells[0][1], y - cells[0][2]).astype(np.float32)
-    turns_to_start = metres_per_radian / grid.spacing * np.abs(wrapped(yaws - endpoints[0][2]))
+    start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in (first, last))
+    x, y = np.ogrid[: free.shape[1], : free.shape[2]]
+    to_start = np.hypot(x - first[1], y - first[2]).astype(np.float32)
+    turns_to_start = _cells_per_radian(edges) * np.abs(wrapped(yaws - endpoints[0][2]))
     estimate = Estimate(1.0, to_start[None], turns_to_start)
+    ground = _make_ground(edges, free, yaws, steps)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
-    progress.previous[goal], progress.queue[0], progress.keys[0], progress.length[0] = (
-        goal + 1,
-        goal,
-        0.0,
-        1,
-    )
+    progress.previous[goal] = goal + 1
+    progress.queue[0], progress.keys[0] = goal, 0.0
+    progress.length[0] = 1
     while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
         check_deadline(until)
         if progress.length[0] + MAX_SPREAD >= len(progress.queue):
@@ -263,14 +247,33 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     reaches_start = bool(progress.previous[start])
     # On the spot, the guide reaches all states that may lie on the path; cars may pass between
     # them.
-    unreached = (
-        math.inf
-        if reaches_start and not is_car
-        else (progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    )
-    costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
+    unreached = math.inf
+    if is_car or not reaches_start:
+        unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
+    costs = np.where(progress.previous == 0, np.float32(np.inf), progress.cost)
     goal_pose = cast(Pose, endpoints[1])
-    return Guide(goal_pose, yaws, costs, reached, grid.spacing, float(unreached)), reaches_start
+    guide = Guide(goal_pose, yaws, costs.reshape(free.shape), grid.spacing, unreached)
+    return guide, reaches_start
+
+
+def _cells_per_radian(edges: LocalPlanner) -> float:
+    """Return the cells that a radian of rotation costs in the first search."""
+    return (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
+
+
+def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) -> Ground:
+    """Make the cells and headings of the first search."""
+    reverse_cost = math.inf
+    if _reverses(edges):
+        reverse_cost = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+    return Ground(
+        np.stack([_can_drive(free[k], *step) for k, step in enumerate(steps.tolist())]),
+        np.stack([_can_turn(edges, free, yaws, k) for k in range(len(yaws))]),
+        steps,
+        np.hypot(*steps.T),
+        _cells_per_radian(edges) * np.diff(yaws, append=yaws[0] + TWO_PI),
+        reverse_cost,
+    )
 
 
 def _free_cells(edges: LocalPlanner, yaw: float) -> Bools:
@@ -679,8 +682,5 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
     j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    k = motions.nearest[heading]
-    if guide.reached[k, i, j] == 0:
-        return straight + guide.unreached
-    metres: float = guide.costs[k, i, j] * guide.spacing
-    return max(straight, metres)
+    metres: float = guide.costs[motions.nearest[heading], i, j] * guide.spacing
+    return max(straight, metres) if metres < math.inf else straight + guide.unreached

@@ -311,11 +311,12 @@ class TurnDriveTurn(LocalPlanner):
         if self.drive == "differential":
             return ahead
         back = _wrap_yaw(ahead + math.pi)
-        return min(
-            ahead,
-            back,
-            key=lambda yaw: abs(_shorter_angle(yaw0, yaw)) + abs(_shorter_angle(yaw, yaw1)),
-        )
+
+        def rotation(yaw: float) -> float:
+            """Return the radians of both turns."""
+            return abs(math.remainder(yaw - yaw0, TWO_PI)) + abs(math.remainder(yaw1 - yaw, TWO_PI))
+
+        return min(ahead, back, key=rotation)
 
     def are_free(self, path: Floats) -> bool:
         """Return True if every edge is proven free."""
@@ -430,10 +431,6 @@ class CarCurves(LocalPlanner):
         return curve_lengths(
             self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends)
         )
-
-    def metres(self, first: Floats, last: Floats) -> float:
-        """Return the metres of the shortest curve between two configurations."""
-        return float(self.edge_lengths(first[None], last[None])[0])
 
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
@@ -599,8 +596,3 @@ def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
 def _wrap_yaw(yaw: float) -> float:
     """Wrap a yaw from (-2 pi, 2 pi) into [-pi, pi)."""
     return yaw - TWO_PI if yaw >= math.pi else yaw + TWO_PI if yaw < -math.pi else yaw
-
-
-def _shorter_angle(first: float, second: float) -> float:
-    """Return the signed shorter angle from one yaw to another."""
-    return math.remainder(second - first, TWO_PI)

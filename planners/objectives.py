@@ -253,12 +253,9 @@ def check_has_cells(space: Space) -> None:
 
 def _check_field(space: CSpace, field: object) -> None:
     """Raise InputError unless this is an overlap field of the map."""
-    if not isinstance(field, OverlapField):
-        rule, hint = "the objective needs a field", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", f"is a {type(field).__name__}", rule, hint, value=field)
-    if field.space is not space:
+    if not isinstance(field, OverlapField) or field.space is not space:
         rule, hint = "field and objective must share a map", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", "belongs to another map", rule, hint, value=field)
+        raise InputError("field", "is no overlap field of this map", rule, hint, value=field)
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
