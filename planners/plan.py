@@ -589,8 +589,9 @@ def _search_built_in(
         seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
     path, proof = _find_path(search, edges, endpoints, seconds)
-    is_shortest = search.planner in (GRID, LATTICE) and search.objective is None
-    note = NO_SEARCH if len(path) == 2 and is_shortest else ""
+    keeps_away = search.planner == GRID and search.objective is not None
+    is_by_length = search.planner in (GRID, LATTICE) and not keeps_away
+    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
     return SearchResult(path, note, clock() - began, lattice=proof)
 
 
