@@ -215,7 +215,9 @@ class Space(ABC):
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
         """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
-        return self.rotations.add_steps(q0, np.asarray(t) * self.steps_between(q0, q1))
+        steps = np.asarray(t) * self.steps_between(q0, q1)
+        starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
+        return self.rotations.add_steps(starts, steps)
 
     # ---- what some spaces know better ------------------------------------------------------------
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 import cspace
 import planners
 from cspace import InputError
-from tests.planning import make_state
+from cspace.configuration_space import SearchOptions
+from tests.planning import ENDPOINTS, SPACES, build_room, make_state
 from tests.refusals import refusals
 
 
@@ -160,3 +161,20 @@ def test_bounds_that_do_not_fit_the_axes_are_refused() -> None:
         space.bounds = wrong  # type: ignore[assignment]
         with pytest.raises(InputError, match=r"bounds are .*two rows of 2 numbers"):
             planners.plan(space, START, GOAL)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_maps_answer_the_interface_as_their_own_queries(name: str) -> None:
+    space, (start, goal) = build_room(name), ENDPOINTS[name]
+    assert space.path_exists(start, goal) is True and space.is_connected(start, goal)
+    assert space.path_exists(start, start) is True
+    ends = np.array([start, goal])
+    rows = space.interpolate(ends[:1], ends[1:], np.linspace(0.0, 1.0, 5)[:, None])
+    assert rows[0] == pytest.approx(start) and space.distance(rows[-1], ends[1]) < 1e-7
+    parts = space.distance(rows[:-1], rows[1:])
+    assert parts == pytest.approx(np.full(4, space.distance(*ends) / 4.0))
+    lower, upper = space.check_bounds()
+    assert lower.tolist() == list(space.grid.lower) and upper.tolist() == list(space.grid.upper)
+    assert space.check_endpoint(start, "start") == pytest.approx(start)
+    found = space.search("Grid", (start, goal), SearchOptions(True, False, None, None, 20.0))
+    assert np.array_equal(found, space.find_path(start, goal))

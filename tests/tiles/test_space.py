@@ -18,9 +18,8 @@ from tests.tiles.test_build import random_workspace
 FOREIGN = {
     *("workspace", "overlap_counts", "cell_states"),
     *("states_at", "overlap_count", "contains_robot", "obstacle_distance"),
-    *("point_checker", "edge_checker"),
-    *("clearance_checker", "reachable_bounds", "find_path", "find_widest_path"),
-    *("min_path_length", "sample_free", "save", "export"),
+    *("reachable_bounds", "find_path", "find_widest_path"),
+    *("sample_free", "save", "export"),
     *("to_xarray", "to_occupancy_grid", "to_costmap", "add_obstacle"),
     *("obstacles", "remove_obstacle", "update"),
 }
