@@ -170,7 +170,7 @@ class Space(ABC):
     @property
     def has_poses(self) -> bool:
         """Whether a configuration is the pose of a rigid body."""
-        return has_pose_names(self.axes)
+        return has_pose_names(self.axes) and not any(self.periodic_axes)
 
     @cached_property
     def rotations(self) -> Rotations:

@@ -178,3 +178,13 @@ def test_maps_answer_the_interface_as_their_own_queries(name: str) -> None:
     assert space.check_endpoint(start, "start") == pytest.approx(start)
     found = space.search("Grid", (start, goal), SearchOptions(True, False, None, None, 20.0))
     assert np.array_equal(found, space.find_path(start, goal))
+
+
+def test_an_angle_that_wraps_is_no_coordinate_of_a_pose() -> None:
+    class Turning(Disc):
+        periodic_axes = (True, False)
+
+    space = Turning("x", "y")
+    assert planners.state_space(space).isCompound()
+    plan = planners.plan(space, (-3.0, 1.5), (3.0, 1.6), seed=1)
+    assert plan.certified and plan.length == pytest.approx(math.hypot(2.0 * math.pi - 6.0, 0.1))
