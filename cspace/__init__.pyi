@@ -23,6 +23,8 @@ from .arrays import BLOCKED as BLOCKED
 from .arrays import FREE as FREE
 from .arrays import MIXED as MIXED
 from .builder import build as build
+from .configuration_space import Goal as Goal
+from .configuration_space import Space as Space
 from .errors import AngleWarning as AngleWarning
 from .errors import ConfigurationError as ConfigurationError
 from .errors import CspaceError as CspaceError

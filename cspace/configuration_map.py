@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_not_negative, check_rows
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import (
+    ConfigurationSpace,
+    Endpoint,
+    Split,
+    format_configuration,
+)
+from cspace.errors import ConfigurationError
 from cspace.grid import Grid
 from cspace.map.batches import Configuration, evaluate, evaluate_edges
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK, angle_axes, warn_of_degrees
 from cspace.shown import MapPlot
 
 if TYPE_CHECKING:
@@ -26,6 +34,9 @@ if TYPE_CHECKING:
 
 
 Result = TypeVar("Result")
+
+MAX_RADIANS_PER_PIECE: Final = math.radians(5.0)
+"""Largest rotation along a piece of a path whose clearance is bounded, radians (5 degrees)."""
 
 
 class Components(Protocol):
@@ -44,6 +55,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
     store. Queries run compiled kernels over the cells through a :class:`Backend`.
     """
+
+    has_cells = True
+    searches: tuple[str, ...] = ("Grid",)
 
     # ---- what the map is -------------------------------------------------------------------------
 
@@ -124,6 +138,16 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         They are "m", "rad", or "1" for a quaternion.
         """
         return (*self.grid.units, *self.rotations.units)
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the grid."""
+        return np.array(self.grid.lower), np.array(self.grid.upper)
+
+    @property
+    def resolution(self) -> float:
+        """Half a cell."""
+        return 0.5 * self.grid.spacing
 
     @property
     def dof(self) -> int:
@@ -316,7 +340,83 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         )
         return metres
 
+    # ---- for planners ----------------------------------------------------------------------------
+
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
+        """Return :meth:`is_connected`, or False if :meth:`is_disconnected`; None if undecided."""
+        if self.is_connected(q0, q1):
+            return True
+        return False if self.is_disconnected(q0, q1) else None
+
+    def clearance_along(self, split: Split) -> float:
+        """Bound the clearance along a path from below, metres.
+
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
+        """
+        pieces = split(self.resolution, MAX_RADIANS_PER_PIECE)
+        rows, cells = self.rotations.find_cells_within(
+            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        )
+        q = pieces.centers[rows]
+        q[:, self.dim :] = self.rotations.centers[cells]  # constant in a rotation cell
+        return max(0.0, float(np.min(self.clearance(q) - 0.5 * pieces.lengths[rows])))
+
+    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+        """Return a start or goal in canonical form.
+
+        Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
+        there is proven free; the error names the nearest FREE configuration.
+        """
+        given = self._check_one(q, name)
+        point: Endpoint = tuple(self.rotations.make_canonical(given, name).tolist())
+        warn_of_degrees(given, angle_axes(self.axes, self.periodic_axes), name)
+        inside = self.grid.contains(np.array(point[: self.dim]))
+        if inside and self.edge_checker(exact=exact)(*point, *point):
+            return point
+        raise self._make_endpoint_error(point, name, bool(inside), exact)
+
+    def _make_endpoint_error(
+        self, point: Endpoint, name: str, inside: bool, exact: bool
+    ) -> ConfigurationError:
+        """Make the error for a refused start or goal."""
+        state = self.classify(point)
+        if not inside:
+            lower, upper = (
+                ", ".join(f"{x:.6g}" for x in corner)
+                for corner in (self.grid.lower, self.grid.upper)
+            )
+            problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
+            rule = "a path stays within the map"
+        elif exact and state != BLOCKED:
+            problem = "is in collision or too close to decide"
+            rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+        elif state != FREE:
+            problem = f"lies in a {STATE_NAMES[state].upper()} cell"
+            rule = f"the {name} must be FREE, that is proven collision-free"
+        else:
+            problem = "is FREE but lies on the border of a cell that is not"
+            rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
+        nearest: Endpoint | None = None
+        try:
+            nearest = tuple(self.nearest_free(point).tolist())
+            hint = f"the nearest is {format_configuration(nearest)}"
+        except ConfigurationError:
+            where = "at all" if self.in_memory else "near there"
+            hint = f"the map has no FREE configuration {where}"
+            hint += "; use a smaller robot, margin or spacing"
+        if state == MIXED and not exact and not self.rotations.preserve(self.robot.shape):
+            hint = f"build the map with more rotations; {hint}"
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
+
     # ---- what differs ----------------------------------------------------------------------------
+
+    @abstractmethod
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """Return the center of the nearest FREE cell; raise ConfigurationError if none is."""
 
     @property
     @abstractmethod

@@ -26,6 +26,7 @@ from cspace.check import (
 )
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
+from cspace.configuration_space import Endpoint, SearchOptions, Split
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import check_memory
@@ -107,6 +108,8 @@ class CSpace(ConfigurationMap, MapExport):
     >>> round(space.clearance((2.0, 3.0)), 3)
     1.648
     """
+
+    searches = ("Grid", "MaxClearance")
 
     def __init__(
         self,
@@ -481,6 +484,30 @@ class CSpace(ConfigurationMap, MapExport):
         check_flag(exact, "exact")
         search = self._exact_path if exact else self._free_path
         return self._in_time(search, q0, q1, straight, time_limit)
+
+    def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
+        """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
+        start, goal = endpoints
+        straight, seconds = options.simplify, options.seconds
+        if name == "MaxClearance":
+            return self.find_widest_path(start, goal, straight=straight, time_limit=seconds)
+        return self.find_path(
+            start, goal, straight=straight, exact=options.exact, time_limit=seconds
+        )
+
+    def obstacle_distance_along(self, path: Floats, split: Split) -> float:
+        """Bound the obstacle distance along a path from below, metres.
+
+        Returns NaN if the map has no geometry. Each edge is split into pieces on which no point of
+        the robot moves by more than half a cell. Each point stays within a quarter of a cell of its
+        position at the piece's center. The distance there minus that much bounds the piece.
+        """
+        step = 0.5 * self.resolution
+        pieces = split(step, step / max(self.robot.span, step))
+        try:
+            return self.obstacle_distance(*pieces)
+        except InputError:  # the map has no geometry
+            return math.nan
 
     def _in_time(
         self,
@@ -1108,8 +1135,8 @@ class CSpace(ConfigurationMap, MapExport):
         )
 
     @property
-    def _is_labelled(self) -> bool:
-        """Whether the components are known."""
+    def is_labelled(self) -> bool:  # type: ignore[override]  # other spaces have a constant
+        """Whether the components are known, so that :meth:`path_exists` answers at once."""
         return "_components" in vars(self)
 
     @derived

@@ -36,8 +36,16 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings tell types, with shapes and units
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
+FOR_PLANNERS = (
+    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, "
+    "has_cells, has_poses, in_memory, is_labelled, length_unit, max_velocity, "
+    "obstacle_distance_along, path_exists, resolution, search, searches, steps_between, subproblems"
+)
+"""What planners ask of maps and arms; the page of Space describes it."""
+
 autosummary_context = {
     "inside": {
+        **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
         "Mesh": "cells, check_origin, is_same, measure, rasters",
         "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
         "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "

@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import util as ou
 
 from cspace.check import check_rng
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
 from cspace.space import CSpace
 from cspace.words import Drive
@@ -33,18 +33,16 @@ class StateValidityChecker(ob.StateValidityChecker):
     ----------
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
-    space : CSpace or ArmSpace
+    space : Space
     exact : bool
         Whether the geometry itself decides states that the map does not.
     """
 
-    def __init__(
-        self, si: ob.SpaceInformation, space: ConfigurationSpace, *, exact: bool = False
-    ) -> None:
+    def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
         check_information(si, space)
         super().__init__(si)
         self._kind, self._edges = kind_of(space), local_planner(space, exact)
-        self._query_space = self._kind.of_state(self._edges.point_checker())
+        self._query_space = self._kind.of_state(space.point_checker(exact=self._edges.exact))
         self._clearance: Callable[[ob.State], float] | None = None
         self._override(None)
 
@@ -55,19 +53,16 @@ class StateValidityChecker(ob.StateValidityChecker):
     def clearance(self, state: ob.State) -> float:
         """Bound the clearance of a state from below, in metres.
 
-        On a map, as :meth:`cspace.CSpace.clearance`; for an arm, as
-        :meth:`cspace.ArmSpace.obstacle_distance`.
+        It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
         """
         if self._clearance is None:
             # Distances cost a pass over the map, and few planners need them.
-            self._clearance = self._kind.of_state(self._edges.clearance_checker())
+            self._clearance = self._kind.of_state(self._edges.space.clearance_checker())
         return self._clearance(state)
 
     def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
         """Replace the checks (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
-        if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
-            self.__dict__["isValid"] = self._is_free
 
 
 class MotionValidator(ob.MotionValidator):
@@ -87,7 +82,7 @@ class MotionValidator(ob.MotionValidator):
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be
         freed.
-    space : CSpace or ArmSpace
+    space : Space
     exact : bool
         Whether the geometry itself decides motions that the map does not.
     drive, turning_radius
@@ -123,7 +118,7 @@ class MotionValidator(ob.MotionValidator):
     def __init__(
         self,
         si: ob.SpaceInformation,
-        space: ConfigurationSpace,
+        space: Space,
         *,
         exact: bool = False,
         drive: Drive = HOLONOMIC,
@@ -143,8 +138,6 @@ class MotionValidator(ob.MotionValidator):
     def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
         """Replace the proofs (at a deadline); None restores them."""
         self._is_free = replacement or self._query_space
-        if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
-            self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):
@@ -170,10 +163,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
     ) -> None:
         check_information(si, space)
-        given: object = space
-        if not isinstance(given, CSpace):
+        if not (space.has_cells and space.in_memory):
             rule, hint = "it must be a CSpace", "use ompl.base.UniformValidStateSampler"
-            raise InputError("space", f"is a {type(given).__name__}", rule, hint, value=given)
+            raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations

@@ -25,7 +25,6 @@ from cspace.rotations.base import TWO_PI
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]
-Steering = tuple[int, int, int, int, int]
 Lengths = tuple[float, float, float, float, float]
 
 DUBINS = 0
@@ -46,8 +45,34 @@ TOUCH_TOLERANCE = 1e-7
 """Largest distance, in turning radii, between the circles of two adjoining arcs, which touch but
 for rounding."""
 
-WORD_FORMS = 9
-"""Number of forms of words, see :func:`_solve_form`."""
+TOUCHING = 2.0 - TOUCH_TOLERANCE
+"""Smallest distance between the centers of two circles, in turning radii, that do not overlap."""
+
+FORMS = (
+    # steering of the segments, number of segments, smallest and largest distance of the circles
+    ((1, 0, 0, 0, 0), 1, 0.0, math.inf),
+    ((1, 0, 1, 0, 0), 3, 0.0, math.inf),
+    ((1, 0, -1, 0, 0), 3, TOUCHING, math.inf),
+    ((1, -1, 1, 0, 0), 3, 0.0, 4.0 + TOUCH_TOLERANCE),
+    ((1, -1, 1, -1, 0), 4, 0.0, 2.0 + TOUCH_TOLERANCE),
+    ((1, -1, 1, -1, 0), 4, TOUCHING, math.sqrt(20.0)),
+    ((1, -1, 0, 1, 0), 4, TOUCHING, math.inf),
+    ((1, -1, 0, -1, 0), 4, TOUCHING, math.inf),
+    ((1, -1, 0, 1, -1), 5, TOUCHING, math.inf),
+)
+"""Forms of words: the lengths of their segments are those of :func:`solve_form`. The circles are
+those of the first and of the last arc; the distance of their centers is in turning radii."""
+
+STEERING = np.array([steering for steering, *_ in FORMS])
+SEGMENTS = np.array([number for _, number, *_ in FORMS])
+CLOSEST = np.array([closest for *_, closest, _ in FORMS])
+FARTHEST = np.array([farthest for *_, farthest in FORMS])
+
+DUBINS_FORMS = 4
+"""Number of forms, the first ones, that a car without reverse can drive."""
+
+HAS_WAY_BACK = np.array([False, False, False, True, False, False, True, True, False])
+"""Whether each form differs from its way back, from the end to the start."""
 
 MAX_WORDS = 48
 """Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
@@ -86,21 +111,17 @@ def prove_length(
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
-    count, gap = find_shortest_words(kind, radius, (q0, q1), TIE_TOLERANCE, steering, lengths)
+    count, gap, shortest = find_shortest_words(
+        kind, radius, q0, q1, TIE_TOLERANCE, steering, lengths, 0, False
+    )
     if not gap <= MAX_GAP:
         return -1.0
-    shortest = total_length(lengths[0])
     if kind == REEDS_SHEPP:
         # OMPL may compute its curve from the other end, where rounding can prefer another of the
         # tied curves.
-        others, _ = find_shortest_words(
-            kind, radius, (q1, q0), TIE_TOLERANCE, steering[count:], lengths[count:]
+        count, _, _ = find_shortest_words(
+            kind, radius, q1, q0, TIE_TOLERANCE, steering, lengths, count, True
         )
-        for row in range(count, count + others):
-            for k in range(5):
-                steering[count, k], lengths[count, k] = steering[row, k], lengths[row, k]
-            reverse(steering[count], lengths[count])
-            count += is_new(steering, lengths, count)
     # The driven curve stays this close to ours, however the gap spreads along it and from whichever
     # end it starts.
     spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
@@ -126,20 +147,22 @@ def curve_cost(
     The midpoint rule has steps of at most one cell and 5 degrees.
     """
     (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
-    steering, lengths, _ = shortest_word(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
+    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
+    find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
     pose, total = (0.0, 0.0, yaw0), 0.0
     for k in range(5):
-        length = lengths[k]
-        longest = (
-            map_.spacing if steering[k] == 0 else min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
-        )
+        steer, length = steering[0, k], lengths[0, k]
+        longest = map_.spacing
+        if steer != 0:
+            longest = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
         steps = math.ceil(radius * abs(length) / longest)
         for step in range(steps):
-            u, v, yaw = advance(pose, steering[k], length * (step + 0.5) / steps)
+            u, v, yaw = advance(pose, steer, length * (step + 0.5) / steps)
             position = position_in_plane(map_, x0 + radius * u, y0 + radius * v)
             cost = cost_at(map_, field, density, position, (yaw,))
             total += cost * radius * abs(length) / steps
-        pose = advance(pose, steering[k], length)
+        pose = advance(pose, steer, length)
     return total
 
 
@@ -190,74 +213,82 @@ def word_is_free(
     return True
 
 
-@allocating
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
     """Return the shortest word's steering, lengths and gap."""
     steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    _, gap = find_shortest_words(kind, radius, (q0, q1), -math.inf, steering, lengths)
+    _, gap, _ = find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
     return steering[0], lengths[0], gap
 
 
-@kernel
-def reverse(steering: Ints, lengths: Floats) -> None:
-    """Reverse a word in place: its end becomes its start."""
-    for k in range(3):
-        steering[k], steering[4 - k] = steering[4 - k], steering[k]
-        lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
+@allocating
+def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
+    """Return the metres of the shortest curves between rows of configurations."""
+    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    metres = np.empty(len(starts))
+    for row in range(len(starts)):
+        q0 = (starts[row, 0], starts[row, 1], starts[row, 2])
+        q1 = (ends[row, 0], ends[row, 1], ends[row, 2])
+        _, _, shortest = find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
+        metres[row] = radius * shortest
+    return metres
 
 
 @allocating
 def find_shortest_words(
     kind: int,
     radius: float,
-    endpoints: tuple[Pose, Pose],
+    q0: Pose,
+    q1: Pose,
     tie: float,
     steering: Ints,
     lengths: Floats,
-) -> tuple[int, float]:
-    """Write the shortest words between two configurations.
+    count: int,
+    is_reversed: bool,
+) -> tuple[int, float, float]:
+    """Write the shortest words between two configurations, after ``count`` other words.
 
-    The shortest one comes first, then all words longer by at most ``tie``. Each form gives words by
-    symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end to
-    the start). Each word is driven and counts only if it reaches the goal, so that no form needs a
-    separate proof.
+    The shortest one comes first, then all words longer by at most ``tie``; none is written twice.
+    If ``is_reversed``, they are written from the end to the start. Each word is driven and counts
+    only if it reaches the goal, so that no form needs a separate proof.
 
-    Returns the number of words, without duplicates, and the gap of the shortest.
+    Returns the number of words, the gap of the shortest, and its length in turning radii.
     """
-    (x0, y0, yaw0), (x1, y1, yaw1) = endpoints
-    dx, dy, c, s = (x1 - x0) / radius, (y1 - y0) / radius, math.cos(yaw0), math.sin(yaw0)
-    x, y, phi = dx * c + dy * s, dy * c - dx * s, _around(yaw1 - yaw0)
-    all_steering, all_lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    candidates = _write_candidates(kind, (x, y, phi), all_steering, all_lengths)
-    best, shortest, gap = 0, math.inf, math.inf
+    dx, dy = (q1[0] - q0[0]) / radius, (q1[1] - q0[1]) / radius
+    c, s = math.cos(q0[2]), math.sin(q0[2])
+    goal = (dx * c + dy * s, dy * c - dx * s, q1[2] - q0[2])
+    made_steering, made_lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    candidates = write_candidates(kind, goal, made_steering, made_lengths)
+    totals = np.full(candidates, np.inf)  # of the words that reach the goal and may be shortest
+    best, shortest, shortest_gap = 0, math.inf, math.inf
     for row in range(candidates):
-        # Driving a word takes longer than making it, so only words shorter than the best are
-        # driven.
-        total = total_length(all_lengths[row])
-        if total < shortest:
-            missed = _gap(all_steering[row], all_lengths[row], (x, y, phi))
-            if missed <= MAX_GAP:
-                best, shortest, gap = row, total, missed
-    count = 0
-    for rank in range(candidates + 1):
-        row = best if rank == 0 else rank - 1
-        if rank > 0 and (row == best or total_length(all_lengths[row]) > shortest + tie):
+        total = 0.0
+        for k in range(5):
+            total += abs(made_lengths[row, k])
+        # Driving a word takes longer than making it, so only the shortest ones are driven.
+        if not total <= shortest + tie:
             continue
-        if rank > 0 and _gap(all_steering[row], all_lengths[row], (x, y, phi)) > MAX_GAP:
+        pose = (0.0, 0.0, 0.0)
+        for k in range(5):
+            pose = advance(pose, made_steering[row, k], made_lengths[row, k])
+        turn = pose[2] - goal[2]
+        turn -= TWO_PI * math.floor((turn + math.pi) / TWO_PI)
+        gap = max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(turn))
+        if gap <= MAX_GAP:
+            totals[row] = total
+            if total < shortest:
+                best, shortest, shortest_gap = row, total, gap
+    if shortest == math.inf:
+        return count, shortest_gap, shortest
+    for rank in range(-1, candidates):
+        row = best if rank < 0 else rank
+        if rank == best or totals[row] > shortest + tie:
             continue
         for k in range(5):
-            steering[count, k], lengths[count, k] = all_steering[row, k], all_lengths[row, k]
+            source, sign = (4 - k, -1.0) if is_reversed else (k, 1.0)
+            steering[count, k] = made_steering[row, source]
+            lengths[count, k] = sign * made_lengths[row, source]
         count += is_new(steering, lengths, count)
-    return count, gap
-
-
-@kernel
-def total_length(lengths: Floats) -> float:
-    """Return the length of a word, in turning radii."""
-    total: float = (
-        abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
-    )
-    return total
+    return count, shortest_gap, shortest
 
 
 @kernel
@@ -272,35 +303,6 @@ def advance(pose: Pose, turn: int, length: float) -> Pose:
         y + turn * (math.cos(yaw) - math.cos(after)),
         after,
     )
-
-
-@allocating
-def _around(angle: float) -> float:
-    """Wrap an angle into [-pi, pi)."""
-    return angle - TWO_PI * math.floor((angle + math.pi) / TWO_PI)
-
-
-@allocating
-def _forward_arc(angle: float, snap: float) -> float:
-    """Wrap an arc into [0, 2 pi).
-
-    Arcs within ``snap`` below 2 pi become 0.
-    """
-    angle -= TWO_PI * math.floor(angle / TWO_PI)
-    return 0.0 if angle > TWO_PI - snap else angle
-
-
-@kernel
-def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
-    """Return a word's gap, the larger of distance and angle."""
-    pose = (0.0, 0.0, 0.0)
-    for k in range(5):
-        if lengths[k] != 0.0:
-            pose = advance(pose, steering[k], lengths[k])
-    missed: float = max(
-        math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2]))
-    )
-    return missed
 
 
 @kernel
@@ -322,150 +324,81 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 
 @kernel
-def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write all candidate words from the origin; return their number."""
-    x, y, phi = goal
+def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
+    """Write all candidate words from the origin; return their number.
+
+    Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and
+    backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
+    arcs just below 2 pi are tried as 0 and as given.
+    """
     count = 0
     for symmetry in range(4):
         mirror, sign = 1 - 2 * (symmetry // 2), 1 - 2 * (symmetry % 2)
         if kind == DUBINS and sign < 0:
             continue
-        u, v, angle = sign * x, mirror * y, sign * mirror * phi
-        c, s = math.cos(angle), math.sin(angle)
-        back_u, back_v = u * c + v * s, u * s - v * c
-        for form in range(WORD_FORMS):
-            if kind == DUBINS and form > 3:
-                break
-            word = _solve_form(form, u, v, angle)
-            if kind == DUBINS:
-                for snap in (SNAP_RADIANS, 0.0):  # arcs just below 2 pi are tried as 0 and as given
-                    _write_word(word, -1, mirror, sign, steering[count], lengths[count])
-                    _wrap_arcs(form, snap, lengths[count])
-                    count += 1
-                continue
-            _write_word(word, -1, mirror, sign, steering[count], lengths[count])
-            count += 1
-            if form in (3, 6, 7):  # the others are the same from the end to the start
-                word = _solve_form(form, back_u, back_v, angle)
-                last = 2 if form == 3 else 3
-                _write_word(word, last, mirror, sign, steering[count], lengths[count])
+        x, y, phi = sign * goal[0], mirror * goal[1], sign * mirror * goal[2]
+        c, s = math.cos(phi), math.sin(phi)
+        for form in range(DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)):
+            arcs = solve_form(form, x, y, phi)
+            for variant in range(2 if kind == DUBINS or HAS_WAY_BACK[form] else 1):
+                way_back = variant == 1 and kind == REEDS_SHEPP
+                if way_back:
+                    arcs = solve_form(form, x * c + y * s, x * s - y * c, phi)
+                for k in range(5):
+                    source = SEGMENTS[form] - 1 - k if way_back and k < SEGMENTS[form] else k
+                    steer, length = STEERING[form, source], arcs[source]
+                    if steer != 0:
+                        first = 0.0 if kind == DUBINS else -math.pi
+                        length -= TWO_PI * math.floor((length - first) / TWO_PI)
+                        snap = SNAP_RADIANS if kind == DUBINS and variant == 0 else 0.0
+                        length = 0.0 if length > TWO_PI - snap else length
+                    steering[count, k], lengths[count, k] = mirror * steer, sign * length
                 count += 1
     return count
 
 
 @kernel
-def _write_word(
-    word: tuple[Steering, Lengths],
-    last: int,
-    mirror: int,
-    sign: int,
-    steering: Ints,
-    lengths: Floats,
-) -> None:
-    """Write a word with its segments up to ``last`` in reverse order; none if ``last`` is -1."""
-    for k in range(5):
-        source = last - k if k <= last else k
-        steering[k] = mirror * word[0][source]
-        lengths[k] = sign * word[1][source]
+def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
+    """Return the lengths of a form's word to (x, y, phi); zeros if unreachable.
 
-
-@kernel
-def _wrap_arcs(form: int, snap: float, lengths: Floats) -> None:
-    """Wrap the arcs of a word, so that they are driven forwards."""
-    for k in range(5):
-        if k != 1 or form == 3:
-            lengths[k] = _forward_arc(lengths[k], snap)
-
-
-@kernel
-def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    """Return outer arcs of four-arc words (Reeds and Shepp)."""
-    delta = _around(u - v)
-    a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
-    t = math.atan2(eta * a - xi * b, xi * a + eta * b)
-    if 2.0 * (math.cos(delta) - math.cos(v) - math.cos(u)) + 3.0 < 0.0:
-        t += math.pi
-    t = _around(t)
-    return t, _around(t - u + v - phi)
-
-
-@kernel
-def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Lengths]:
-    """Return a form's word to (x, y, phi); zeros if unreachable."""
+    Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8.
+    """
+    nothing, quarter = (0.0, 0.0, 0.0, 0.0, 0.0), 0.5 * math.pi
     if form == 0:
-        return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)
-    # Center of the last circle, which turns left or right, relative to the center of the first
-    # circle.
-    left = form in (1, 3, 6)
-    xi = x - math.sin(phi) if left else x + math.sin(phi)
-    eta = y - 1.0 + math.cos(phi) if left else y - 1.0 - math.cos(phi)
-    if form <= 3:
-        return _solve_three_segments(form, xi, eta, phi)
-    if form <= 5:
-        return _solve_four_arcs(form, xi, eta, phi)
-    return _solve_with_quarter_turn(form, xi, eta, phi)
-
-
-@kernel
-def _solve_three_segments(form: int, xi: float, eta: float, phi: float) -> tuple[Steering, Lengths]:
-    """Return a word of two arcs with a straight or an arc between; zeros if unreachable."""
+        return (phi, 0.0, 0.0, 0.0, 0.0)
+    # Center of the last circle relative to the center of the first circle.
+    side = STEERING[form, SEGMENTS[form] - 1]
+    xi, eta = x - side * math.sin(phi), y - 1.0 + side * math.cos(phi)
     apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
+    if not CLOSEST[form] <= apart <= FARTHEST[form]:
+        return nothing
+    straight = math.sqrt(max(apart * apart - 4.0, 0.0))
     if form == 1:
-        return (1, 0, 1, 0, 0), (bearing, apart, _around(phi - bearing), 0.0, 0.0)
-    if form == 2 and apart >= 2.0 - TOUCH_TOLERANCE:
-        u = math.sqrt(max(apart * apart - 4.0, 0.0))
-        t = _around(bearing + math.atan2(2.0, u))
-        return (1, 0, -1, 0, 0), (t, u, _around(t - phi), 0.0, 0.0)
-    if form == 3 and apart <= 4.0 + TOUCH_TOLERANCE:
+        return (bearing, apart, phi - bearing, 0.0, 0.0)
+    if form == 2:
+        t = bearing + math.atan2(2.0, straight)
+        return (t, straight, t - phi, 0.0, 0.0)
+    if form == 3:
         u = -2.0 * math.asin(min(0.25 * apart, 1.0))
-        t = _around(bearing + 0.5 * u + math.pi)
-        return (1, -1, 1, 0, 0), (t, u, _around(phi - t + u), 0.0, 0.0)
-    return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
-def _solve_four_arcs(form: int, xi: float, eta: float, phi: float) -> tuple[Steering, Lengths]:
-    """Return a word of four arcs, the inner two of equal length; zeros if unreachable."""
-    apart = math.hypot(xi, eta)
-    if form == 4 and apart <= 2.0 + TOUCH_TOLERANCE:
+        t = bearing + 0.5 * u + math.pi
+        return (t, u, phi - t + u, 0.0, 0.0)
+    if form <= 5:
         u = math.acos(min(0.25 * (2.0 + apart), 1.0))
-        t, v = _tau_omega(u, -u, xi, eta, phi)
-        return (1, -1, 1, -1, 0), (t, u, -u, v, 0.0)
-    if form == 5 and 2.0 - TOUCH_TOLERANCE <= apart <= math.sqrt(20.0):
-        u = -math.acos(min((20.0 - apart * apart) / 16.0, 1.0))
-        t, v = _tau_omega(u, u, xi, eta, phi)
-        return (1, -1, 1, -1, 0), (t, u, u, v, 0.0)
-    return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
-def _solve_with_quarter_turn(
-    form: int, xi: float, eta: float, phi: float
-) -> tuple[Steering, Lengths]:
-    """Return a word with an arc of a quarter turn beside a straight; zeros if unreachable."""
-    half, apart = 0.5 * math.pi, math.hypot(xi, eta)
-    if apart < 2.0 - TOUCH_TOLERANCE:
-        return (0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0)
+        if form == 5:
+            u = -math.acos(min((20.0 - apart * apart) / 16.0, 1.0))
+        v = -u if form == 4 else u
+        a = math.sin(u) - math.sin(u - v)
+        b = math.cos(u) - math.cos(u - v) - 1.0
+        t = math.atan2(eta * a - xi * b, xi * a + eta * b)
+        if 2.0 * (math.cos(u - v) - math.cos(v) - math.cos(u)) + 3.0 < 0.0:
+            t += math.pi
+        return (t, u, v, t - u + v - phi, 0.0)
+    if form == 6:
+        t = bearing + math.atan2(straight, -2.0)
+        return (t, -quarter, 2.0 - straight, phi - quarter - t, 0.0)
     if form == 7:
         t = math.atan2(xi, -eta)
-        return (1, -1, 0, -1, 0), (t, -half, 2.0 - apart, _around(t + half - phi), 0.0)
-    straight = math.sqrt(max(apart * apart - 4.0, 0.0))
-    if form == 6:
-        t = _around(math.atan2(eta, xi) + math.atan2(straight, -2.0))
-        return (1, -1, 0, 1, 0), (t, -half, 2.0 - straight, _around(phi - half - t), 0.0)
+        return (t, -quarter, 2.0 - apart, t + quarter - phi, 0.0)
     u = 4.0 - straight
-    t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
-    return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))
-
-
-@allocating
-def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
-    """Return the metres of the shortest curves between rows of configurations."""
-    metres = np.empty(len(starts))
-    for k in range(len(starts)):
-        first, last = (
-            (starts[k, 0], starts[k, 1], starts[k, 2]),
-            (ends[k, 0], ends[k, 1], ends[k, 2]),
-        )
-        metres[k] = radius * total_length(shortest_word(kind, radius, first, last)[1])
-    return metres
+    t = math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta)
+    return (t, -quarter, u, -quarter, t - phi)

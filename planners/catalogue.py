@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final, Literal, TypeAlias, cast
 
@@ -118,8 +118,10 @@ def planner_names() -> tuple[PlannerName, ...]:
     return cast(tuple[PlannerName, ...], tuple(names))
 
 
-def planner_named(name: PlannerName | None, drive: Drive = "holonomic") -> PlannerName:
-    """Return a planner's name as OMPL spells it.
+def planner_named(
+    name: PlannerName | None, drive: Drive = "holonomic", searches: Sequence[str] = ()
+) -> PlannerName:
+    """Return the name of a planner of OMPL, or of a search of a space, as it is spelled.
 
     The given name may be in any case; None gives the default. Raises InputError if the name is
     unknown, or if the planner cannot plan with the drive.
@@ -128,7 +130,7 @@ def planner_named(name: PlannerName | None, drive: Drive = "holonomic") -> Plann
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs
         # curves that arrive.
         return "RRT" if drive == "dubins" else "RRTConnect"
-    known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES)}
+    known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         hint = f"choose one of {', '.join(planner_names())}"
@@ -137,7 +139,7 @@ def planner_named(name: PlannerName | None, drive: Drive = "holonomic") -> Plann
         rule = f"it must be a geometric planner of the installed OMPL, {searches}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = cast(PlannerName, known[name.lower()])
-    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}
+    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {})
     reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
     if reason:
         problem = f"is {planner!r}" + f" and drive is {drive!r}" * (planner not in UNSAFE_PLANNERS)

@@ -33,7 +33,7 @@ from cspace.map.record import Map
 from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
-from planners.local_planner import EdgesOnMap, Endpoints
+from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
@@ -141,8 +141,9 @@ class Guide(NamedTuple):
 
     goal: Pose
     headings: Floats  # (h,), yaws
-    costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
-    reached: Ints  # (h, nx, ny), 0 for states that were not reached
+    costs: NDArray[
+        np.float32
+    ]  # (h, nx, ny), in cells, with the cells of Ground; infinite if unknown
     spacing: float  # of the cells
     unreached: float  # metres added to the straight distance of states not reached
 
@@ -163,7 +164,7 @@ class Nodes(NamedTuple):
 
 
 def find_lattice_path(
-    edges: EdgesOnMap, endpoints: Endpoints, simplify: bool, seconds: float
+    edges: LocalPlanner, endpoints: Endpoints, simplify: bool, seconds: float
 ) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
 
@@ -181,11 +182,9 @@ def find_lattice_path(
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = (
-                _car_motions(edges, start, level, guide)
-                if is_car
-                else _spot_motions(edges, endpoints)
-            )
+            motions = _spot_motions(edges, endpoints)
+            if is_car:
+                motions = _car_motions(edges, start, level, guide)
             path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
             if len(path):
                 break
@@ -216,45 +215,30 @@ def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     return all_yaws[order], np.concatenate([steps, steps[nearest]])[order], order >= len(yaws)
 
 
-def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
+def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
     """Compute the cost to the goal from cells and headings.
 
     Also return whether the start is reached.
 
     The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
     """
-    grid, is_car = edges.space.grid, edges.turning_radius is not None
+    grid, is_car = edges.cells.grid, edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
     free = np.stack([np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS) for yaw in yaws])
-    shape = free.shape[1:]
-    cells = [
+    first, last = (
         (int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS))
         for q in endpoints
-    ]
-    start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in cells)
-    metres_per_radian = edges.turning_radius or METRES_PER_RADIAN
-    reverse_cost = math.inf
-    if _reverses(edges):
-        reverse_cost = REVERSE_WEIGHT if is_car else 1.0
-    ground = Ground(
-        np.stack([_can_drive(free[k], *step) for k, step in enumerate(steps.tolist())]),
-        np.stack([_can_turn(edges, free, yaws, k) for k in range(len(yaws))]),
-        steps,
-        np.hypot(*steps.T),
-        metres_per_radian / grid.spacing * np.diff(yaws, append=yaws[0] + TWO_PI),
-        reverse_cost,
     )
-    x, y = np.ogrid[: shape[0], : shape[1]]
-    to_start = np.hypot(x - cells[0][1], y - cells[0][2]).astype(np.float32)
-    turns_to_start = metres_per_radian / grid.spacing * np.abs(wrapped(yaws - endpoints[0][2]))
+    start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in (first, last))
+    x, y = np.ogrid[: free.shape[1], : free.shape[2]]
+    to_start = np.hypot(x - first[1], y - first[2]).astype(np.float32)
+    turns_to_start = _cells_per_radian(edges) * np.abs(wrapped(yaws - endpoints[0][2]))
     estimate = Estimate(1.0, to_start[None], turns_to_start)
+    ground = _make_ground(edges, free, yaws, steps)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
-    progress.previous[goal], progress.queue[0], progress.keys[0], progress.length[0] = (
-        goal + 1,
-        goal,
-        0.0,
-        1,
-    )
+    progress.previous[goal] = goal + 1
+    progress.queue[0], progress.keys[0] = goal, 0.0
+    progress.length[0] = 1
     while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
         check_deadline(until)
         if progress.length[0] + MAX_SPREAD >= len(progress.queue):
@@ -263,19 +247,38 @@ def _measure_guide(edges: EdgesOnMap, endpoints: Endpoints, until: float) -> tup
     reaches_start = bool(progress.previous[start])
     # On the spot, the guide reaches all states that may lie on the path; cars may pass between
     # them.
-    unreached = (
-        math.inf
-        if reaches_start and not is_car
-        else (progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    )
-    costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
+    unreached = math.inf
+    if is_car or not reaches_start:
+        unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
+    costs = np.where(progress.previous == 0, np.float32(np.inf), progress.cost)
     goal_pose = cast(Pose, endpoints[1])
-    return Guide(goal_pose, yaws, costs, reached, grid.spacing, float(unreached)), reaches_start
+    guide = Guide(goal_pose, yaws, costs.reshape(free.shape), grid.spacing, unreached)
+    return guide, reaches_start
 
 
-def _free_cells(edges: EdgesOnMap, yaw: float) -> Bools:
+def _cells_per_radian(edges: LocalPlanner) -> float:
+    """Return the cells that a radian of rotation costs in the first search."""
+    return (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
+
+
+def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) -> Ground:
+    """Make the cells and headings of the first search."""
+    reverse_cost = math.inf
+    if _reverses(edges):
+        reverse_cost = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+    return Ground(
+        np.stack([_can_drive(free[k], *step) for k, step in enumerate(steps.tolist())]),
+        np.stack([_can_turn(edges, free, yaws, k) for k in range(len(yaws))]),
+        steps,
+        np.hypot(*steps.T),
+        _cells_per_radian(edges) * np.diff(yaws, append=yaws[0] + TWO_PI),
+        reverse_cost,
+    )
+
+
+def _free_cells(edges: LocalPlanner, yaw: float) -> Bools:
     """Return which cells are FREE at a yaw, shape (nx, ny)."""
-    return np.asarray(edges.space.states_at(yaw) == FREE)
+    return np.asarray(edges.cells.states_at(yaw) == FREE)
 
 
 def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
@@ -293,7 +296,7 @@ def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
     return passable
 
 
-def _can_turn(edges: EdgesOnMap, free: Bools, yaws: Floats, k: int) -> Bools:
+def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
     """Return at which cells the robot may turn from heading k to the next.
 
     A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn
@@ -321,18 +324,18 @@ def make_progress(count: int, length: int) -> Progress:
     )
 
 
-def _reverses(edges: EdgesOnMap) -> bool:
+def _reverses(edges: LocalPlanner) -> bool:
     """Return True if the robot may drive in reverse."""
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
-def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
+def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
     those of drives from one cell to another, and the yaws of start and goal.
     """
-    spacing, count = edges.space.grid.spacing, 3 + _reverses(edges)
+    spacing, count = edges.cells.grid.spacing, 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
     # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
     diagonals = math.sqrt(2.0) * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
@@ -358,14 +361,14 @@ def _spot_motions(edges: EdgesOnMap, endpoints: Endpoints) -> Motions:
     )
 
 
-def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Motions:
+def _car_motions(edges: LocalPlanner, start: Pose, level: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is
     an index into :data:`CAR_HEADINGS`; the first heading is the start's.
     """
     count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
-    arc, spacing = TWO_PI / count, edges.space.grid.spacing
+    arc, spacing = TWO_PI / count, edges.cells.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
@@ -404,7 +407,7 @@ def _car_motions(edges: EdgesOnMap, start: Pose, level: int, guide: Guide) -> Mo
 
 
 def _search(
-    edges: EdgesOnMap,
+    edges: LocalPlanner,
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
@@ -416,7 +419,7 @@ def _search(
     If n is 0, the note says what ended the search. Raises TimeoutError after ``until``.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
-    map_ = edges.space._kernel_map
+    map_ = edges.cells._kernel_map
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
     capacity = max_nodes + motions.costs.shape[1]
     progress = make_progress(capacity, capacity)
@@ -472,7 +475,7 @@ def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Float
     return kept
 
 
-def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
+def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
     check = edges.edge_checker()
 
@@ -494,7 +497,7 @@ def shorten_path(edges: EdgesOnMap, path: Floats, until: float) -> Floats:
 
 
 def _skip_waypoints(
-    edges: EdgesOnMap, path: Floats, is_free: Callable[..., bool], until: float
+    edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
 ) -> Floats:
     """Return the shortest path by free edges between waypoints, found by dynamic programming.
 
@@ -679,8 +682,5 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
     j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    k = motions.nearest[heading]
-    if guide.reached[k, i, j] == 0:
-        return straight + guide.unreached
-    metres: float = guide.costs[k, i, j] * guide.spacing
-    return max(straight, metres)
+    metres: float = guide.costs[motions.nearest[heading], i, j] * guide.spacing
+    return max(straight, metres) if metres < math.inf else straight + guide.unreached

@@ -12,14 +12,14 @@ from ompl import base as ob
 
 from cspace.arrays import FREE, Floats
 from cspace.check import check_not_negative, check_positive
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
 from cspace.map.distance import Distances
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.words import Drive
 from planners.integrals import CostDensity, Field, make_edge_cost
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, local_planner
+from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of
 
 DEFAULT_WEIGHT: Final = 10.0
@@ -77,7 +77,8 @@ class WeightedLength(ob.OptimizationObjective):
         check_information(si, space)
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
-        edges = edges_on_map(space, drive, turning_radius)
+        check_has_cells(space)
+        edges = local_planner(space, False, drive, turning_radius)
         self._field, self._density = (
             field,
             CostDensity(offset, slope, weight, edges.rotation_weight),
@@ -222,14 +223,14 @@ def default_clearance_threshold(space: CSpace) -> float:
 
 
 def find_clear_path(
-    edges: EdgesOnMap, endpoints: Endpoints, straight: bool, seconds: float
+    edges: LocalPlanner, endpoints: Endpoints, straight: bool, seconds: float
 ) -> Floats:
     """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
     Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
     ``straight``, these are the centers of a chain of cells.
     """
-    space, threshold = edges.space, default_clearance_threshold(edges.space)
+    space, threshold = edges.cells, default_clearance_threshold(edges.cells)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
     def factor_at(clearances: Distances) -> Distances:
@@ -242,34 +243,19 @@ def find_clear_path(
     return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
 
 
-def edges_on_map(
-    space: ConfigurationSpace, drive: Drive, turning_radius: float | None
-) -> EdgesOnMap:
-    """Return the local planner of a map.
-
-    Raises InputError for an arm, and as :func:`planners.state_space`.
-    """
-    edges = local_planner(space, False, drive, turning_radius)
-    if not isinstance(edges, EdgesOnMap):
+def check_has_cells(space: Space) -> None:
+    """Raise InputError for an objective in a space that is no map."""
+    if not space.has_cells:
+        problem, rule = f"is for maps, and space is {space!r}", "it weighs cells"
         hint = "use the length, or a function that returns an objective"
-        raise InputError(
-            "objective",
-            f"is for maps, and space is {space!r}",
-            "it weighs cells",
-            hint,
-            value=space,
-        )
-    return edges
+        raise InputError("objective", problem, rule, hint, value=space)
 
 
 def _check_field(space: CSpace, field: object) -> None:
     """Raise InputError unless this is an overlap field of the map."""
-    if not isinstance(field, OverlapField):
-        rule, hint = "the objective needs a field", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", f"is a {type(field).__name__}", rule, hint, value=field)
-    if field.space is not space:
+    if not isinstance(field, OverlapField) or field.space is not space:
         rule, hint = "field and objective must share a map", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", "belongs to another map", rule, hint, value=field)
+        raise InputError("field", "is no overlap field of this map", rule, hint, value=field)
 
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:

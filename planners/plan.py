@@ -8,22 +8,26 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.space import ArmSpace
-from cspace.arrays import MIXED, Floats
+from cspace.arrays import Floats
 from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
-from cspace.configuration_space import ConfigurationSpace, TileSubproblem
+from cspace.configuration_space import (
+    GoalLike,
+    SearchOptions,
+    Space,
+    Subproblem,
+    format_configuration,
+)
 from cspace.errors import InputError
 from cspace.rotations.base import TWO_PI
 from cspace.words import Drive
 from planners.catalogue import (
     BIRRT,
-    BUILT_IN_SEARCHES,
     GRID,
     LATTICE,
     MAX_CLEARANCE,
@@ -35,22 +39,25 @@ from planners.catalogue import (
 )
 from planners.lattice import find_lattice_path
 from planners.local_planner import (
-    CAR_AXES,
     CURVES,
     DRIVES,
     HOLONOMIC,
     ON_THE_SPOT,
-    EdgesOnMap,
     Endpoints,
-    GoalLike,
     LocalPlanner,
+    has_drives,
     local_planner,
 )
-from planners.objectives import ClearanceObjective, WeightedLength, edges_on_map, find_clear_path
+from planners.objectives import (
+    ClearanceObjective,
+    WeightedLength,
+    check_has_cells,
+    find_clear_path,
+)
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
 from planners.setup import MakeObjective, make_bounded_states
-from planners.states import format_configuration, kind_of
+from planners.states import check_space, kind_of
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -95,12 +102,12 @@ class Choices(NamedTuple):
     curves: tuple[Drive, ...]
 
 
-def choices(space: ConfigurationSpace) -> Choices:
+def choices(space: Space) -> Choices:
     """List the options of :func:`plan` for a space.
 
     Parameters
     ----------
-    space : CSpace, TiledCSpace or ArmSpace
+    space : Space
 
     Returns
     -------
@@ -109,7 +116,7 @@ def choices(space: ConfigurationSpace) -> Choices:
     Raises
     ------
     InputError
-        If ``space`` is neither a map nor the space of an arm.
+        If ``space`` is no :class:`cspace.Space`.
 
     Examples
     --------
@@ -119,19 +126,19 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> choices.planners[-2:], choices.drives, choices.curves
     (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
-    edges, is_car = local_planner(space), space.axes == CAR_AXES
-    searches: list[PlannerName] = [GRID] if edges.has_cells else [BIRRT]
-    if edges.has_cells and edges.in_memory:
-        searches.append(MAX_CLEARANCE)
-    if is_car:
-        searches.append(LATTICE)
-    return Choices(
-        (*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ()
-    )
+    check_space(space)
+    drives, curves = (DRIVES, CURVES) if has_drives(space) else (DRIVES[:1], ())
+    return Choices((*planner_names(), *_list_searches(space)), drives, curves)
+
+
+def _list_searches(space: Space) -> tuple[PlannerName, ...]:
+    """List the built-in searches for a space."""
+    names = (*space.searches, *[LATTICE] * has_drives(space))
+    return cast(tuple[PlannerName, ...], names)
 
 
 def plan(
-    space: ConfigurationSpace,
+    space: Space,
     start: ArrayLike,
     goal: GoalLike,
     *,
@@ -190,7 +197,7 @@ def plan(
 
     Parameters
     ----------
-    space : CSpace, TiledCSpace or ArmSpace
+    space : Space
     start, goal : array-like, shape (size,)
         Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
         ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
@@ -301,7 +308,7 @@ def plan(
         start,
         goal,
         Search(
-            planner=planner_named(planner, drive),
+            planner=planner_named(planner, drive, getattr(space, "searches", ())),
             iterations=iterations,
             simplify=simplify,
             seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
@@ -311,12 +318,13 @@ def plan(
         planner is not None,
     )
     edges = task.edges
-    prove = cache(lambda: edges.prove_existence(task.endpoints))
+    space, endpoints = edges.space, task.endpoints
+    prove = cache(lambda: space.path_exists(*endpoints[:2]))
     # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or
     # are known.
-    searches_first = task.search.planner == GRID and edges.has_cheap_search
+    searches_first = task.search.planner == GRID and not (space.is_labelled or edges.exact)
     may_exist = searches_first or edges.may_join(prove())
-    subproblems = edges.space._tile_subproblems(*task.endpoints[:2]) if may_exist else []
+    subproblems = space.subproblems(*endpoints[:2]) if may_exist else []
     result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
     exists = True if searches_first and result.proven else prove()
     return _make_plan(task, result, exists, began)
@@ -344,11 +352,13 @@ def _check_arguments(
     is_named: bool,
 ) -> _Task:
     """Check the arguments of a plan, and choose a planner if none is named."""
+    space, searches = edges.space, _list_searches(edges.space)
     name = search.planner if is_named else _choose_planner(edges, objective, search)
-    if name not in BUILT_IN_SEARCHES:
+    _check_planner(name, edges)
+    if name not in searches:
         make_bounded_states(edges)  # refuses spaces that are too small for OMPL
     fallback = None
-    if name != search.planner and (objective, edges.has_cells) == (LENGTH, True):
+    if name != search.planner and objective == LENGTH and space.has_cells:
         with suppress(InputError):  # the space may be too small for OMPL
             make_bounded_states(edges)
             fallback = search.planner
@@ -356,18 +366,18 @@ def _check_arguments(
         search,
         planner=name,
         fallback=fallback,
-        objective=_make_objective(edges.space, objective, name, edges),
+        objective=_make_objective(edges, objective, name),
         iterations=_check_iterations(search.iterations, name),
     )
-    checked = edges.check_endpoint(start, "start")
-    goals = edges.find_goals(goal, checked, search.seed)
+    checked = space.check_endpoint(start, "start", edges.exact)
+    goals = space.find_goals(goal, checked, search.seed, edges.exact)
     if name in _WHY_ONE_GOAL and len(goals) > 1:
         problem = f"has {len(goals)} configurations and planner is {name!r}"
         hint = "pass one configuration or choose another planner"
         raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
     task = _Task(edges, (checked, *goals), search, objective, time_limit, is_named)
-    if name in BUILT_IN_SEARCHES:
-        _check_built_in_search(task)
+    if name in searches:
+        _check_options_of_search(task)
     return task
 
 
@@ -379,15 +389,12 @@ def _choose_planner(
     Raises InputError for a function, which no default planner minimises.
     """
     if callable(objective):
-        rule, hint = (
-            "the default planners minimise the length",
-            "name a planner that optimises: planner='RRTstar'",
-        )
-        raise InputError(
-            "objective", "is a function and no planner is named", rule, hint, value=objective
-        )
-    if not edges.has_cells:
-        return BIRRT
+        problem = "is a function and no planner is named"
+        rule = "the default planners minimise the length"
+        hint = "name a planner that optimises: planner='RRTstar'"
+        raise InputError("objective", problem, rule, hint, value=objective)
+    if not edges.space.has_cells:
+        return next(iter(_list_searches(edges.space)), search.planner)
     if objective == CLEARANCE:
         return GRID
     if search.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
@@ -395,67 +402,43 @@ def _choose_planner(
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_built_in_search(task: _Task) -> None:
-    """Raise InputError if a built-in search does not support the task."""
-    edges, name = task.edges, task.search.planner
-    if (name == BIRRT) == edges.has_cells:
-        rule, hint = (
-            f"{BIRRT} is for arms, {GRID}, {MAX_CLEARANCE} and {LATTICE} are for maps",
-            "leave planner out",
-        )
-        raise InputError(
-            "planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name
-        )
+def _check_planner(name: PlannerName, edges: LocalPlanner) -> None:
+    """Raise InputError if a built-in search is not for the space or the drive."""
+    searches = _list_searches(edges.space)
+    if name in {GRID, MAX_CLEARANCE, LATTICE, BIRRT}.difference(searches):
+        rule = f"its built-in searches are {', '.join(searches) or 'none'}"
+        problem = f"is {name!r} and space is {edges.space!r}"
+        raise InputError("planner", problem, rule, "leave planner out", value=name)
     if name == LATTICE and edges.drive == HOLONOMIC:
-        problem, rule = (
-            f"is {name!r} and drive is {edges.drive!r}",
-            f"{name} is for all other drives",
-        )
-        raise InputError(
-            "planner", problem, rule, "use planner='Grid', or pass drive='differential'", value=name
-        )
-    if name == MAX_CLEARANCE and not edges.in_memory:
-        rule, hint = (
-            "it needs a map in memory",
-            "choose another, or plan on space.window(lower, upper)",
-        )
-        raise InputError("planner", f"is {name!r} and the map is tiled", rule, hint, value=name)
+        problem, rule = f"is {name!r} and drive is {HOLONOMIC!r}", f"{name} is for all other drives"
+        hint = "use planner='Grid', or pass drive='differential'"
+        raise InputError("planner", problem, rule, hint, value=name)
+
+
+def _check_options_of_search(task: _Task) -> None:
+    """Raise InputError if a built-in search does not support an option."""
+    edges, name, iterations = task.edges, task.search.planner, task.search.iterations
     keeps_away = name == GRID and task.objective == CLEARANCE
-    needs_free_cells = keeps_away or name in (MAX_CLEARANCE, LATTICE)
-    why = f" for objective={CLEARANCE!r}" * keeps_away
-    has_drive = edges.drive != HOLONOMIC
-    minimised = "length or clearance" if name == GRID else "the length"
-    refused = (
-        (
-            "objective",
-            task.objective,
-            task.objective != LENGTH and not keeps_away,
-            f"minimises {minimised}",
-        ),
-        (
-            "exact",
-            True,
-            edges.exact and not has_drive and needs_free_cells,
-            f"uses FREE cells{why}",
-        ),
-        ("drive", edges.drive, has_drive and name != LATTICE, "is for holonomic robots"),
-        (
-            "iterations",
-            task.search.iterations,
-            task.search.iterations is not None and name != BIRRT,
-            "counts none",
-        ),
-    )
-    for option, value, is_refused, rule in refused:
-        if is_refused:
-            chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
-            other = planner_named(None, edges.drive) if task.objective == LENGTH else "RRTstar"
-            problem, hint = (
-                f"is {value!r} and planner is {name!r}{chosen}",
-                f"use planner={other!r}",
-            )
-            hint = f"leave {option} out, or {hint}"
-            raise InputError(option, problem, f"{name} {rule}", hint, value=value)
+    if task.objective != LENGTH and not keeps_away:
+        minimised = "length or clearance" if name == GRID else "the length"
+        _refuse_option(task, "objective", task.objective, f"minimises {minimised}")
+    if name != LATTICE and edges.drive != HOLONOMIC:
+        _refuse_option(task, "drive", edges.drive, "is for holonomic robots")
+    if edges.exact and edges.space.has_cells and (keeps_away or name != GRID):
+        why = f" for objective={CLEARANCE!r}" * keeps_away
+        _refuse_option(task, "exact", True, f"uses FREE cells{why}")
+    if iterations is not None and edges.space.has_cells:
+        _refuse_option(task, "iterations", iterations, "counts none")
+
+
+def _refuse_option(task: _Task, option: str, value: object, rule: str) -> NoReturn:
+    """Raise InputError for an option that a built-in search does not support."""
+    name, is_length = task.search.planner, task.objective == LENGTH
+    other = planner_named(None, task.edges.drive) if is_length else "RRTstar"
+    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
+    problem = f"is {value!r} and planner is {name!r}{chosen}"
+    hint = f"leave {option} out, or use planner={other!r}"
+    raise InputError(option, problem, f"{name} {rule}", hint, value=value)
 
 
 def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
@@ -465,33 +448,21 @@ def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
     count = check_count(value, "iterations", 1, 2**62)
     if planner in THREADED_PLANNERS:
         problem, rule = f"is {count} and planner is {planner!r}", f"{planner} {NO_SECOND_THREAD}"
-        raise InputError(
-            "iterations",
-            problem,
-            rule,
-            "leave iterations out or choose another planner",
-            value=count,
-        )
+        hint = "leave iterations out or choose another planner"
+        raise InputError("iterations", problem, rule, hint, value=count)
     return count
 
 
 def _make_objective(
-    space: ConfigurationSpace,
-    objective: str | MakeObjective,
-    planner: PlannerName,
-    edges: LocalPlanner,
+    edges: LocalPlanner, objective: str | MakeObjective, planner: PlannerName
 ) -> MakeObjective | None:
     """Return the maker of the objective; None for OMPL's length."""
-    drive, radius = edges.drive, edges.turning_radius
     if objective == LENGTH:
-        if drive not in ON_THE_SPOT:
+        if edges.drive not in ON_THE_SPOT:
             return None
-        return partial(WeightedLength, space=edges_on_map(space, drive, radius).space, drive=drive)
+        return partial(WeightedLength, space=edges.cells, drive=edges.drive)
     if objective == CLEARANCE:
-        cells = edges_on_map(space, drive, radius).space
-        make: MakeObjective = partial(
-            ClearanceObjective, space=cells, drive=drive, turning_radius=radius
-        )
+        make = _make_clearance_objective(edges)
     elif callable(objective):
         make = objective
     else:
@@ -499,18 +470,27 @@ def _make_objective(
         hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
         raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
     if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
-        without = planner in PLANNERS_WITHOUT_OBJECTIVE
-        rule = f"{planner} {'ignores objectives' if without else NO_SECOND_THREAD}"
-        problem, hint = (
-            f"is {objective!r} and planner is {planner!r}",
-            "choose one that optimises: planner='RRTstar'",
-        )
+        is_deaf = planner in PLANNERS_WITHOUT_OBJECTIVE
+        rule = f"{planner} {'ignores objectives' if is_deaf else NO_SECOND_THREAD}"
+        problem = f"is {objective!r} and planner is {planner!r}"
+        hint = "choose one that optimises: planner='RRTstar'"
         raise InputError("objective", problem, rule, hint, value=objective)
     return make
 
 
+def _make_clearance_objective(edges: LocalPlanner) -> MakeObjective:
+    """Return the maker of the objective that keeps away from obstacles."""
+    check_has_cells(edges.space)
+    return partial(
+        ClearanceObjective,
+        space=edges.cells,
+        drive=edges.drive,
+        turning_radius=edges.turning_radius,
+    )
+
+
 def _search_tile_by_tile(
-    task: _Task, subproblems: Sequence[TileSubproblem], may_exist: Callable[[], bool]
+    task: _Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
 ) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
@@ -521,23 +501,23 @@ def _search_tile_by_tile(
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
         endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
-        objective = _make_objective(part.space, task.objective, task.search.planner, edges)
+        objective = _make_objective(part, task.objective, task.search.planner)
         search = replace(task.search, objective=objective)
-        if is_tiled and edges.drive == HOLONOMIC and search.planner not in BUILT_IN_SEARCHES:
+        is_built_in = search.planner in _list_searches(part.space)
+        if is_tiled and edges.drive == HOLONOMIC and not is_built_in:
             search = replace(search, fallback=GRID)
         result = _search(search, part, endpoints, task.time_limit, may_exist)
-        planning, simplification = (
-            planning + result.planning,
-            simplification + result.simplification,
-        )
+        planning += result.planning
+        simplification += result.simplification
+        found = edges.wrap_yaws(result.path)
+        waypoints = edges.breakpoints(found)
         result = replace(
             result,
-            path=edges.wrap_yaws(result.path),
+            path=found,
             planning=planning,
             simplification=simplification,
+            proven=len(waypoints) > 0 and part.are_free(waypoints),
         )
-        waypoints = edges.breakpoints(result.path)
-        result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if not is_tiled or not result.proven:
             first_text, last_text = map(format_configuration, endpoints[:2])
             return replace(result, where=f" from {first_text} to {last_text}" * is_tiled)
@@ -546,22 +526,23 @@ def _search_tile_by_tile(
         return SearchResult(path)
     began = clock()
     if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
-        path = _skip_waypoints(edges.space, path)
+        path = _skip_waypoints(edges, path)
     return SearchResult(
         path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True
     )
 
 
-def _skip_waypoints(space: ConfigurationSpace, path: Floats) -> Floats:
+def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     """Skip waypoints, shape (n, size), by free edges.
 
     From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
     proven in one batch, because a single look-up in tiles takes as long.
     """
+    tiles: Any = edges.space
     kept = [0]
     while kept[-1] < len(path) - 1:
         after = np.arange(kept[-1] + 1, min(kept[-1] + 1 + MAX_SKIPPED_WAYPOINTS, len(path)))
-        free = np.asarray(space.motion_is_free(path[kept[-1]], path[after]))
+        free = np.asarray(tiles.motion_is_free(path[kept[-1]], path[after]))
         free[0] = True  # the edge of the path itself
         kept.append(int(after[np.flatnonzero(free)[-1]]))
     return path[kept]
@@ -577,7 +558,7 @@ def _search(
     """Search for a path in a space in memory."""
     if endpoints[0] in endpoints[1:]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    if search.planner in BUILT_IN_SEARCHES:
+    if search.planner in _list_searches(edges.space):
         result = _search_built_in(search, edges, endpoints, limit)
     else:
         result = search.run(edges, endpoints, limit)
@@ -599,20 +580,19 @@ def _search_built_in(
     search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float
 ) -> SearchResult:
     """Run a built-in search; "Grid" leaves time for a fallback."""
-    # A search from the start to itself fills the caches of the map, which the time limit leaves
-    # out.
-    _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
+    if edges.space.has_cells:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves
+        # out.
+        _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
     seconds = limit
     if search.fallback is not None and search.planner == GRID:
         seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
     began = clock()
     path, proof = _find_path(search, edges, endpoints, seconds)
-    is_by_length = search.planner == LATTICE or (
-        search.planner == GRID and search.objective is None
-    )
-    return SearchResult(
-        path, NO_SEARCH * (is_by_length and len(path) == 2), clock() - began, lattice=proof
-    )
+    keeps_away = search.planner == GRID and search.objective is not None
+    is_by_length = search.planner in (GRID, LATTICE) and not keeps_away
+    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
+    return SearchResult(path, note, clock() - began, lattice=proof)
 
 
 def _find_path(
@@ -624,19 +604,12 @@ def _find_path(
     proves, in words.
     """
     straight = search.simplify
-    if search.planner == BIRRT:
-        start, *goals = endpoints
-        space, iterations = cast(ArmSpace, edges.space), search.iterations if straight else 0
-        return space._find_path(start, goals, straight, iterations, search.seed, seconds), ""
-    plane = cast(EdgesOnMap, edges)
     if search.planner == LATTICE:
-        return find_lattice_path(plane, endpoints, straight, seconds)
-    if search.planner == MAX_CLEARANCE:
-        return plane.space.find_widest_path(*endpoints, straight=straight, time_limit=seconds), ""
-    if search.objective is not None:
-        return find_clear_path(plane, endpoints, straight, seconds), ""
-    exact = {"exact": True} if edges.exact else {}  # only maps in memory have geometry
-    return plane.space.find_path(*endpoints, straight=straight, time_limit=seconds, **exact), ""
+        return find_lattice_path(edges, endpoints, straight, seconds)
+    if search.planner == GRID and search.objective is not None:
+        return find_clear_path(edges, endpoints, straight, seconds), ""
+    options = SearchOptions(straight, edges.exact, search.iterations, search.seed, seconds)
+    return edges.space.search(search.planner, endpoints, options), ""
 
 
 def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
@@ -647,7 +620,7 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
     if exists is False:
         return "no path exists: proven", ""
     existence, limits = "unknown whether one exists", []
-    if edges.has_cells:
+    if edges.space.has_cells:
         sideways = (
             "a path exists"
             if edges.drive == HOLONOMIC
@@ -655,7 +628,7 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
         )
         existence = sideways if exists else "undecided whether one exists"
     if edges.drive != HOLONOMIC:
-        limits = _describe_free_yaws(cast(EdgesOnMap, edges), task.endpoints)
+        limits = _describe_free_yaws(edges, task.endpoints)
     is_late = result.planning >= 0.95 * task.time_limit
     hints = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
@@ -672,73 +645,49 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
 
 def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
-    edges, planner = task.edges, task.search.planner
+    edges, space, planner = task.edges, task.edges.space, task.search.planner
     more = f"more time (time_limit={10 * task.time_limit:g})"
-    if not edges.has_cells:
+    if not space.has_cells:
         return [more, "another seed", "another planner"]
-    plane = cast(EdgesOnMap, edges)
-    finer = "a finer spacing" + " or more rotations" * bool(plane.space.rotations.names)
-    decide_mixed = []
-    if edges.drive not in CURVES and not edges.exact:
-        no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
-        exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
-        decide_mixed = [exact if edges.in_memory else f"{exact} on space.window(lower, upper)"]
+    finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
     if not edges.may_join(exists):
-        wider = ["a workspace with wider bounds"] * (plane.space.outside == "free")
-        return [*decide_mixed, finer, *wider]
+        wider = ["a workspace with wider bounds"] * (edges.cells.outside == "free")
+        return [*_hint_at_exact(task), finer, *wider]
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
-        is_coarse = not edges.exact and _has_mixed_between(plane, task.endpoints)
-        resolve = [f"{finer} (MIXED cells lie between)", *decide_mixed] * is_coarse
         # More time does not help Lattice if its search ended before.
         needs_more = is_late or planner != LATTICE or task.search.fallback is not None
         other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
         radius = ["a smaller turning_radius"] * (edges.drive in CURVES)
-        return [*resolve, *[more] * needs_more, *radius, other]
+        return [*[more] * needs_more, finer, *_hint_at_exact(task), *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
-    given = {
-        "exact=True": edges.exact,
-        "objective": task.objective != LENGTH,
-        "iterations": task.search.iterations,
-    }
-    unsupported = " and ".join(option for option, is_given in given.items() if is_given)
-    by_grid = f"planner='Grid'{f' without {unsupported}' if unsupported else ''}, which finds one"
-    return [*[by_grid] * task.is_named, more]
+    return [*["planner='Grid', which finds one"] * task.is_named, more]
 
 
-def _has_mixed_between(edges: EdgesOnMap, endpoints: Endpoints) -> bool:
-    """Return True if MIXED cells lie between start and goal, at a yaw of theirs.
-
-    The box around both is tested, grown by the turning radius or the robot's size.
-    """
-    grid, positions = edges.space.grid, np.array(endpoints)[:, :2]
-    reach = edges.turning_radius or edges.space.robot.span
-    low, high = (
-        grid.cell_of(np.clip(corner, grid.lower, grid.upper))
-        for corner in (positions.min(axis=0) - reach, positions.max(axis=0) + reach)
-    )
-    columns, rows = np.ogrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
-    centers = grid.center_of(np.stack(np.broadcast_arrays(columns, rows), axis=-1))
-    return any(
-        np.any(edges.space.classify(np.insert(centers, 2, q[2], axis=-1)) == MIXED)
-        for q in endpoints
-    )
+def _hint_at_exact(task: _Task) -> list[str]:
+    """Return the hint that lets the geometry decide, if that is possible."""
+    edges = task.edges
+    if edges.drive in CURVES or edges.exact:
+        return []
+    no_exact_search = task.is_named and task.search.planner in (MAX_CLEARANCE, LATTICE)
+    exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
+    return [exact if edges.space.in_memory else f"{exact} on space.window(lower, upper)"]
 
 
-def _describe_free_yaws(edges: EdgesOnMap, endpoints: Endpoints) -> list[str]:
+def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     """Name the yaws proven free at start and goal.
 
     The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
-    limits, rotations = [], edges.space.rotations
+    limits, space, rotations = [], edges.cells, edges.cells.rotations
     for name, q in zip(("start", "goal"), endpoints, strict=True):
         # From the cell of q on.
         cell = int(rotations.cell_of(q[2]))
         yaws = np.roll(rotations.centers[:, 0], -cell)
         bounds = np.roll(np.asarray(rotations.stored_arrays["yaw_bounds"]), -cell, axis=0)
-        free = edges.space.is_free(np.column_stack([np.tile(q[:2], (len(yaws), 1)), yaws]))
+        free = space.is_free(np.column_stack([np.tile(q[:2], (len(yaws), 1)), yaws]))
         if free.all() or not free[0]:
             continue
         last, first = int(np.argmin(free)) - 1, -int(np.argmin(free[::-1]))
@@ -780,8 +729,8 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
         goal=goal,
         axes=edges.space.axes,
         units=edges.space.units,
-        length_unit=edges.units[0],
-        distance_unit=edges.units[1],
+        length_unit=edges.space.length_unit,
+        distance_unit=edges.space.distance_unit,
         direction=direction,
         solved=solved,
         certified=reached > 0 and result.proven,

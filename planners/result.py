@@ -12,17 +12,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space, format_configuration, has_pose_names
 from cspace.errors import InputError
 from cspace.files.access import replacing
-from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
-from planners.states import format_configuration
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
@@ -129,7 +126,7 @@ class Plan:
     time_limit : float
         Time limit of the search, seconds.
     times : Times
-    space : CSpace, TiledCSpace, ArmSpace or None
+    space : Space or None
         The map that it was planned on; None after pickling or copying, which drop the map and keep
         the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
         :attr:`lower_bound`.
@@ -160,7 +157,7 @@ class Plan:
     seed: int | None
     time_limit: float
     times: Times
-    space: ConfigurationSpace | None = None
+    space: Space | None = None
     _clearance: float = math.nan
     _obstacle_distance: float = math.nan
     _lower_bound: float = math.nan
@@ -253,24 +250,32 @@ class Plan:
         """Local planner on the map; None without path or map."""
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
-    def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
+    def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
         return local_planner(space, self.exact, self.drive, self.turning_radius)
 
-    def _map(self, hint: str) -> ConfigurationSpace:
+    def _map(self, hint: str) -> Space:
         """Return the map, or raise InputError with `hint` after pickling."""
         if self.space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
         return self.space
 
-    def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
+    def _picture(self, hint: str) -> Any:
+        """Return the space to draw; raise InputError with `hint` if there is none."""
+        space = self._map(hint).drawable()
+        if not hasattr(space, "plot"):
+            rule = "only maps and arms are drawn"
+            raise InputError("plan", f"is in {space!r}", rule, "draw plan.path yourself")
+        return space
+
+    def recheck(self, space: Space | None = None) -> Bools:
         """Prove each edge of the path again, among present obstacles.
 
         Edges are proven like the plan's: with the same ``exact`` and drive, along the same curves.
 
         Parameters
         ----------
-        space : CSpace, TiledCSpace or ArmSpace, optional
+        space : Space, optional
             Map to prove them on; by default the map of the plan.
 
         Returns
@@ -364,9 +369,8 @@ class Plan:
         InputError
             If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
         """
-        space: Any = self._map("draw it with space.plot(path=plan)")
         options.setdefault("path", self)
-        axes: Axes = space.plot(**options)
+        axes: Axes = self._picture("draw it with space.plot(path=plan)").plot(**options)
         return axes
 
     def animate(
@@ -396,11 +400,9 @@ class Plan:
             If the file exists and may not be replaced, or cannot be written.
         """
         from cspace.plot import animate
-        from cspace.tiles.space import TiledCSpace
 
         self._check_solved("an animation shows a path")
-        space = self._map("draw it with cspace.plot.animate(space, plan, file)")
-        drawn = space.overview() if isinstance(space, TiledCSpace) else space
+        drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
         animate(drawn, self.path, file, overwrite, **options)
 
     def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
@@ -516,8 +518,7 @@ class Plan:
     @property
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
-        known = {"x", "y", "z", *Rotations.all_names()}
-        return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
+        return not (has_pose_names(self.axes) if self.space is None else self.space.has_poses)
 
     def _check_solved(self, rule: str) -> None:
         """Raise InputError with `rule` if the plan has no path."""

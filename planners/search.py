@@ -13,8 +13,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, Protocol
 
 import numpy as np
 from ompl import base as ob
@@ -24,7 +23,6 @@ from ompl import util as ou
 from cspace.arrays import Floats
 from cspace.compiling import clock
 from cspace.map.paths import pulled_straight
-from cspace.rotations import Rotations
 from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
@@ -34,7 +32,7 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, EdgesOnMap, Endpoints, LocalPlanner
+from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, make_setup
 from planners.states import below_half_a_turn, kind_of
@@ -104,12 +102,7 @@ class Deadline:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop waiting and restore the callbacks."""
         self._is_over.set()
         self._thread.join()
@@ -192,10 +185,11 @@ class Search:
 def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
     if edges.drive != HOLONOMIC:
-        return shorten_path(cast(EdgesOnMap, edges), path, until)
+        return shorten_path(edges, path, until)
     check = below_half_a_turn(edges.edge_checker(), edges.space.periodic_axes)
-    rotations = cast(EdgesOnMap, edges).space.rotations if edges.has_cells else Rotations.of(None)
-    return pulled_straight(path, rotations, lambda *edge: clock() < until and check(*edge))
+    return pulled_straight(
+        path, edges.space.rotations, lambda *edge: clock() < until and check(*edge)
+    )
 
 
 class _Run:

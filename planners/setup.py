@@ -10,11 +10,9 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace.arms.space import ArmSpace
 from cspace.check import check_rng
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
-from cspace.space import CSpace
 from cspace.words import Drive
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
@@ -33,13 +31,13 @@ extent."""
 
 
 def state_space(
-    space: ConfigurationSpace, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
+    space: Space, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
-    """Make OMPL's bounded state space of a map or an arm.
+    """Make OMPL's bounded state space of a map, an arm or another space.
 
     Parameters
     ----------
-    space : CSpace or ArmSpace
+    space : Space
     drive, turning_radius
         As for :func:`planners.plan`.
 
@@ -73,48 +71,43 @@ def state_space(
     return make_bounded_states(local_planner(space, False, drive, turning_radius))
 
 
-def _choose_checking_share(edges: LocalPlanner, states: ob.StateSpace) -> float:
-    """Return the checking step as a share of the space's extent, within OMPL's bounds."""
-    share: float = edges.checking_step / max(states.getMaximumExtent(), sys.float_info.epsilon)
-    return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
-
-
-def _check_extent(edges: LocalPlanner, states: ob.StateSpace) -> None:
-    """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
-    parts = (
-        [states.getSubspace(k) for k in range(states.getSubspaceCount())]
-        if states.isCompound()
-        else [states]
-    )
-    extent, unit = min(part.getMaximumExtent() for part in parts), edges.units[0]
-    # Until the share is set, OMPL uses its own, for example when it prints a space.
-    share = min(_choose_checking_share(edges, states), states.getLongestValidSegmentFraction())
-    if extent * share < sys.float_info.epsilon:
-        rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
-        hint = "use a larger unit, or leave planner out of planners.plan"
-        if isinstance(edges.space, ArmSpace):
-            hint = (
-                "use planner='BiRRT', or joints of type 'fixed' in place of joints that cannot move"
-            )
-        raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=edges.space)
-
-
 def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     """Create OMPL's state space, with bounds.
 
     Raises InputError if OMPL takes steps in it for zero.
     """
-    states = edges.make_states()
-    lower, upper = edges.bounds
-    kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
-    _check_extent(edges, states)
+    space, states = edges.space, edges.make_states()
+    lower, upper = space.check_bounds()
+    kind_of(space).set_bounds(states, lower.tolist(), upper.tolist())
+    _check_extent(space, states)
     if not states.getType():
         states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
     return states
 
 
+def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
+    """Return the checking step as a share of the space's extent, within OMPL's bounds."""
+    share: float = space.resolution / max(states.getMaximumExtent(), sys.float_info.epsilon)
+    return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
+
+
+def _check_extent(space: Space, states: ob.StateSpace) -> None:
+    """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
+    parts = [states]
+    if states.isCompound():
+        parts = [states.getSubspace(k) for k in range(states.getSubspaceCount())]
+    extent = min(part.getMaximumExtent() for part in parts)
+    # Until the share is set, OMPL uses its own, for example when it prints a space.
+    share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
+    if extent * share < sys.float_info.epsilon:
+        unit = space.length_unit
+        rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
+        hint = "use a larger unit, or leave planner out of planners.plan"
+        raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=space)
+
+
 def simple_setup(
-    space: ConfigurationSpace,
+    space: Space,
     *,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
@@ -124,7 +117,7 @@ def simple_setup(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
-    """Create OMPL's SimpleSetup for a map or an arm.
+    """Create OMPL's SimpleSetup for a map, an arm or another space.
 
     It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal,
     and solve::
@@ -134,7 +127,7 @@ def simple_setup(
 
     Parameters
     ----------
-    space : CSpace or ArmSpace
+    space : Space
     objective : callable, optional
         Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default
         is the length.
@@ -155,7 +148,8 @@ def simple_setup(
     -------
     ompl.geometric.SimpleSetup
         When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01
-        rad of an arm, but at least every half and at most every millionth of the space's extent.
+        rad of an arm (:attr:`cspace.Space.resolution`), but at least every half and at most every
+        millionth of the space's extent.
 
     Raises
     ------
@@ -179,14 +173,18 @@ def make_setup(
     space, setup = edges.space, og.SimpleSetup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
-    options = {"exact": edges.exact, "bidirectional": edges.bidirectional}
     si.setMotionValidator(
         MotionValidator(
-            si, space, drive=edges.drive, turning_radius=edges.turning_radius, **options
+            si,
+            space,
+            exact=edges.exact,
+            drive=edges.drive,
+            turning_radius=edges.turning_radius,
+            bidirectional=edges.bidirectional,
         )
     )
     # OMPL checks states that far apart when it steps along a motion by itself.
-    si.setStateValidityCheckingResolution(_choose_checking_share(edges, si.getStateSpace()))
+    si.setStateValidityCheckingResolution(_choose_checking_share(space, si.getStateSpace()))
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
         setup.setOptimizationObjective(
@@ -224,8 +222,8 @@ def _choose_sampler(
                 "rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng
             )
     if sampler is None:
-        if isinstance(space, CSpace) and not exact:
-            return lambda info: FreeStateSampler(info, space, rng)
+        if space.has_cells and space.in_memory and not exact:
+            return lambda info: FreeStateSampler(info, edges.cells, rng)
         return lambda info: ob.UniformValidStateSampler(info)
     made = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
     if isinstance(made, ob.ObstacleBasedValidStateSampler):

@@ -10,8 +10,7 @@ import numpy as np
 from ompl import base as ob
 
 from cspace.arrays import Floats
-from cspace.configuration_map import ConfigurationMap
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import Space
 from cspace.errors import InputError
 from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
 
@@ -27,15 +26,20 @@ WRAP_TOLERANCE: Final = 1e-12
 class StateKind(NamedTuple):
     """Functions that convert between configurations and OMPL's states."""
 
-    make: Callable[[], ob.StateSpace]  # creates the state space for straight edges, without bounds
-    set_bounds: Callable[
-        [ob.StateSpace, Sequence[float], Sequence[float]], None
-    ]  # sets the bounds of positions
+    make: Callable[[], ob.StateSpace]
+    """Creates the state space for straight edges, without bounds."""
+
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
+    """Sets the bounds of positions or joints."""
+
     read: Callable[[ob.State], Configuration]
-    write: Callable[..., None]  # writes the numbers of a configuration to a state
-    periodic_axes: tuple[
-        bool, ...
-    ] = ()  # True for angles of continuous joints; empty if there are none
+    """Reads the numbers of a configuration from a state."""
+
+    write: Callable[..., None]
+    """Writes the numbers of a configuration to a state."""
+
+    periodic_axes: tuple[bool, ...] = ()
+    """True for angles of continuous joints; empty if there are none."""
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -82,41 +86,22 @@ class StateKind(NamedTuple):
         return next(ends, 0)
 
 
-def kind_of(space: ConfigurationSpace) -> StateKind:
+def kind_of(space: Space) -> StateKind:
     """Return the conversions between configurations of ``space`` and OMPL's states.
 
-    Raises InputError for a map with rotations of a kind that OMPL has no states for.
+    Raises InputError for a pose of a kind that OMPL has no states for.
     """
-    if (
-        isinstance(space, ConfigurationMap)
-        and space.rotations.names
-        and space.axes not in _STATE_KINDS
-    ):
+    if not space.has_poses:
+        return _make_joint_kind(space.periodic_axes)
+    if space.axes not in _STATE_KINDS:
         rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
         hint = "add its states to planners/states.py, or search with space.find_path"
         raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
-    rigid_body = None if any(space.periodic_axes) else _STATE_KINDS.get(space.axes)
-    return rigid_body or _make_joint_kind(space.periodic_axes)
-
-
-def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration so that it can be typed back."""
-    return f"({', '.join(map(repr, q))})"
-
-
-def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a ConfigurationSpace."""
-    if not isinstance(space, ConfigurationSpace):
-        hint = (
-            "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the "
-            "order of arguments"
-        )
-        rule = "it must be a CSpace or an ArmSpace"
-        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
+    return _STATE_KINDS[space.axes]
 
 
 def check_information(si: object, space: object) -> None:
-    """Check that ``si`` is SpaceInformation and ``space`` a ConfigurationSpace."""
+    """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
     if not isinstance(si, ob.SpaceInformation):
         rule, hint = (
             "it must be an ompl.base.SpaceInformation",
@@ -124,6 +109,14 @@ def check_information(si: object, space: object) -> None:
         )
         raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
+
+
+def check_space(space: object) -> None:
+    """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
+    if not isinstance(space, Space):
+        rule = "it must be a cspace.Space, as the results of cspace.build and cspace.open are"
+        hint = "check the order of arguments"
+        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
 
 
 def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
@@ -182,16 +175,23 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
+def _make_vector_kind(size: int) -> StateKind:
+    """Create the conversions for vectors."""
+    # Planners read states all the time, and these two are twice as quick as a loop.
+    reads: dict[int, Callable[[ob.State], Configuration]] = {
+        2: lambda state: (state[0], state[1]),
+        3: lambda state: (state[0], state[1], state[2]),
+    }
+    read = reads.get(size, lambda state: tuple(map(state.__getitem__, range(size))))
+    return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read, _write_vector)
+
+
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): StateKind(
-        lambda: ob.RealVectorStateSpace(2), _bound, lambda s: (s[0], s[1]), _write_vector
-    ),
+    ("x", "y"): _make_vector_kind(2),
     ("x", "y", "yaw"): StateKind(
         lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
     ),
-    ("x", "y", "z"): StateKind(
-        lambda: ob.RealVectorStateSpace(3), _bound, lambda s: (s[0], s[1], s[2]), _write_vector
-    ),
+    ("x", "y", "z"): _make_vector_kind(3),
     ("x", "y", "z", "yaw"): StateKind(
         _make_r3_so2,
         lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
@@ -212,16 +212,10 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
     """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
-        return StateKind(
-            lambda: ob.RealVectorStateSpace(size),
-            _bound,
-            lambda state: tuple(map(state.__getitem__, range(size))),
-            _write_vector,
-        )
+        return _make_vector_kind(size)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
-    first = bool(
-        limited
-    )  # index of the first circle: the joints with limits, if any, share subspace 0
+    # Index of the first circle: the joints with limits, if any, share subspace 0.
+    first = bool(limited)
 
     def make() -> ob.StateSpace:
         states = ob.CompoundStateSpace()

@@ -7,16 +7,14 @@ import itertools
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.lines import LineMotion
-from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.check import check_finite, check_positive
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import ConfigurationSpace, Space, rotations_of
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
@@ -51,6 +49,13 @@ MIN_PHASE_SHARE: Final = 1e-12
 
 CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
 """Colours of the curves of a plot; most are from Okabe and Ito (2008)."""
+
+
+class Line(Protocol):
+    """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
+
+    waypoints: Floats
+    certified: bool
 
 
 class Segments(NamedTuple):
@@ -110,7 +115,7 @@ class Trajectory:
     def along(
         cls,
         space: ConfigurationSpace,
-        path: LineMotion | ArrayLike,
+        path: Line | ArrayLike,
         *,
         max_velocity: Limits = None,
         max_acceleration: ArrayLike | Mapping[str, float],
@@ -154,18 +159,17 @@ class Trajectory:
         >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
         2.5
         """
-        if not isinstance(space, ArmSpace):
+        if getattr(space, "has_poses", True):
             rule, hint = "it must be the space of an arm", "use plan.trajectory() on a map"
             raise InputError("space", f"is {space!r}", rule, hint, value=space)
-        if isinstance(path, LineMotion) and not path.certified:
+        if not getattr(path, "certified", True):
             rule, hint = "a trajectory follows the whole line", "check motion.certified first"
-            raise InputError("path", f"is not certified: {path.status}", rule, hint, value=path)
-        waypoints = check_finite(path.waypoints if isinstance(path, LineMotion) else path, "path")
+            problem = f"is not certified: {getattr(path, 'status', '')}"
+            raise InputError("path", problem, rule, hint, value=path)
+        rows: Any = path
+        waypoints = check_finite(getattr(path, "waypoints", rows), "path")
         if waypoints.ndim != 2 or not len(waypoints):
-            rule, hint = (
-                "it must be rows of configurations, shape (n, dof)",
-                "pass e.g. motion.waypoints",
-            )
+            rule, hint = "it must be rows of configurations", "pass e.g. motion.waypoints"
             raise InputError("path", f"has shape {waypoints.shape}", rule, hint, value=path)
         free = np.asarray(space.certify_path(waypoints))
         if not free.all():
@@ -332,7 +336,7 @@ def write_csv(
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
-    space: ConfigurationSpace | None
+    space: Space | None
     waypoints: Floats
     axes: tuple[str, ...]
     units: tuple[str, ...]
@@ -355,12 +359,9 @@ def make_trajectory(
     ``rotation`` holds the limits of angular velocity and angular acceleration, by name.
     """
     joints, is_curved, axes = path.moves_joints, path.drive in CURVES, path.axes
-    rotations = Rotations.of(None)
-    if not joints and {"yaw", "qw"} & set(axes):
-        rotations = Rotations.quaternions(1) if "qw" in axes else Rotations.of(1)
+    rotations = rotations_of(() if joints else axes)
     dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
-    arm = path.space.arm if isinstance(path.space, ArmSpace) else None
-    known = {} if arm is None else dict(zip(arm.joints, arm.max_velocity.tolist(), strict=True))
+    known = path.space.max_velocity if path.space is not None else {}
     linear = (
         _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
         _check_limits(acceleration, "max_acceleration", axes[:dim], {}, joints),

@@ -22,11 +22,11 @@ def space():
     "call, beginning",
     (
         lambda space: planners.plan((1, 1), (9, 1), space),
-        "space is a tuple; it must be a CSpace or an ArmSpace; ",
+        "space is a tuple; it must be a cspace.Space, as the results of ",
     ),
     (
         lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
-        "space is a Workspace; it must be a CSpace or an ArmSpace; ",
+        "space is a Workspace; it must be a cspace.Space, as the results of ",
     ),
     (
         lambda space: planners.plan(space, space.robot, (9, 1)),

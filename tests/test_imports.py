@@ -123,7 +123,7 @@ def test_public_names_are_imported_at_their_first_use() -> None:
     run_python("""
 import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
-assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 41
+assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 43
 assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
 """)
 

@@ -81,9 +81,7 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
             assert_in_range(*returned_yaws(each, rng))
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
-        assert_in_range(
-            *(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both)
-        )
+        assert_in_range(*(end[-1] for _, *both in tiled.subproblems(first, last) for end in both))
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])

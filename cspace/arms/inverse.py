@@ -27,6 +27,7 @@ from cspace.arms.solids import check_rigid
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.check import check_real, check_text
 from cspace.compiling import kernel
+from cspace.configuration_space import Goal
 from cspace.errors import InputError
 from cspace.kernels import cross, minus, rotate, row_at
 from cspace.map.batches import as_contiguous
@@ -90,7 +91,7 @@ MAX_STEPS: Final = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseGoal:
+class PoseGoal(Goal):
     """A pose for an arm's frame, as a goal of :func:`planners.plan`.
 
     Attributes

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.inverse import check_pose_tolerance
+from cspace.arms.inverse import PoseGoal, check_pose_tolerance
 from cspace.arms.lines import (
     DEFAULT_LINE_TOLERANCE,
     LineMotion,
@@ -27,6 +28,7 @@ from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_o
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import (
     check_count,
+    check_finite,
     check_known,
     check_names,
     check_not_negative,
@@ -35,10 +37,17 @@ from cspace.check import (
     check_rng,
     check_text,
 )
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import (
+    ConfigurationSpace,
+    Endpoint,
+    Goal,
+    GoalLike,
+    SearchOptions,
+    Split,
+)
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import as_contiguous
-from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
 from cspace.shapes import ShapeLike, as_shape
 from cspace.shown import ArmPlot
 from cspace.threads import in_chunks
@@ -47,6 +56,14 @@ from cspace.workspace import Workspace
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
 the shorter way."""
+
+
+MAX_SOLUTIONS_PER_POSE: Final = 128
+"""Configurations at one pose that may be goals of a search."""
+
+
+CHECKING_STEP: Final = 0.01
+"""Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
 
 _MAX_FAILED_SAMPLES: Final = 100_000
@@ -83,6 +100,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     ``copy.copy(space)``, as quick as a query, does not: plan in a copy if other threads change the
     scene. Maps of joints (:func:`cspace.build_joint_map`) are not updated; build them again.
     """
+
+    has_poses = False
+    distance_unit = "m"
+    resolution = CHECKING_STEP
+    searches = ("BiRRT",)
 
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
         self._snapshot, self._base, self._lock = snapshot, base, threading.Lock()
@@ -145,6 +167,21 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         another joint by a fraction of its own angle is not periodic.
         """
         return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Limits of the joints, at most two revolutions to each side.
+
+        A joint may have no limits and still not be periodic: if another follows it by half, it
+        repeats after two revolutions.
+        """
+        most = 2.0 * TWO_PI
+        return np.maximum(self.arm.lower, -most), np.minimum(self.arm.upper, most)
+
+    @property
+    def max_velocity(self) -> dict[str, float]:
+        """Velocity limits of the URDF by joint; infinite if it has none."""
+        return dict(zip(self.arm.joints, self.arm.max_velocity.tolist(), strict=True))
 
     # ---- changes of the scene --------------------------------------------------------------------
 
@@ -540,6 +577,89 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 return snapshot.margin + extra
         return 0.0
 
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Return :meth:`obstacle_distance`, the clearance that planners see."""
+        return self.obstacle_distance(q)
+
+    def obstacle_distance_along(self, path: Floats, split: Split) -> float:
+        """Return :meth:`path_obstacle_distance`."""
+        return self.path_obstacle_distance(path)
+
+    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+        """Return a start or goal with joints clamped and angles wrapped.
+
+        Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
+        it is no configuration.
+        """
+        given = self._check_one(q, name)
+        point = self.arm._clamp(self._check_configurations(given, name))
+        warn_of_degrees(given, self._angles, name)
+        if not self.is_free(point):
+            raise _collision_error(self._snapshot, point, name)
+        return tuple(wrapped(point, self.periodic_axes).tolist())
+
+    def find_goals(
+        self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
+    ) -> list[Endpoint]:
+        """Return the goals that are proven free, the nearest first; a pose gives several."""
+        alternatives = _list_alternatives(goal)
+        goals: list[Endpoint] = []
+        errors: list[ConfigurationError] = []
+        for number, each in enumerate(alternatives):
+            name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
+            try:
+                if isinstance(each, PoseGoal):
+                    goals += self._solve_pose(each, name, start, seed)
+                else:
+                    goals.append(self.check_endpoint(cast("ArrayLike", each), name))
+            except ConfigurationError as error:
+                errors.append(error)
+        if not goals and len(alternatives) == 1:
+            raise errors[0]
+        if not goals:
+            problem = f"has {len(alternatives)} alternatives, none of them proven free"
+            rule, nearest = "a path must end in FREE", errors[0].nearest
+            raise ConfigurationError(
+                "goal", problem, rule, str(errors[0]), value=goal, nearest=nearest
+            )
+        lengths = self.distance(np.array(start), np.array(goals))
+        return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
+
+    def _solve_pose(
+        self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None
+    ) -> list[Endpoint]:
+        """Return the proven free configurations found at a pose."""
+        found = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        points = wrapped(found, self.periodic_axes)
+        free = points[np.asarray(self.is_free(points))]
+        if len(free):
+            return [tuple(q) for q in free.tolist()]
+        contacts = Counter(self.closest(q)[:2] for q in points)
+        ((link, other), number), *_ = contacts.most_common(1)
+        problem = (
+            f"has {len(points)} configurations that reach the pose, and none is proven free: "
+            f"{link} is in collision with {other}, or nearly so, in {number} of them"
+        )
+        hint = f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})]"
+        hint += " if they may touch"
+        nearest = tuple(points[0].tolist())
+        raise ConfigurationError(
+            name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest
+        )
+
+    def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
+        """Run :meth:`find_path`, without further searches unless the path is simplified."""
+        start, *goals = endpoints
+        iterations = options.iterations if options.simplify else 0
+        return self.find_path(
+            start,
+            goals,
+            straight=options.simplify,
+            iterations=iterations,
+            seed=options.seed,
+            time_limit=options.seconds,
+        )
+
     def closest(self, q: ArrayLike) -> Contact:
         """Return the link and obstacle nearest to touching.
 
@@ -652,22 +772,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If a configuration is not one of finite numbers, the time limit is not above zero, or
             ``iterations`` is negative.
         """
-        return self._find_path(q0, q1, straight, iterations, seed, time_limit)
-
-    def _find_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        straight: bool,
-        iterations: int | None,
-        seed: int | None,
-        time_limit: float,
-        more_goals: Callable[[], ArrayLike] | None = None,
-    ) -> Floats:
-        """Find a path as :meth:`find_path`.
-
-        If the search does not end soon, ``more_goals`` gives further goals, shape (n, dof).
-        """
         from cspace.arms.search import PathSearch
 
         start = self._check_configuration(q0, "q0")
@@ -689,13 +793,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = snapshot.arm._ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
-        find_goals = more_goals or tuple
-
-        def find_more() -> Floats:
-            others = self._images(start, np.reshape(find_goals(), (-1, self.size)))
-            return others[are_free(snapshot.outer, others, others)]
-
-        path = search.find(straight, find_more if more_goals else None)
+        path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
 
     def follow_line(
@@ -915,17 +1013,22 @@ def _prove_all(scene: Scene, points: Floats) -> Bools:
     return free
 
 
-def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
-    """Return the error for a start or goal in collision.
-
-    ``q`` has shape (dof,); `name` is the argument. The message names the link and the obstacle that
-    touch.
-    """
-    return _collision_error(space._snapshot, q, name)
+def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
+    """Return the goals of an arm, one by one."""
+    if isinstance(goal, Goal):
+        return [goal]
+    if isinstance(goal, Sequence) and any(isinstance(each, Goal) for each in goal):
+        return list(goal)
+    rows = check_finite(cast("ArrayLike", goal), "goal")
+    return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
 def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
-    """Return :func:`collision_error` in a snapshot."""
+    """Return the error for a start or goal in collision.
+
+    ``q`` has shape (dof,); ``name`` is the argument. The message names the link and the obstacle
+    that touch.
+    """
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"

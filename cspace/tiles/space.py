@@ -67,6 +67,8 @@ class TiledCSpace(ConfigurationMap):
     True
     """
 
+    in_memory = False
+
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
         self._folder = folder
         self._lock, self._cache_bytes = RLock(), int(cache_bytes)
@@ -238,7 +240,7 @@ class TiledCSpace(ConfigurationMap):
     def _components(self) -> TiledComponents:
         return self._find_components()
 
-    def _tile_subproblems(
+    def subproblems(
         self, q0: ArrayLike, q1: ArrayLike
     ) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """Split a planning problem into one per tile.
@@ -333,6 +335,10 @@ class TiledCSpace(ConfigurationMap):
                 lambda: self._tiles.window(whole, self._folder.frame.exterior)
             )
         return self._at_one_moment(lambda: self._tiles.window(corners))
+
+    def drawable(self) -> CSpace:
+        """Return the overview."""
+        return self.overview()
 
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.

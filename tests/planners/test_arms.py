@@ -176,7 +176,7 @@ def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path:
     )
     space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *links, *parts)))
     assert planners.plan(space, (0.0, 1.0), (2.0, 1.0)).certified
-    message = r"space spans 0 rad; OMPL's planners need at least .* rad; use planner='BiRRT', or joints of type 'fixed'"
+    message = r"space spans 0 rad; OMPL's planners need at least .* rad; use a larger unit, or leave planner out"
     for refuse in (
         lambda: planners.plan(space, (0.0, 1.0), (2.0, 1.0), planner="RRTConnect"),
         lambda: planners.simple_setup(space),
@@ -194,8 +194,11 @@ def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path:
     ),
     ({"goal": (0.0,)}, r"goal has shape \(1,\)"),
     ({"goal": (0.0, np.nan)}, "nan"),
-    ({"planner": "Grid"}, "BiRRT is for arms, Grid"),
-    ({"planner": "MaxClearance"}, "Lattice are for maps"),
+    (
+        {"planner": "Grid"},
+        "planner is 'Grid' and space is ArmSpace.* its built-in searches are BiRRT;",
+    ),
+    ({"planner": "MaxClearance"}, "planner is 'MaxClearance' and space is ArmSpace"),
     ({"objective": "clearance"}, "objective is for maps.*weighs cells"),
     (
         {"objective": lambda si: None},

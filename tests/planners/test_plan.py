@@ -356,10 +356,6 @@ def test_the_status_says_if_a_path_exists() -> None:
         assert "time_limit=1e-05" in plan.hint and (
             "planner='Grid', which finds one" in plan.hint
         ) == (not curve)
-    exact = planners.plan(
-        build_room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True
-    )
-    assert exact.hint.startswith("planner='Grid' without exact=True, which finds one")
 
 
 # ---- start and goal ------------------------------------------------------------------------------

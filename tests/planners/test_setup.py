@@ -117,7 +117,7 @@ def test_choices_lists_planners_and_drives_of_a_map(name: str) -> None:
     for drive in choices.drives:
         radius = 0.4 if drive in choices.curves else None
         assert planners.state_space(space, drive=drive, turning_radius=radius) is not None
-    with pytest.raises(InputError, match="it must be a CSpace or an ArmSpace"):
+    with pytest.raises(InputError, match=r"space is a Grid; it must be a cspace\.Space"):
         planners.choices(space.grid)  # type: ignore[arg-type]
 
 

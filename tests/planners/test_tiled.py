@@ -8,6 +8,7 @@ import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
 from tests.handmade import fill_boxes
+from tests.planning import make_state
 from tests.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
@@ -93,9 +94,16 @@ def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, messa
         planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
 
 
-def test_setups_for_tiled_maps_are_refused(tiled_maze):
-    with pytest.raises(ConfigurationError, match="needs a map in memory"):
-        planners.simple_setup(tiled_maze)
+def test_a_setup_for_a_tiled_map_proves_states_and_motions(tiled_maze):
+    si = planners.simple_setup(tiled_maze).getSpaceInformation()
+    points = np.random.default_rng(0).uniform(0.0, 9.0, (40, 2, 2)).tolist()
+    answers = set()
+    for first, last in points:
+        states = [make_state(tiled_maze, si, q) for q in (first, last)]
+        assert si.isValid(states[0]) == tiled_maze.is_free(first)
+        assert si.checkMotion(*states) == tiled_maze.motion_is_free(first, last)
+        answers.add(si.checkMotion(*states))
+    assert answers == {True, False}
 
 
 @pytest.mark.parametrize(

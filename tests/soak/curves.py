@@ -66,7 +66,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
     if not len(pairs):
         return
-    lengths = np.array([planner.metres(*pair) for pair in pairs])
+    lengths = planner.edge_lengths(pairs[:, 0], pairs[:, 1])
     few = np.stack(
         [
             planner.points(a, b, np.linspace(0.0, c, 30))

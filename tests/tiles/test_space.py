@@ -18,9 +18,8 @@ from tests.tiles.test_build import random_workspace
 FOREIGN = {
     *("workspace", "overlap_counts", "cell_states"),
     *("states_at", "overlap_count", "contains_robot", "obstacle_distance"),
-    *("point_checker", "edge_checker"),
-    *("clearance_checker", "reachable_bounds", "find_path", "find_widest_path"),
-    *("min_path_length", "sample_free", "save", "export"),
+    *("reachable_bounds", "find_path", "find_widest_path"),
+    *("sample_free", "save", "export"),
     *("to_xarray", "to_occupancy_grid", "to_costmap", "add_obstacle"),
     *("obstacles", "remove_obstacle", "update"),
 }
@@ -174,7 +173,7 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     space = cspace.build(workspace, cspace.Robot.disc(0.15))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)
     start, goal, path = (0.7, 3.2), (5.3, 3.2), np.empty((0, 2))
-    subproblems = tiled._tile_subproblems(start, goal)
+    subproblems = tiled.subproblems(start, goal)
     assert len(subproblems) > 3
     for open_part, first, last in subproblems:
         path = np.vstack([path, open_part().find_path(first, last)])
@@ -188,7 +187,7 @@ def test_paths_of_tile_subproblems_form_a_certified_path(tmp_path):
     workspace = cspace.Workspace.from_array(walls, 0.1)
     assert not cspace.build(
         workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15
-    )._tile_subproblems(start, goal)
+    ).subproblems(start, goal)
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(
             start
