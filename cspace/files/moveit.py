@@ -58,7 +58,7 @@ _NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
 
 def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> ContentError:
     """Return the error for a value that breaks a rule."""
-    return ContentError(f"has {str(value)[:60]!r} as {place}", rule, hint)
+    return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
 
 
 def ignored(value: Any, place: str) -> Any:
@@ -92,7 +92,9 @@ def only(*accepted: Any, hint: str = "correct it") -> Parser:
     def parse(value: Any, place: str) -> Any:
         if value is None:
             return accepted[0]
-        if value not in accepted:
+        # True == 1 in Python, but not in a message.
+        is_flag = isinstance(value, bool)
+        if value not in [each for each in accepted if isinstance(each, bool) == is_flag]:
             rule = f"it must be {' or '.join(repr(each) for each in accepted)}"
             raise wrong_value(value, place, rule, hint)
         return value
@@ -386,7 +388,7 @@ _SCENE: Final = table(
         "world": table(
             {
                 "collision_objects": list_of(_COLLISION_OBJECT),
-                "octomap": table({"header": _HEADER, "origin": ignored, "octomap": _OCTOMAP}),
+                "octomap": table({"header": _HEADER, "origin": parse_pose, "octomap": _OCTOMAP}),
             }
         ),
         "robot_state": table(_STATE_FIELDS),
