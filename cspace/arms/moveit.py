@@ -16,28 +16,54 @@ from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
 from cspace.arrays import Floats, StrPath
 from cspace.check import check_known
-from cspace.errors import GeometryError, InputError
+from cspace.errors import InputError
 from cspace.files.access import ContentError, decoding
 from cspace.files.moveit import (
+    REQUEST_KIND,
+    SCENE_KIND,
     WORLD,
-    Contacts,
-    check_list,
-    check_table,
-    parse_contacts,
-    parse_frame,
-    parse_name,
-    parse_number,
-    parse_numbers,
-    parse_pose,
-    parse_robot_state,
+    check_poses,
+    find_frame,
+    joint_values,
+    read_request_message,
+    wrong_value,
 )
-from cspace.files.plain import read_yaml
 from cspace.files.urdf import PackageDirs
 
-_REQUEST_KIND: Final = "motion plan request"
+_MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
+"""Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
+angle."""
 
-MAX_GOALS: Final = 1000
-"""Maximum number of goals in a request."""
+_BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
+    "box": lambda *sides: 0.5 * min(sides),
+    "sphere": lambda radius: radius,
+    "cylinder": lambda height, radius: min(0.5 * height, radius),
+}
+"""Radius of the largest ball around the center of a primitive, from its dimensions, metres."""
+
+
+class Contacts(NamedTuple):
+    """Pairs that may touch, from an allowed collision matrix.
+
+    Attributes
+    ----------
+    rows : dict of str to dict of str to bool
+        Entries by the two names.
+    defaults : dict of str to bool
+    """
+
+    rows: dict[str, dict[str, bool]]
+    defaults: dict[str, bool]
+
+    def may_touch(self, one: str, other: str) -> bool:
+        """Return True if all entries and defaults of a pair agree that it may touch."""
+        entries = [
+            self.rows.get(one, {}).get(other),
+            self.rows.get(other, {}).get(one),
+            self.defaults.get(one),
+            self.defaults.get(other),
+        ]
+        return any(entries) and False not in entries
 
 
 class AttachedObject(NamedTuple):
@@ -200,13 +226,11 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace.shapes.scenes import SCENE_KIND, read_scene
+    from cspace.shapes.scenes import empty_error, read_scene
 
-    source, content = str(path), read_scene(path, package_dirs)
-    table = content.table
+    content = read_scene(path, package_dirs)
     if not content.shapes and not content.attached:
-        raise GeometryError(source, "holds no shape", "a scene needs one", "pass another file")
-    obstacles = {each.name: PosedShape(each.shape, each.pose) for each in content.shapes}
+        raise empty_error(path)
     ids = {each.name: each.object_id for each in content.shapes}
     attached = {}
     for link, frame, touch_links, shapes in content.attached:
@@ -215,14 +239,32 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
             shape = PosedShape(each.shape, each.pose)
             attached[each.name] = AttachedObject(shape, link, frame, tuple(touch_links))
     with decoding(path, SCENE_KIND):
-        state = parse_robot_state(table.get("robot_state"), "robot_state")
-        if state.is_diff:
-            problem, rule = "has is_diff: true at robot_state", "it only changes another state"
-            raise ContentError(problem, rule, "write the whole state")
-        contacts = parse_contacts(table.get("allowed_collision_matrix"))
+        values = joint_values(content.fields["robot_state"], "robot_state")
+        contacts = _read_contacts(content.fields["allowed_collision_matrix"])
     return PlanningScene(
-        source, content.frame, obstacles, attached, JointValues(state.joints), contacts, ids
+        source=str(path),
+        frame=content.frame,
+        obstacles={each.name: PosedShape(each.shape, each.pose) for each in content.shapes},
+        attached=attached,
+        robot_state=JointValues(values),
+        _contacts=contacts,
+        _ids=ids,
     )
+
+
+def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
+    """Return an allowed collision matrix; None if it is empty."""
+    names, rows = fields["entry_names"], fields["entry_values"]
+    others, defaults = fields["default_entry_names"], fields["default_entry_values"]
+    if {len(names)} != {len(rows), *map(len, rows), len(names)} or len(others) != len(defaults):
+        problem = "has an allowed_collision_matrix of another size than its names"
+        raise ContentError(problem, "it is square, with a default for each name", "correct it")
+    if not names and not others:
+        return None
+    by_name = {
+        name: dict(zip(names, row, strict=True)) for name, row in zip(names, rows, strict=True)
+    }
+    return Contacts(by_name, dict(zip(others, defaults, strict=True)))
 
 
 class JointGoal(NamedTuple):
@@ -338,7 +380,7 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     """Read a MoveIt motion plan request.
 
     Goals may be joint constraints with tolerances, or a position constraint, an orientation
-    constraint, or both, of one link. Several goals, and several shapes of a position, are a choice.
+    constraint, or both, of one link. Several goals are a choice; a position has one shape.
     A pose goal is a ball within the shape of the position, and an angle within the tolerances of
     the orientation, so that what reaches it satisfies the constraints.
 
@@ -349,16 +391,14 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     ----------
     path : path-like
         YAML of a ``moveit_msgs/MotionPlanRequest``: as ROS prints it, or as MotionBenchMaker and
-        robowflex write it. It may be the field ``request`` or ``motion_plan_request`` of a larger
-        message.
+        robowflex write it.
 
     Raises
     ------
     FileError
-        If the file is missing or malformed, has no goal or an unknown field, changes the scene in
-        ``planning_options``, or constrains paths, visibility, or joints and poses in one goal; if
-        objects are attached, which belong to the scene; or if a region of positions is a cone or a
-        mesh.
+        If the file is missing or malformed, has no goal or an unknown field, or constrains paths,
+        visibility, or joints and poses in one goal; if objects are attached, which belong to the
+        scene; or if a region of positions is no box, sphere or cylinder.
 
     Examples
     --------
@@ -373,257 +413,86 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
     """
-    content = read_yaml(path, _REQUEST_KIND)
-    with decoding(path, _REQUEST_KIND):
-        message = check_table(content, "the file")
-        options = check_table(message.get("planning_options"), "planning_options")
-        if _holds_entries(options.get("planning_scene_diff")):
-            problem, rule = (
-                "has changes in planning_options.planning_scene_diff",
-                "a scene is read from its own file",
-            )
-            raise ContentError(problem, rule, "write them into the scene")
-        for name in ("request", "motion_plan_request"):
-            message = message.get(name, message)
-        table = check_table(message, "the request", _REQUEST_FIELDS)
-        for name in ("path_constraints", "trajectory_constraints", "reference_trajectories"):
-            if _holds_entries(table.get(name)):
-                raise ContentError(f"has {name}", "plans would not obey them", f"remove {name}")
-        group = table.get("group_name") and parse_name(table["group_name"], "group_name")
-        seconds = table.get("allowed_planning_time")
-        state = parse_robot_state(table.get("start_state"), "start_state")
-        if state.attached:
-            hint = "write them as attached_collision_objects of the scene's robot_state"
-            raise ContentError(
-                "has attached objects in start_state", "an arm space holds them", hint
-            )
-        goals, frames = list[JointGoal | PoseGoal](), dict[str, None]()
-        for number, item in enumerate(
-            check_list(table.get("goal_constraints"), "goal_constraints")
-        ):
-            goals += _parse_goal(item, f"goal_constraints[{number}]", frames)
-            if len(goals) > MAX_GOALS:
-                raise ContentError(
-                    f"has more than {MAX_GOALS} goals", "the rest is not read", "remove some"
-                )
+    fields = read_request_message(path)
+    frames = set[str]()
+    with decoding(path, REQUEST_KIND):
+        goals = [
+            _read_goal(item, f"goal_constraints[{number}]", frames)
+            for number, item in enumerate(fields["goal_constraints"])
+        ]
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
-        if len(frames) > 1:
-            problem = f"has goals in the frames {', '.join(map(repr, sorted(frames)))}"
-            raise ContentError(problem, "they must be in one frame", "write all in one frame")
-        limit = parse_number(seconds, "allowed_planning_time", 0.0)
-        values = JointValues(state.joints)
         return MotionPlanRequest(
-            str(path), group or "", values, tuple(goals), next(iter(frames), WORLD), limit or None
+            source=str(path),
+            group=fields["group_name"],
+            start_state=JointValues(joint_values(fields["start_state"], "start_state")),
+            goals=tuple(goals),
+            frame=find_frame(frames),
+            time_limit=fields["allowed_planning_time"] or None,
         )
 
 
-_REQUEST_FIELDS: Final = (
-    *(
-        "workspace_parameters",
-        "start_state",
-        "goal_constraints",
-        "path_constraints",
-        "trajectory_constraints",
-    ),
-    *("reference_trajectories", "pipeline_id", "planner_id", "group_name", "num_planning_attempts"),
-    *("allowed_planning_time", "max_velocity_scaling_factor", "max_acceleration_scaling_factor"),
-    *("cartesian_speed_end_effector_link", "cartesian_speed_limited_link", "max_cartesian_speed"),
-)
-"""Fields of a moveit_msgs/MotionPlanRequest, in all versions."""
+def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> JointGoal | PoseGoal:
+    """Return a goal; the frames of its poses are added to ``frames``."""
+    joints = fields["joint_constraints"]
+    poses = fields["position_constraints"] + fields["orientation_constraints"]
+    if bool(joints) == bool(poses):
+        problem = f"has {len(joints)} joint and {len(poses)} pose constraints at {place}"
+        raise ContentError(problem, "a goal has one of the two kinds", "add or remove some")
+    return _read_joint_goal(joints, place) if joints else _read_pose_goal(fields, place, frames)
 
 
-_NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
-"""Fields that messages without content may have; w is that of the quaternion of no rotation."""
-
-
-def _holds_entries(value: Any) -> bool:
-    """Return True if a message holds more than neutral fields and empty lists."""
-    if isinstance(value, Mapping):
-        return any(
-            _holds_entries(each) for name, each in value.items() if name not in _NEUTRAL_FIELDS
-        )
-    return bool(value)
-
-
-def _parse_goal(item: Any, place: str, frames: dict[str, None]) -> Sequence[JointGoal | PoseGoal]:
-    """Return a goal; or several, of which one must be reached.
-
-    Frames of poses are added to ``frames``.
-    """
-    kinds = (
-        "joint_constraints",
-        "position_constraints",
-        "orientation_constraints",
-        "visibility_constraints",
-    )
-    table = check_table(item, place, ("name", *kinds))
-    joints, positions, orientations, views = (
-        check_list(table.get(kind), f"{kind} of {place}") for kind in kinds
-    )
-    if views:
-        problem = f"has visibility_constraints at {place}"
-        raise ContentError(problem, "a goal is a pose or values of joints", "remove them")
-    if joints and (positions or orientations):
-        problem = f"constrains joints and poses at {place}"
-        raise ContentError(problem, "a goal is a pose or values of joints", "remove one kind")
-    if joints:
-        return [_parse_joint_goal(joints, place)]
-    counts = len(positions), len(orientations)
-    if max(counts) != 1:
-        problem = (
-            f"has {counts[0]} position_constraints and {counts[1]} orientation_constraints at "
-            f"{place}"
-        )
-        raise ContentError(problem, "a goal must have one, or one of each", "add or remove some")
-    return _parse_pose_goals(positions, orientations, place, frames)
-
-
-def _parse_joint_goal(items: Sequence[Any], place: str) -> JointGoal:
+def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> JointGoal:
     """Return the goal of joint constraints."""
     goal = JointGoal({}, {}, {})
-    for number, item in enumerate(items):
-        here = f"joint_constraints[{number}] of {place}"
-        fields = "joint_name", "position", "tolerance_above", "tolerance_below", "weight"
-        entry = check_table(item, here, fields)
-        name = parse_name(entry.get("joint_name"), f"joint_name of {here}")
+    for each in constraints:
+        name, value = each["joint_name"], each["position"]
         if name in goal.values:
-            raise ContentError(
-                f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
-            )
-        if entry.get("position") is None:
-            raise ContentError(f"has no position at {here}", "it must be there", "add it")
-        value = parse_number(entry["position"], f"position of {here}", 0.0)
-        above, below = (
-            parse_number(entry.get(side), f"{side} of {here}", 0.0) for side in fields[2:4]
-        )
-        if min(above, below) < 0.0:
-            problem = f"has the tolerances {below:g} and {above:g} at {here}"
-            raise ContentError(problem, "they may not be negative", "correct them")
-        goal.values[name], goal.lower[name], goal.upper[name] = value, value - below, value + above
+            problem = f"has {name[:40]!r} twice at {place}"
+            raise ContentError(problem, "names must differ", "remove one")
+        goal.values[name] = value
+        goal.lower[name] = value - each["tolerance_below"]
+        goal.upper[name] = value + each["tolerance_above"]
     return goal
 
 
-def _parse_pose_goals(
-    positions: Sequence[Any], orientations: Sequence[Any], place: str, frames: dict[str, None]
-) -> list[PoseGoal]:
-    """Return the goals of a position and an orientation constraint."""
-    links, rotation, angle = list[str](), np.eye(3), math.inf
-    for item in orientations:
-        link, rotation, angle = _parse_orientation(
-            item, f"orientation_constraints of {place}", frames
-        )
-        links.append(link)
-    centers = [(np.zeros(3), math.inf)]
-    for item in positions:
-        link, centers = _parse_position(item, f"position_constraints of {place}", frames)
-        links.append(link)
-    if len(set(links)) > 1:
-        problem = f"constrains {' and '.join(map(repr, links))} at {place}"
-        raise ContentError(problem, "a goal is for one link", "remove one")
-    if math.isinf(angle) and math.isinf(centers[0][1]):
-        raise ContentError(
-            f"has tolerances beyond half a turn at {place}",
-            "then any pose would do",
-            "tighten them",
-        )
-    goals = []
-    for center, radius in centers:
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, center
-        goals.append(PoseGoal(links[0], pose, (radius, angle)))
-    return goals
+def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> PoseGoal:
+    """Return the goal of a position constraint, an orientation constraint, or both."""
+    positions, orientations = fields["position_constraints"], fields["orientation_constraints"]
+    constraints = positions + orientations
+    links = sorted({each["link_name"] for each in constraints})
+    if len(links) > 1 or max(len(positions), len(orientations)) > 1:
+        problem = f"has {len(constraints)} constraints of {', '.join(links)} at {place}"
+        raise ContentError(problem, "a goal has at most one of each, for one link", "remove some")
+    frames |= {each["header"]["frame_id"] or WORLD for each in constraints}
+    pose, radius, angle = np.eye(4), math.inf, math.inf
+    for each in positions:
+        pose[:3, 3], radius = _read_region(each["constraint_region"], f"region of {place}")
+    for each in orientations:
+        pose[:3, :3], angle = each["orientation"], _read_angle(each, place)
+    if math.isinf(radius) and math.isinf(angle):
+        problem = f"has tolerances beyond half a turn at {place}"
+        raise ContentError(problem, "then any pose would do", "tighten them")
+    return PoseGoal(links[0], pose, (radius, angle))
 
 
-def _parse_orientation(item: Any, place: str, frames: dict[str, None]) -> tuple[str, Floats, float]:
-    """Return the link, the rotation and the largest angle of an orientation constraint."""
-    names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-    entry = check_table(
-        item, place, ("header", "orientation", "link_name", *names, "parameterization", "weight")
-    )
-    frames[parse_frame(entry, place)] = None
-    link = parse_name(entry.get("link_name"), f"link_name of {place}")
-    rotation = parse_pose({"orientation": entry.get("orientation")}, place)[:3, :3]
+def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
+    """Return the largest angle that an orientation constraint allows around any axis."""
     # MoveIt takes the tolerances as absolute.
-    tolerance = min(abs(parse_number(entry.get(name), f"{name} of {place}", 0.0)) for name in names)
-    if not tolerance > 0.0:
+    tolerance = min(abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz")
+    if tolerance == 0.0:
+        hint = "make it larger, e.g. 1e-3"
         problem = f"has a tolerance of zero at {place}"
-        raise ContentError(
-            problem, "no computed pose would be within it", "make it larger, e.g. 1e-3"
-        )
-    return (
-        link,
-        rotation,
-        math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE),
-    )
+        raise ContentError(problem, "no computed pose would be within it", hint)
+    return math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
 
 
-def _parse_position(
-    item: Any, place: str, frames: dict[str, None]
-) -> tuple[str, list[tuple[Floats, float]]]:
-    """Return the link of a position constraint, and the balls of its region.
-
-    They are a center and a radius for each shape.
-    """
-    entry = check_table(
-        item, place, ("header", "link_name", "target_point_offset", "constraint_region", "weight")
-    )
-    frames[parse_frame(entry, place)] = None
-    link = parse_name(entry.get("link_name"), f"link_name of {place}")
-    offset = entry.get("target_point_offset")
-    if offset is not None and parse_numbers(offset, 3, f"target_point_offset of {place}").any():
-        problem = f"has a target_point_offset at {place}"
-        hint = "constrain the position of the origin"
-        raise ContentError(problem, "a pose goal is for the origin of a link", hint)
-    fields = "primitives", "primitive_poses", "meshes", "mesh_poses"
-    region = check_table(entry.get("constraint_region"), f"constraint_region of {place}", fields)
-    return link, _parse_region(region, f"region of {place}")
-
-
-_MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
-"""Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
-angle."""
-
-
-def _parse_region(region: Mapping[str, Any], place: str) -> list[tuple[Floats, float]]:
-    """Return the center and radius of a ball in each shape of a region, metres.
-
-    It is the largest one around the center of the shape.
-    """
-    from cspace.shapes.scenes import parse_primitive
-
-    if region.get("meshes"):
-        raise ContentError(
-            f"has meshes at {place}",
-            "it may hold boxes, spheres and cylinders",
-            "write such a region",
-        )
-    items = check_list(region.get("primitives"), f"primitives of {place}")
-    poses = check_list(region.get("primitive_poses"), f"primitive_poses of {place}")
-    if not items or len(items) != len(poses):
-        problem = f"has {len(items)} primitives and {len(poses)} primitive_poses at {place}"
-        raise ContentError(
-            problem, "each needs a pose, and there must be one", "add or remove some"
-        )
-    balls = []
-    for number, (item, pose) in enumerate(zip(items, poses, strict=True)):
-        here = f"primitives[{number}] of {place}"
-        kind, sizes = parse_primitive(item, here)
-        if kind not in _BALL_RADII:
-            rule = f"it must be one of {', '.join(_BALL_RADII)}"
-            raise ContentError(f"has a {kind} at {here}", rule, "write one of them")
-        balls.append(
-            (
-                parse_pose(pose, f"primitive_poses[{number}] of {place}")[:3, 3],
-                _BALL_RADII[kind](*sizes),
-            )
-        )
-    return balls
-
-
-_BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
-    "box": lambda *sides: 0.5 * min(sides),
-    "sphere": lambda radius: radius,
-    "cylinder": lambda height, radius: min(0.5 * height, radius),
-}
-"""Radius of the largest ball around the center of a primitive, from its dimensions, metres."""
+def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
+    """Return the center and the radius of the largest ball around a region's center, metres."""
+    shapes = region["primitives"]
+    poses = check_poses(region, "primitives", "primitive_poses", place)
+    if len(shapes) != 1 or shapes[0][0] not in _BALL_RADII:
+        kinds = ", ".join(kind for kind, _ in shapes) or "nothing"
+        raise wrong_value(kinds, place, f"it must be one of {', '.join(_BALL_RADII)}")
+    kind, sizes = shapes[0]
+    return poses[0][:3, 3], _BALL_RADII[kind](*sizes)

@@ -1,24 +1,29 @@
-"""Parts of MoveIt's messages in YAML: poses, frames, states of robots, and pairs that may touch.
+"""MoveIt's messages in YAML: tables of their fields, and parsers.
 
 The YAML is what ROS prints, or what robowflex and MotionBenchMaker write. Fields that a message
-does not have are refused, because a misspelled one would be lost.
+does not have are refused, because a misspelled one would be lost. Fields that would change the
+answer but are not read are refused too, unless they are empty.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace.arrays import Floats
-from cspace.files.access import ContentError
+from cspace.arrays import Floats, StrPath
+from cspace.files.access import ContentError, decoding
+from cspace.files.plain import read_yaml
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
 
-MAX_NAMES: Final = 10_000
-"""Maximum number of names in an allowed collision matrix."""
+SCENE_KIND: Final = "planning scene"
+"""Kind of file, for messages."""
+
+REQUEST_KIND: Final = "motion plan request"
+"""Kind of file, for messages."""
 
 MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
@@ -27,303 +32,490 @@ There, rounding is 1e-13 m, less than :data:`cspace.exact.DISTANCE_ROUNDING` at 
 far frame may lead back to the arm.
 """
 
-_IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
+MAX_NUMBER: Final = 1e100
+"""Largest number of a message."""
 
 MOTION_ROUNDING: Final = 1e-6
 """Largest difference of the entries of two equal motions, metres and radians."""
 
+Parser: TypeAlias = Callable[[Any, str], Any]
+"""Function of a value of YAML and its place in the file; raises ContentError if it is wrong."""
 
-class Contacts(NamedTuple):
-    """Pairs that may touch, from an allowed collision matrix.
+PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
+    "box": ("x", "y", "z"),
+    "sphere": ("radius",),
+    "cylinder": ("height", "radius"),
+    "cone": ("height", "radius"),
+}
+"""Dimensions of each primitive, in the order of the numbers of their types, which begin at 1."""
 
-    Attributes
-    ----------
-    entries : mapping of pair of str to bool
-        Pairs in alphabetical order.
-    defaults : mapping of str to bool
-    """
-
-    entries: Mapping[tuple[str, str], bool]
-    defaults: Mapping[str, bool]
-
-    def may_touch(self, one: str, other: str) -> bool:
-        """Return True if a pair may touch.
-
-        Versions of MoveIt differ in what overrides what if an entry and a default disagree. A pair
-        may touch only if its entry and the defaults of both names, as far as they exist, agree that
-        it may.
-        """
-        pair = (one, other) if one < other else (other, one)
-        given = [self.entries.get(pair), self.defaults.get(one), self.defaults.get(other)]
-        return any(given) and False not in given
+_NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
+"""Fields that messages without content may have; w is that of the quaternion of no rotation."""
 
 
-class RobotValues(NamedTuple):
-    """A robot's state.
-
-    Attributes
-    ----------
-    joints : dict of str to float
-        Values of joints, radians or metres.
-    attached : sequence of mapping
-        Messages of attached objects.
-    is_diff : bool
-        Whether it only changes another state.
-    """
-
-    joints: dict[str, float]
-    attached: Sequence[Mapping[str, Any]]
-    is_diff: bool
+# ---- parsers -------------------------------------------------------------------------------------
 
 
-def check_table(value: Any, place: str, fields: Collection[str] | None = None) -> Mapping[str, Any]:
-    """Return a table, empty for None.
-
-    Raises ContentError if it is none, or has a field other than `fields`.
-    """
-    if value is not None and not isinstance(value, dict):
-        problem = f"has {str(value)[:40]!r} as {place}"
-        raise ContentError(problem, "it must be a table of names and values", "correct it")
-    for name in value or {}:
-        if fields is not None and name not in fields:
-            problem = f"has the unknown field {name[:40]!r} at {place}"
-            raise ContentError(
-                problem, f"the fields are {', '.join(fields)}", "correct or remove it"
-            )
-    return value or {}
+def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> ContentError:
+    """Return the error for a value that breaks a rule."""
+    return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
 
 
-def check_list(value: Any, place: str) -> Sequence[Any]:
-    """Return a list, empty for None."""
-    if value is not None and not isinstance(value, list):
-        raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
-    return value or []
-
-
-def parse_flag(value: Any, place: str) -> bool:
-    """Return true or false; None is false."""
-    if value is not None and not isinstance(value, bool):
-        raise ContentError(
-            f"has {str(value)[:40]} as {place}", "it must be true or false", "correct it"
-        )
-    return bool(value)
-
-
-def parse_name(value: Any, place: str) -> str:
-    """Return a name, which is not empty."""
-    if not isinstance(value, str) or not value:
-        hint = "add it" if not value else "put it in quotes"
-        raise ContentError(
-            f"has {str(value)[:40] if value else value!r} as {place}", "it must be a name", hint
-        )
+def ignored(value: Any, place: str) -> Any:
+    """Return a value that changes no answer."""
     return value
 
 
+def refused(hint: str) -> Parser:
+    """Make a parser of a field that must be empty."""
+
+    def parse(value: Any, place: str) -> None:
+        if _holds_entries(value):
+            raise ContentError(f"has {place}", "it is not read", hint)
+
+    return parse
+
+
+def _holds_entries(value: Any) -> bool:
+    """Return True if a message holds more than neutral fields and zeros."""
+    if isinstance(value, Mapping):
+        entries = (each for name, each in value.items() if name not in _NEUTRAL_FIELDS)
+        return any(map(_holds_entries, entries))
+    if isinstance(value, list):
+        return any(each != 0 for each in value)
+    return bool(value)
+
+
+def only(*accepted: Any, hint: str = "correct it") -> Parser:
+    """Make a parser that accepts some values; a missing one is the first."""
+
+    def parse(value: Any, place: str) -> Any:
+        if value is None:
+            return accepted[0]
+        # True == 1 in Python, but not in a message.
+        is_flag = isinstance(value, bool)
+        if value not in [each for each in accepted if isinstance(each, bool) == is_flag]:
+            rule = f"it must be {' or '.join(repr(each) for each in accepted)}"
+            raise wrong_value(value, place, rule, hint)
+        return value
+
+    return parse
+
+
+def optional(parser: Parser, default: Any) -> Parser:
+    """Make a parser that returns a default for a missing value."""
+    return lambda value, place: default if value is None else parser(value, place)
+
+
+def table(fields: Mapping[str, Parser]) -> Parser:
+    """Make a parser of a table that has no other fields."""
+
+    def parse(value: Any, place: str) -> dict[str, Any]:
+        if not isinstance(value, dict | None):
+            rule = "it must be a table of names and values"
+            raise wrong_value(value, place or "the file", rule)
+        given = value or {}
+        for name in given:
+            if name not in fields:
+                problem = f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}"
+                rule = f"the fields are {', '.join(fields)}"
+                raise ContentError(problem, rule, "correct or remove it")
+        return {
+            name: parser(given.get(name), f"{place}.{name}".lstrip("."))
+            for name, parser in fields.items()
+        }
+
+    return parse
+
+
+def list_of(parser: Parser) -> Parser:
+    """Make a parser of a list; a missing one is empty."""
+
+    def parse(value: Any, place: str) -> list[Any]:
+        if not isinstance(value, list | None):
+            raise wrong_value(value, place, "it must be a list")
+        return [parser(item, f"{place}[{number}]") for number, item in enumerate(value or ())]
+
+    return parse
+
+
+def unwrapped(field: str, parser: Parser) -> Parser:
+    """Make a parser of a value that may be the only field of a table."""
+    wrapped = table({field: parser})
+
+    def parse(value: Any, place: str) -> Any:
+        is_table = isinstance(value, dict)
+        return wrapped(value, place)[field] if is_table else parser(value, place)
+
+    return parse
+
+
+def parse_name(value: Any, place: str) -> str:
+    """Parse a name, which is not empty; robowflex omits the quotes of numbers."""
+    name = str(value) if type(value) is int else value
+    if not isinstance(name, str) or not name:
+        raise wrong_value(value, place, "it must be a name")
+    return name
+
+
 def parse_names(value: Any, place: str) -> list[str]:
-    """Return a list of different names."""
-    names = check_list(value, place)
-    for name in names:
-        if not isinstance(name, str) or not name:
-            raise ContentError(
-                f"has {str(name)[:40]!r} in {place}", "it must be a name", "correct it"
-            )
+    """Parse a list of different names."""
+    names: list[str] = list_of(parse_name)(value, place)
     for name, following in zip(sorted(names), sorted(names)[1:], strict=False):
         if name == following:
-            raise ContentError(
-                f"has {name[:40]!r} twice in {place}", "names must differ", "remove one"
-            )
-    return list(names)
+            problem = f"has {name[:40]!r} twice in {place}"
+            raise ContentError(problem, "names must differ", "remove one")
+    return names
 
 
-def parse_numbers(value: Any, count: int, place: str) -> Floats:
-    """Parse numbers, shape (count,), from a list or table.
-
-    A table holds x, y, z and w.
-    """
-    if isinstance(value, dict):
-        value = [value.get(name) for name in "xyzw"[:count]] if len(value) == count else None
-    if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
-        raise ContentError(
-            f"has {str(value)[:60]} as {place}", f"it must be {count} finite numbers", "correct it"
-        )
-    return np.array(value, dtype=np.float64)
+def parse_frame(value: Any, place: str) -> str:
+    """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
+    return parse_name(value, place).lstrip("/") if value or value == 0 else ""
 
 
-def parse_number(value: Any, place: str, default: float) -> float:
-    """Parse one number; None is the default."""
-    if value is None:
-        return default
-    if not _is_number(value):
-        raise ContentError(
-            f"has {str(value)[:60]} as {place}", "it must be one finite number", "correct it"
-        )
+def parse_number(value: Any, place: str) -> float:
+    """Parse a finite number."""
+    if type(value) not in (int, float) or not abs(value) < MAX_NUMBER:
+        raise wrong_value(value, place, "it must be one finite number")
     return float(value)
 
 
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) < 1e100
+def parse_tolerance(value: Any, place: str) -> float:
+    """Parse a number that is not negative; a missing one is zero."""
+    tolerance = 0.0 if value is None else parse_number(value, place)
+    if tolerance < 0.0:
+        raise wrong_value(value, place, "it may not be negative")
+    return tolerance
+
+
+def numbers(count: int) -> Parser:
+    """Make a parser of a list of numbers, or of a table with x, y, z and w."""
+
+    def parse(value: Any, place: str) -> Floats:
+        given = value
+        if isinstance(value, dict) and len(value) == count:
+            given = [value.get(name) for name in "xyzw"[:count]]
+        if not isinstance(given, list) or len(given) != count:
+            raise wrong_value(value, place, f"it must be {count} finite numbers")
+        return np.array([parse_number(each, place) for each in given])
+
+    return parse
+
+
+_POSITION: Final = optional(numbers(3), np.zeros(3))
+_QUATERNION: Final = optional(numbers(4), np.array([0.0, 0.0, 0.0, 1.0]))
+_POSE: Final = table({"position": _POSITION, "orientation": _QUATERNION})
+_TRANSFORM: Final = table({"translation": _POSITION, "rotation": _QUATERNION})
 
 
 def parse_pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a rigid motion, shape (4, 4).
+    """Parse a pose as a rigid motion, shape (4, 4); a missing one is the identity."""
+    fields = _POSE(value, place)
+    return _make_motion(fields["position"], fields["orientation"], place)
 
-    The default is the identity. Like MoveIt, normalise quaternions.
 
-    Raises ContentError if a number is missing, or the position is so far away that digits are lost.
-    """
-    table = check_table(value, place, ("position", "orientation"))
-    given = table.get("position"), table.get("orientation")
-    position = (
-        np.zeros(3) if given[0] is None else parse_numbers(given[0], 3, f"position of {place}")
-    )
+def parse_rotation(value: Any, place: str) -> Floats:
+    """Parse a quaternion as a rotation matrix, shape (3, 3)."""
+    return _make_motion(np.zeros(3), _QUATERNION(value, place), place)[:3, :3]
+
+
+def parse_identity(value: Any, place: str) -> None:
+    """Refuse a transform that is not the identity."""
+    fields = _TRANSFORM(value, place)
+    motion = _make_motion(fields["translation"], fields["rotation"], place)
+    if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
+        hint = "remove it; write poses in the planning frame, and pass base_pose= for the arm"
+        raise ContentError(f"has a motion as {place}", "frames are not transformed", hint)
+
+
+def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
+    """Return a rigid motion, shape (4, 4); like MoveIt, normalise the quaternion."""
+    from scipy.spatial.transform import Rotation
+
     if np.abs(position).max() > MAX_POSITION_METRES:
         problem = f"has a position beyond {MAX_POSITION_METRES:g} m at {place}"
         raise ContentError(problem, "its digits would be lost", "use metres and a nearer frame")
-    quaternion = np.array(_IDENTITY_QUATERNION)
-    if given[1] is not None:
-        quaternion = parse_numbers(given[1], 4, f"orientation of {place}")
-    matrix = np.eye(4)
-    matrix[:3, 3] = position
+    motion = np.eye(4)
+    motion[:3, 3] = position
     if quaternion[:3].any():
-        from scipy.spatial.transform import Rotation
-
         # Squares of tiny numbers would lose digits.
-        matrix[:3, :3] = Rotation.from_quat(quaternion / np.abs(quaternion).max()).as_matrix()
-    return matrix
+        scaled = quaternion / np.abs(quaternion).max()
+        motion[:3, :3] = Rotation.from_quat(scaled).as_matrix()
+    return motion
 
 
-def parse_frame(entry: Mapping[str, Any], place: str) -> str:
-    """Return the frame that the header of a message names."""
-    header = check_table(
-        entry.get("header"), f"the header of {place}", ("seq", "stamp", "frame_id")
-    )
-    frame = header.get("frame_id")
-    if frame in (None, ""):
-        return WORLD
-    return (
-        parse_name(frame, f"frame_id of {place}").lstrip("/") or WORLD
-    )  # without the slash of old versions of ROS
-
-
-def check_identity(value: Any, place: str, rule: str, hint: str) -> None:
-    """Raise ContentError, with a rule and a hint, unless a transform is the identity."""
-    motion = check_table(value, place, ("translation", "rotation"))
-    pose = parse_pose(
-        {"position": motion.get("translation"), "orientation": motion.get("rotation")}, place
-    )
-    if np.abs(pose - np.eye(4)).max() > MOTION_ROUNDING:
-        raise ContentError(f"has a motion as {place}", rule, hint)
-
-
-def parse_robot_state(value: Any, place: str) -> RobotValues:
-    """Parse a ``moveit_msgs/RobotState``.
-
-    Raises ContentError if names and positions do not match, or a joint with several degrees of
-    freedom moves the robot.
-    """
-    fields = "joint_state", "multi_dof_joint_state", "attached_collision_objects", "is_diff"
-    state = check_table(value, place, fields)
-    joints = check_table(
-        state.get("joint_state"),
-        f"joint_state of {place}",
-        ("header", "name", "position", "velocity", "effort"),
-    )
-    parse_frame(joints, f"joint_state of {place}")
-    names = parse_names(joints.get("name"), f"the joints of {place}")
-    given = check_list(joints.get("position"), f"the positions of {place}")
-    if len(given) != len(names):
-        problem = f"has {len(names)} joints but {len(given)} positions at {place}"
-        raise ContentError(problem, "each joint needs one", "add or remove some")
-    values = parse_numbers(list(given), len(names), f"positions of {place}").tolist()
-    floating = check_table(
-        state.get("multi_dof_joint_state"),
-        f"multi_dof_joint_state of {place}",
-        ("header", "joint_names", "transforms", "twist", "wrench"),
-    )
-    parse_frame(floating, f"multi_dof_joint_state of {place}")
-    several = parse_names(floating.get("joint_names"), f"joint_names of {place}")
-    transforms = check_list(floating.get("transforms"), f"transforms of {place}")
-    if len(several) != len(transforms):
-        problem = (
-            f"has {len(several)} joint_names but {len(transforms)} transforms at "
-            f"multi_dof_joint_state of {place}"
-        )
-        raise ContentError(problem, "each joint needs one", "add or remove some")
-    for number, item in enumerate(transforms):
-        here = f"transform {number} of multi_dof_joint_state of {place}"
-        check_identity(
-            item,
-            here,
-            "an arm's base is fixed",
-            "remove it, and pass base_pose= to build_arm_space",
-        )
-    attached = check_list(
-        state.get("attached_collision_objects"), f"attached_collision_objects of {place}"
-    )
-    tables = [
-        check_table(each, f"attached_collision_objects[{number}]")
-        for number, each in enumerate(attached)
-    ]
-    is_diff = parse_flag(state.get("is_diff"), f"is_diff of {place}")
-    return RobotValues(dict(zip(names, values, strict=True)), tables, is_diff)
-
-
-def parse_contacts(value: Any) -> Contacts | None:
-    """Parse an allowed collision matrix; None if it is missing or empty."""
-    place = "allowed_collision_matrix"
-    fields = "entry_names", "entry_values", "default_entry_names", "default_entry_values"
-    table = check_table(value, place, fields)
-    names = parse_names(table.get("entry_names"), f"entry_names of {place}")
-    if len(names) > MAX_NAMES:
-        raise ContentError(
-            f"has {len(names)} names in {place}", f"at most {MAX_NAMES} are read", "remove some"
-        )
-    rows = [
-        _parse_row(row, names, place)
-        for row in check_list(table.get("entry_values"), f"entry_values of {place}")
-    ]
-    if len(rows) != len(names):
-        raise ContentError(
-            f"has {len(rows)} rows but {len(names)} names in {place}", "it is square", "correct it"
-        )
-    matrix = np.array(rows, dtype=np.bool_).reshape(len(names), len(names))
-    if (matrix != matrix.T).any():
-        i, j = np.argwhere(matrix != matrix.T)[0].tolist()
-        problem = f"lets {names[i]!r} touch {names[j]!r}, or not, in {place}"
-        raise ContentError(problem, "it must be symmetric", "make both entries equal")
-    order = sorted(range(len(names)), key=names.__getitem__)
-    entries = {
-        (names[i], names[j]): bool(matrix[i, j])
-        for k, i in enumerate(order)
-        for j in order[k + 1 :]
+_PRIMITIVE: Final = table(
+    {
+        "type": ignored,
+        "dimensions": list_of(parse_number),
+        "polygon": refused("only prisms have one, and they are not read; write another primitive"),
     }
-    default_names = parse_names(table.get("default_entry_names"), f"default_entry_names of {place}")
-    defaults = _parse_row(table.get("default_entry_values"), default_names, place)
-    if not names and not default_names:
-        return None
-    return Contacts(entries, dict(zip(default_names, defaults, strict=True)))
+)
 
 
-def _parse_row(value: Any, names: Sequence[str], place: str) -> list[bool]:
-    """Parse a row of a matrix: a list of booleans, or ROS's table of them."""
-    if isinstance(value, dict):
-        value = check_table(value, f"a row of {place}", ("enabled",)).get("enabled")
-    row = check_list(value, f"a row of {place}")
-    if len(row) != len(names) or not all(isinstance(each, bool) for each in row):
-        problem, rule = (
-            f"has {str(list(row))[:60]} as a row of {place}",
-            f"it must be {len(names)} of true and false",
-        )
-        raise ContentError(problem, rule, "correct it")
-    return list(row)
+def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
+    """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
+    fields = _PRIMITIVE(value, place)
+    kinds = {name: name for name in PRIMITIVES} | {
+        str(number): name for number, name in enumerate(PRIMITIVES, 1)
+    }
+    kind = kinds.get(str(fields["type"]).lower())
+    if kind is None:
+        known = ", ".join(f"{name} ({number})" for number, name in enumerate(PRIMITIVES, 1))
+        raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {known}")
+    names, sizes = PRIMITIVES[kind], fields["dimensions"]
+    # Messages often pad dimensions to three numbers with zeros.
+    used, padding = sizes[: len(names)], sizes[len(names) :]
+    if len(used) < len(names) or any(padding) or min(used) <= 0.0:
+        rule = f"a {kind} has {', '.join(names)}, metres above zero"
+        raise wrong_value(sizes, f"{place}.dimensions", rule)
+    return kind, used
 
 
-def refuse_link_values(value: Any, name: str, field: str, neutral: float, hint: str) -> None:
-    """Raise ContentError if the padding or the scale of a link is not neutral."""
-    for number, item in enumerate(check_list(value, name)):
-        place = f"{name}[{number}]"
-        entry = check_table(item, place, ("link_name", field))
-        given = parse_number(entry.get(field), f"{field} of {place}", neutral)
-        if given != neutral:
-            problem = f"has the {field} {given:g} of {entry.get('link_name')!r} at {place}"
-            raise ContentError(problem, "links keep their size", hint)
+def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -> list[Floats]:
+    """Return the poses of a list of shapes; a single shape needs none."""
+    found: list[Floats] = fields[poses]
+    count = len(fields[items])
+    if not found and count == 1:
+        return [np.eye(4)]
+    if len(found) != count:
+        problem = f"has {count} {items} but {len(found)} {poses} at {place}"
+        raise ContentError(problem, "each needs a pose", "add or remove some")
+    return found
+
+
+# ---- messages ------------------------------------------------------------------------------------
+
+_HEADER: Final = table({"seq": ignored, "stamp": ignored, "frame_id": parse_frame})
+
+_MESH: Final = table(
+    {
+        "triangles": list_of(unwrapped("vertex_indices", list_of(parse_number))),
+        "vertices": list_of(numbers(3)),
+        "resource": optional(parse_name, ""),
+        "dimensions": optional(numbers(3), None),
+    }
+)
+
+_NO_PLANES: Final = refused("a plane has no end; write a box")
+_NO_SUBFRAMES: Final = refused("remove them, and write poses in the planning frame")
+
+_COLLISION_OBJECT: Final = table(
+    {
+        "id": parse_name,
+        "header": _HEADER,
+        "pose": parse_pose,
+        "type": ignored,
+        # ROS 2 prints the number as a byte.
+        "operation": only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
+        "primitives": list_of(parse_primitive),
+        "primitive_poses": list_of(parse_pose),
+        "meshes": list_of(_MESH),
+        "mesh_poses": list_of(parse_pose),
+        "planes": _NO_PLANES,
+        "plane_poses": _NO_PLANES,
+        "subframe_names": _NO_SUBFRAMES,
+        "subframe_poses": _NO_SUBFRAMES,
+    }
+)
+
+_ATTACHED_OBJECT: Final = table(
+    {
+        "link_name": parse_name,
+        "object": _COLLISION_OBJECT,
+        "touch_links": list_of(parse_name),
+        "detach_posture": ignored,
+        "weight": ignored,
+    }
+)
+
+_STATE_FIELDS: Final = {
+    "joint_state": table(
+        {
+            "header": _HEADER,
+            "name": parse_names,
+            "position": list_of(parse_number),
+            "velocity": ignored,
+            "effort": ignored,
+        }
+    ),
+    "multi_dof_joint_state": table(
+        {
+            "header": _HEADER,
+            "joint_names": ignored,
+            "transforms": list_of(parse_identity),
+            "twist": ignored,
+            "wrench": ignored,
+        }
+    ),
+    "attached_collision_objects": list_of(_ATTACHED_OBJECT),
+    "is_diff": only(False, hint="write the whole state"),
+}
+
+_FLAGS: Final = list_of(only(False, True))
+
+_MATRIX: Final = table(
+    {
+        "entry_names": parse_names,
+        "entry_values": list_of(unwrapped("enabled", _FLAGS)),
+        "default_entry_names": parse_names,
+        "default_entry_values": _FLAGS,
+    }
+)
+
+_OCTOMAP: Final = table(
+    {
+        "header": _HEADER,
+        "binary": ignored,
+        "id": ignored,
+        "resolution": ignored,
+        "data": refused("save it as .bt, and read it with Workspace.from_octomap"),
+    }
+)
+
+_FIXED_TRANSFORM: Final = table(
+    {"header": _HEADER, "child_frame_id": ignored, "transform": parse_identity}
+)
+
+_USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
+
+_SCENE: Final = table(
+    {
+        "name": ignored,
+        "robot_model_name": ignored,
+        "object_colors": ignored,
+        "is_diff": only(False, hint="write the whole scene"),
+        "world": table(
+            {
+                "collision_objects": list_of(_COLLISION_OBJECT),
+                "octomap": table({"header": _HEADER, "origin": parse_pose, "octomap": _OCTOMAP}),
+            }
+        ),
+        "robot_state": table(_STATE_FIELDS),
+        "allowed_collision_matrix": _MATRIX,
+        "fixed_frame_transforms": list_of(_FIXED_TRANSFORM),
+        "link_padding": list_of(
+            table({"link_name": ignored, "padding": only(0.0, hint=_USE_PADDING)})
+        ),
+        "link_scale": list_of(table({"link_name": ignored, "scale": only(1.0, hint=_USE_PADDING)})),
+    }
+)
+
+_JOINT_CONSTRAINT: Final = table(
+    {
+        "joint_name": parse_name,
+        "position": parse_number,
+        "tolerance_above": parse_tolerance,
+        "tolerance_below": parse_tolerance,
+        "weight": ignored,
+    }
+)
+
+_REGION: Final = table(
+    {
+        "primitives": list_of(parse_primitive),
+        "primitive_poses": list_of(parse_pose),
+        "meshes": refused("write a box, a sphere or a cylinder"),
+        "mesh_poses": refused("write a box, a sphere or a cylinder"),
+    }
+)
+
+_POSITION_CONSTRAINT: Final = table(
+    {
+        "header": _HEADER,
+        "link_name": parse_name,
+        "target_point_offset": refused("constrain the position of the link's origin"),
+        "constraint_region": _REGION,
+        "weight": ignored,
+    }
+)
+
+_ORIENTATION_CONSTRAINT: Final = table(
+    {
+        "header": _HEADER,
+        "orientation": parse_rotation,
+        "link_name": parse_name,
+        "absolute_x_axis_tolerance": optional(parse_number, 0.0),
+        "absolute_y_axis_tolerance": optional(parse_number, 0.0),
+        "absolute_z_axis_tolerance": optional(parse_number, 0.0),
+        "parameterization": ignored,
+        "weight": ignored,
+    }
+)
+
+_NOT_OBEYED: Final = refused("remove it; plans would not obey it")
+
+_REQUEST: Final = table(
+    {
+        "group_name": parse_frame,
+        "start_state": table(
+            _STATE_FIELDS
+            | {
+                "attached_collision_objects": refused(
+                    "write them as attached_collision_objects of the scene's robot_state"
+                ),
+                "is_diff": ignored,
+            }
+        ),
+        "goal_constraints": list_of(
+            table(
+                {
+                    "name": ignored,
+                    "joint_constraints": list_of(_JOINT_CONSTRAINT),
+                    "position_constraints": list_of(_POSITION_CONSTRAINT),
+                    "orientation_constraints": list_of(_ORIENTATION_CONSTRAINT),
+                    "visibility_constraints": _NOT_OBEYED,
+                }
+            )
+        ),
+        "path_constraints": _NOT_OBEYED,
+        "trajectory_constraints": _NOT_OBEYED,
+        "reference_trajectories": _NOT_OBEYED,
+        "allowed_planning_time": optional(parse_number, 0.0),
+        "workspace_parameters": ignored,
+        "pipeline_id": ignored,
+        "planner_id": ignored,
+        "num_planning_attempts": ignored,
+        "max_velocity_scaling_factor": ignored,
+        "max_acceleration_scaling_factor": ignored,
+        "cartesian_speed_end_effector_link": ignored,
+        "cartesian_speed_limited_link": ignored,
+        "max_cartesian_speed": ignored,
+    }
+)
+
+
+def read_scene_message(path: StrPath) -> dict[str, Any]:
+    """Read the fields of a planning scene, or of its world alone."""
+    content = read_yaml(path, SCENE_KIND)
+    if isinstance(content, dict) and "collision_objects" in content:
+        content = {"world": content}
+    with decoding(path, SCENE_KIND):
+        scene: dict[str, Any] = _SCENE(content, "")
+    return scene
+
+
+def read_request_message(path: StrPath) -> dict[str, Any]:
+    """Read the fields of a motion plan request."""
+    content = read_yaml(path, REQUEST_KIND)
+    with decoding(path, REQUEST_KIND):
+        request: dict[str, Any] = _REQUEST(content, "")
+    return request
+
+
+def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
+    """Return the values of joints in a parsed state of a robot."""
+    names, positions = state["joint_state"]["name"], state["joint_state"]["position"]
+    if len(names) != len(positions):
+        problem = f"has {len(names)} joints but {len(positions)} positions at {place}"
+        raise ContentError(problem, "each joint needs one", "add or remove some")
+    return dict(zip(names, positions, strict=True))
+
+
+def find_frame(frames: set[str]) -> str:
+    """Return the one frame of all poses."""
+    if len(frames) > 1:
+        problem = f"has poses in the frames {', '.join(map(repr, sorted(frames)))}"
+        hint = "write them in the planning frame; an attached object may be in its link's frame"
+        raise ContentError(problem, "they must be in one frame", hint)
+    return next(iter(frames), WORLD)

@@ -1,13 +1,9 @@
-"""Shapes of URDF links and of obstacles in MoveIt planning scenes.
-
-Scenes are YAML, as ROS prints the message or as MotionBenchMaker writes it.
-"""
+"""Shapes of URDF links, and of objects in MoveIt planning scenes."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -25,20 +21,14 @@ from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
 from cspace.files.moveit import (
+    SCENE_KIND,
     WORLD,
-    check_identity,
-    check_list,
-    check_table,
-    parse_flag,
-    parse_frame,
-    parse_name,
-    parse_names,
-    parse_numbers,
-    parse_pose,
-    refuse_link_values,
+    check_poses,
+    find_frame,
+    read_scene_message,
+    wrong_value,
 )
-from cspace.files.plain import read_yaml
-from cspace.files.polygons import join_surfaces, surface_bytes, transform_surface
+from cspace.files.polygons import join_surfaces, transform_surface
 from cspace.files.urdf import (
     GEOMETRIES,
     PackageDirs,
@@ -49,7 +39,6 @@ from cspace.files.urdf import (
     package_folders,
     zero_poses,
 )
-from cspace.limits import check_file_memory
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh, Solid
 from cspace.shapes.shape import (
@@ -159,79 +148,25 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     They are the same object if it is not curved.
     """
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
-    return _SURFACE_MAKERS[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
+    shape, place = getattr(geometry, kind), f"{place}: {kind}"
+    if kind == "mesh":
+        surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place)
+        return surface, surface
+    if kind == "box":
+        sides = check_point(shape.size, f"{place}: size", 3).tolist()
+        surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
+        return surface, surface
+    sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
+    return cylinder_bounds(*sizes) if kind == "cylinder" else capsule_bounds(sizes[0], 0.0)
 
 
-def _make_box_bounds(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
-    """Return the surface of a box of a URDF, twice."""
-    sides = check_point(box.size, f"{place}: size", 3).tolist()
-    surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
-    return surface, surface
-
-
-def _make_mesh_bounds(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
-    """Return the surface of a mesh of a URDF, twice."""
-    scale = check_finite(
-        np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale"
-    )
-    if not scale.all():
-        problem, rule = f"is {scale.tolist()}", "no factor may be zero"
+def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
+    """Read the surface of a mesh, scaled by one factor or three."""
+    factors = check_finite(np.broadcast_to(1.0 if scale is None else scale, 3), f"{place}: scale")
+    if not factors.all():
+        problem, rule = f"is {factors.tolist()}", "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule, "correct it", value=scale)
-    surface = transform_surface(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
-    return surface, surface
-
-
-def _make_curved_bounds(
-    make: Callable[..., BoundsPair],
-    names: Sequence[str],
-    shape: Any,
-    meshes: Mapping[str, Path],
-    place: str,
-) -> BoundsPair:
-    """Make the outer and the inner surface of a curved shape of a URDF.
-
-    ``make`` takes the sizes that ``shape`` has under ``names``. ``meshes`` is unused: makers share
-    one signature.
-    """
-    sizes = (check_positive(getattr(shape, name), f"{place}: {name}") for name in names)
-    return make(*sizes)
-
-
-_SURFACE_MAKERS: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], BoundsPair]]] = {
-    "box": _make_box_bounds,
-    "cylinder": partial(_make_curved_bounds, cylinder_bounds, ("radius", "length")),
-    "sphere": partial(_make_curved_bounds, partial(capsule_bounds, length=0.0), ("radius",)),
-    "mesh": _make_mesh_bounds,
-}
-"""Function that makes the outer and inner surface of each kind of URDF geometry."""
-
-
-SCENE_KIND: Final = "planning scene"
-"""Kind of file, for messages."""
-
-MAX_SHAPES: Final = 10_000
-"""Maximum number of shapes in one scene."""
-
-_OPERATIONS: Final = (None, "", "add", 0, "\0")
-"""Ways to write that an object is added: not at all, as a word, a number, or the byte that ROS 2
-prints."""
-
-_POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses"}
-"""For each list of shapes in a collision object, the list of their poses."""
-
-_REFUSED_FIELDS: Final = {
-    "planes": ("a plane has no end", "write a box"),
-    "plane_poses": ("a plane has no end", "write a box"),
-    "subframe_names": (
-        "frames of objects are not read",
-        "remove them, and write poses in the planning frame",
-    ),
-    "subframe_poses": (
-        "frames of objects are not read",
-        "remove them, and write poses in the planning frame",
-    ),
-}
-"""Fields of a collision object that must be empty: the rule, and the hint."""
+    return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
 
 
 class SceneShape(NamedTuple):
@@ -284,46 +219,25 @@ class SceneContent(NamedTuple):
         Obstacles, in the planning frame.
     attached : list of AttachedShapes
         Objects that the robot carries.
-    table : mapping
-        The message itself.
+    fields : dict
+        The fields of the message.
     """
 
     frame: str
     shapes: list[SceneShape]
     attached: list[AttachedShapes]
-    table: Mapping[str, Any]
-
-
-_SCENE_FIELDS: Final = (
-    *(
-        "name",
-        "robot_state",
-        "robot_model_name",
-        "fixed_frame_transforms",
-        "allowed_collision_matrix",
-    ),
-    *("link_padding", "link_scale", "object_colors", "world", "is_diff"),
-)
-"""Fields of a moveit_msgs/PlanningScene."""
-
-_OBJECT_FIELDS: Final = (
-    *("header", "pose", "id", "type", "operation", *_REFUSED_FIELDS),
-    *(field for pair in _POSE_LISTS.items() for field in pair),
-)
-"""Fields of a moveit_msgs/CollisionObject."""
+    fields: dict[str, Any]
 
 
 def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Shape]:
     """Read the obstacles of a planning scene, in its planning frame.
 
     A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and
-    GeometryError if the scene has no shape.
+    GeometryError if the scene has no obstacle.
     """
     scene = read_scene(path, package_dirs)
     if not scene.shapes:
-        raise GeometryError(
-            os.fspath(path), "holds no shape", "a scene needs one", "pass another file"
-        )
+        raise empty_error(path)
     if scene.attached:
         listed = ", ".join(each.shapes[0].object_id for each in scene.attached)
         warn_user(
@@ -331,6 +245,12 @@ def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Sha
             "use arm.attach"
         )
     return [_transform(each.shape, each.pose) for each in scene.shapes]
+
+
+def empty_error(path: StrPath) -> GeometryError:
+    """Return the error for a scene without shapes."""
+    rule = "a scene needs one"
+    return GeometryError(os.fspath(path), "holds no shape", rule, "pass another file")
 
 
 def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
@@ -348,288 +268,117 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
     a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    content = read_yaml(path, SCENE_KIND)
+    fields = read_scene_message(path)
     with decoding(path, SCENE_KIND):
-        scene = check_table(content, "the file")
-        is_world = "world" not in scene and "collision_objects" in scene
-        scene = {"world": scene} if is_world else check_table(scene, "the scene", _SCENE_FIELDS)
-        if parse_flag(scene.get("is_diff"), "is_diff"):
-            raise ContentError(
-                "has is_diff: true", "it only changes another scene", "write the whole scene"
-            )
-        world = check_table(scene.get("world"), "world", ("collision_objects", "octomap"))
-        state = check_table(scene.get("robot_state"), "robot_state")
-        attached = check_list(state.get("attached_collision_objects"), "attached_collision_objects")
-        if "collision_objects" not in world and not attached:
-            rule = "a planning scene lists its obstacles there"
-            raise ContentError(
-                "has no world.collision_objects",
-                rule,
-                "pass the YAML of a moveit_msgs/PlanningScene",
-            )
-        _refuse_rest(scene, world)
         reader = _Reader(path, folders)
-        objects = check_list(world.get("collision_objects"), "collision_objects")
         frames, shapes = set[str](), list[SceneShape]()
-        for number, item in enumerate(objects):
-            frame, parts = reader.read_object(item, f"collision_objects[{number}]")
-            frames.add(frame)
-            shapes += parts
+        for item in fields["world"]["collision_objects"]:
+            frames.add(item["header"]["frame_id"] or WORLD)
+            shapes += reader.read_object(item)
         carried = [
-            reader.read_attached(item, f"attached_collision_objects[{k}]")
-            for k, item in enumerate(attached)
+            reader.read_attached(item)
+            for item in fields["robot_state"]["attached_collision_objects"]
         ]
         frames |= {each.frame for each in carried if each.frame != each.link}
-        every = [*shapes, *(shape for each in carried for shape in each.shapes)]
-        parse_names([shape.name for shape in every], "the names of shapes")
-        return SceneContent(
-            _find_frame(frames, {shape.object_id for shape in every}), shapes, carried, scene
-        )
-
-
-def _refuse_rest(scene: Mapping[str, Any], world: Mapping[str, Any]) -> None:
-    """Raise ContentError if a scene holds an OctoMap, transforms, or links of another size."""
-    octomap = check_table(world.get("octomap"), "octomap", ("header", "origin", "octomap"))
-    tree = check_table(
-        octomap.get("octomap"), "octomap", ("header", "binary", "id", "resolution", "data")
-    )
-    parse_pose(octomap.get("origin"), "origin of octomap")
-    for entry in (octomap, tree):
-        parse_frame(entry, "octomap")
-    if tree.get("data"):
-        hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
-        raise ContentError("holds an OctoMap", "only collision objects are read", hint)
-    for number, item in enumerate(
-        check_list(scene.get("fixed_frame_transforms"), "fixed_frame_transforms")
-    ):
-        place = f"fixed_frame_transforms[{number}]"
-        entry = check_table(item, place, ("header", "child_frame_id", "transform"))
-        parse_frame(entry, place)
-        hint = "write the objects in the planning frame, e.g. by tf2, and remove the transform"
-        check_identity(
-            entry.get("transform"), f"transform of {place}", "frames are not transformed", hint
-        )
-    hint = "remove link_padding, and pass padding= to build_arm_space"
-    refuse_link_values(scene.get("link_padding"), "link_padding", "padding", 0.0, hint)
-    hint = "remove link_scale, and pass padding= to build_arm_space"
-    refuse_link_values(scene.get("link_scale"), "link_scale", "scale", 1.0, hint)
-
-
-def _find_frame(frames: Set[str], object_ids: Set[str]) -> str:
-    """Return the one frame of all objects."""
-    hint = (
-        "write them in the planning frame; objects may be in the frame of the link that carries "
-        "them"
-    )
-    if len(frames) > 1:
-        problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
-        raise ContentError(problem, "they must be in one frame", hint)
-    frame = next(iter(frames), WORLD)
-    if frame in object_ids:
-        raise ContentError(
-            f"has poses in the frame {frame!r} of an object", "it is not the planning frame", hint
-        )
-    return frame
+        return SceneContent(find_frame(frames), shapes, carried, fields)
 
 
 class _Reader:
     """Maker of the shapes of collision objects."""
 
     def __init__(self, path: StrPath, folders: Sequence[Path]) -> None:
-        self._path, self._folders = path, folders
-        self._meshes: dict[str, Surface] = {}
-        self._ids: set[str] = set()
-        self._count, self._bytes = 0, 0
+        self._path = path
+        self._folders = folders
+        self._names = set[str]()
 
-    def read_object(self, item: Any, place: str) -> tuple[str, list[SceneShape]]:
-        """Return the frame and the shapes of a collision object."""
-        entry = check_table(item, place, _OBJECT_FIELDS)
-        given = entry.get("id")
-        name = (
-            str(given) if type(given) is int else parse_name(given, f"id of {place}")
-        )  # robowflex omits quotes
-        if name in self._ids:
-            problem = f"has the object {name!r} again at {place}"
-            raise ContentError(problem, "ids must differ", "rename or remove one")
-        self._ids.add(name)
+    def read_object(self, item: Mapping[str, Any]) -> list[SceneShape]:
+        """Return the shapes of a collision object."""
+        name = item["id"]
         place = f"object {name!r}"
-        operation = entry.get("operation")
-        operation = operation.lower() if isinstance(operation, str) else operation
-        if type(operation) not in (type(None), str, int) or operation not in _OPERATIONS:
-            problem = f"has the operation {entry['operation']!r} at {place}"
-            raise ContentError(problem, "it must be add (0)", "write the scene as it is")
-        for field, (rule, hint) in _REFUSED_FIELDS.items():
-            if entry.get(field):
-                raise ContentError(f"has {field} at {place}", rule, hint)
-        shapes = list(self._read_shapes(entry, place))
+        shapes = [*self._make_primitives(item, place), *self._make_meshes(item, place)]
         if not shapes:
             rule = "it must have primitives or meshes"
             raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
-        names = (
-            [name] if len(shapes) == 1 else [f"{name}/{number}" for number in range(len(shapes))]
-        )
-        parts = [SceneShape(part, *each, name) for part, each in zip(names, shapes, strict=True)]
-        return parse_frame(entry, place), parts
+        names = [name]
+        if len(shapes) > 1:
+            names = [f"{name}/{number}" for number in range(len(shapes))]
+        for each in {name, *names}:
+            if each in self._names:
+                problem = f"has {each!r} twice"
+                raise ContentError(problem, "ids and names of shapes must differ", "rename one")
+            self._names.add(each)
+        return [
+            SceneShape(each, shape, item["pose"] @ pose, name)
+            for each, (shape, pose) in zip(names, shapes, strict=True)
+        ]
 
-    def read_attached(self, item: Any, place: str) -> AttachedShapes:
+    def read_attached(self, item: Mapping[str, Any]) -> AttachedShapes:
         """Return the shapes of an attached object."""
-        carried = check_table(
-            item, place, ("link_name", "object", "touch_links", "detach_posture", "weight")
-        )
-        link = parse_name(carried.get("link_name"), f"link_name of {place}")
-        entry = check_table(carried.get("object"), f"the object of {place}")
-        if not check_table(entry.get("header"), f"the header of {place}").get("frame_id"):
+        link, carried = item["link_name"], item["object"]
+        frame = carried["header"]["frame_id"]
+        if not frame:
+            problem = f"has no header.frame_id at object {carried['id']!r}"
             rule = "MoveIt and robowflex would take the frame of the world"
-            raise ContentError(f"has no header.frame_id at {place}", rule, f"add it, e.g. {link}")
-        frame, shapes = self.read_object(entry, f"the object of {place}")
-        touch_links = parse_names(carried.get("touch_links"), f"touch_links of {place}")
-        return AttachedShapes(link, frame, touch_links, shapes)
+            raise ContentError(problem, rule, f"add it, e.g. {link}")
+        return AttachedShapes(link, frame, item["touch_links"], self.read_object(carried))
 
-    def _read_shapes(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
-        """Yield the shapes of an object, with their poses."""
-        whole = parse_pose(entry.get("pose"), f"the pose of {place}")
-        makers = {"primitives": self._read_primitive, "meshes": self._read_mesh}
-        for name, poses_name in _POSE_LISTS.items():
-            items = check_list(entry.get(name), f"{name} of {place}")
-            poses = check_list(entry.get(poses_name), f"{poses_name} of {place}")
-            if len(poses) != len(items) and (poses or len(items) > 1):
-                problem = f"has {len(items)} {name} but {len(poses)} {poses_name} at {place}"
-                raise ContentError(problem, "each needs a pose", "add or remove some")
-            for number, item in enumerate(items):
-                self._count += 1
-                if self._count > MAX_SHAPES:
-                    problem = f"holds more than {MAX_SHAPES} shapes"
-                    raise ContentError(problem, "the rest is not read", "split the scene")
-                pose = parse_pose(
-                    poses[number] if poses else None, f"{poses_name}[{number}] of {place}"
-                )
-                yield makers[name](item, f"{name}[{number}] of {place}"), whole @ pose
+    def _make_primitives(
+        self, item: Mapping[str, Any], place: str
+    ) -> Iterator[tuple[Shape, Floats]]:
+        """Yield the primitives of an object as shapes, with their poses."""
+        poses = check_poses(item, "primitives", "primitive_poses", place)
+        for (kind, sizes), pose in zip(item["primitives"], poses, strict=True):
+            yield _PRIMITIVE_MAKERS[kind](*sizes), pose
 
-    def _read_primitive(self, item: Any, place: str) -> Shape:
-        """Return a primitive as a shape."""
-        kind, sizes = parse_primitive(item, place)
-        return _PRIMITIVES[kind][2](*sizes)
-
-    def _read_mesh(self, item: Any, place: str) -> Shape:
-        """Return a mesh as a shape."""
-        table = check_table(item, place, ("triangles", "vertices", "resource", "dimensions"))
-        if table.get("resource") and (table.get("vertices") or table.get("triangles")):
-            raise ContentError(
-                f"has a resource and vertices at {place}", "a mesh has one of them", "remove one"
-            )
-        if table.get("dimensions") is not None and not table.get("resource"):
-            rule = "they scale the mesh of a file"
-            raise ContentError(f"has dimensions without resource at {place}", rule, "remove them")
-        if table.get("resource"):
-            vertices, faces = self._read_mesh_file(table, place)
-        else:
-            vertices, faces = _parse_inline_mesh(table, place)
-        self._bytes += surface_bytes(len(vertices), len(faces))
-        check_file_memory(self._path, "holds meshes", self._bytes)
-        return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}")
-
-    def _read_mesh_file(self, table: Mapping[str, Any], place: str) -> Surface:
-        """Return the surface of a mesh in another file."""
-        name = str(table["resource"])
-        if name not in self._meshes:
-            file = locate_meshes({name: place}, self._path, self._folders)[name]
-            self._meshes[name] = read_mesh(file)
-        scale = np.ones(3)
-        if table.get("dimensions") is not None:
-            scale = parse_numbers(table["dimensions"], 3, f"dimensions of {place}")
-        if not scale.all():
-            problem = f"has the dimensions {scale.tolist()} at {place}"
-            raise ContentError(problem, "no factor may be zero", "correct them")
-        return transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
+    def _make_meshes(self, item: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
+        """Yield the meshes of an object as shapes, with their poses."""
+        poses = check_poses(item, "meshes", "mesh_poses", place)
+        for number, (mesh, pose) in enumerate(zip(item["meshes"], poses, strict=True)):
+            here = f"meshes[{number}] of {place}"
+            is_inline = bool(mesh["vertices"] or mesh["triangles"])
+            if is_inline and (mesh["resource"] or mesh["dimensions"] is not None):
+                problem = f"has vertices and a resource or dimensions at {here}"
+                raise ContentError(problem, "a mesh has one of them", "remove one")
+            if mesh["resource"]:
+                file = locate_meshes({mesh["resource"]: here}, self._path, self._folders)
+                surface = _scale_mesh(file[mesh["resource"]], mesh["dimensions"], here)
+            else:
+                surface = _read_inline_mesh(mesh, here)
+            yield Mesh(*surface, source=f"{os.fspath(self._path)}: {here}"), pose
 
 
-def _parse_inline_mesh(table: Mapping[str, Any], place: str) -> Surface:
+def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
-    points = check_list(table.get("vertices"), f"vertices of {place}")
-    triangles = check_list(table.get("triangles"), f"triangles of {place}")
-    corners = [_parse_triangle(each, place) for each in triangles]
-    vertices = np.array(
-        [parse_numbers(each, 3, f"vertices of {place}") for each in points]
-    ).reshape(-1, 3)
-    for triangle in corners:
-        if len(triangle) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in triangle):
-            problem = (
-                f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
-            )
-            raise ContentError(problem, "vertices count from 0", "correct it")
-    return vertices, np.array(corners, dtype=np.int64).reshape(-1, 3)
+    count = len(mesh["vertices"])
+    for triangle in mesh["triangles"]:
+        if len(triangle) != 3 or not set(triangle) <= set(range(count)):
+            rule = f"it must be three numbers of its {count} vertices, from 0"
+            raise wrong_value(triangle, f"a triangle of {place}", rule)
+    vertices = np.array(mesh["vertices"]).reshape(-1, 3)
+    return vertices, np.array(mesh["triangles"], dtype=np.int64).reshape(-1, 3)
 
 
-def _parse_triangle(item: Any, place: str) -> Sequence[Any]:
-    """Return the corners of a triangle, a list or a ``shape_msgs/MeshTriangle``."""
-    if isinstance(item, dict):
-        item = check_table(item, place, ("vertex_indices",)).get("vertex_indices")
-    return check_list(item, place)
+def _make_curved(bounds: BoundsPair) -> Shape:
+    """Make a curved shape from its outer and inner surface."""
+    outer, inner = bounds
+    return BoundedShape(Mesh.of(outer), Mesh.of(inner))
 
 
-def _make_bounded_shape(
-    make: Callable[[float, float], BoundsPair], height: float, radius: float
-) -> Shape:
-    """Make a solid of revolution from its outer and inner surface."""
-    outer, inner = make(radius, height)
-    return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
-
-
-_BOX: Final = "box", ("x", "y", "z"), lambda *sides: Box.of(sides)
-_SPHERE: Final = "sphere", ("radius",), lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius)
-_CYLINDER: Final = "cylinder", ("height", "radius"), partial(_make_bounded_shape, cylinder_bounds)
-_CONE: Final = "cone", ("height", "radius"), partial(_make_bounded_shape, cone_bounds)
-
-_PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]]]] = {
-    **{kind[0]: kind for kind in (_BOX, _SPHERE, _CYLINDER, _CONE)},
-    **dict(enumerate((_BOX, _SPHERE, _CYLINDER, _CONE), start=1)),
+_PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
+    "box": lambda *sides: Box.of(sides),
+    "sphere": lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius),
+    "cylinder": lambda height, radius: _make_curved(cylinder_bounds(radius, height)),
+    "cone": lambda height, radius: _make_curved(cone_bounds(radius, height)),
 }
-"""Primitives by the name and by the number of their type: name, dimensions in order, and maker."""
-
-
-def parse_primitive(item: Any, place: str) -> tuple[str, list[float]]:
-    """Return the kind of a ``shape_msgs/SolidPrimitive``, and its dimensions in metres.
-
-    Raises ContentError if it is no box, sphere, cylinder or cone, or a dimension is missing or not
-    above zero.
-    """
-    table = check_table(item, place, ("type", "dimensions", "polygon"))
-    if check_table(table.get("polygon"), f"polygon of {place}", ("points",)).get("points"):
-        raise ContentError(
-            f"has a polygon at {place}", "only prisms have one, and they are not read", "remove it"
-        )
-    kind = table.get("type")
-    kind = kind.lower() if isinstance(kind, str) else kind
-    if isinstance(kind, bool) or not isinstance(kind, str | int) or kind not in _PRIMITIVES:
-        known = ", ".join(
-            f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int)
-        )
-        problem = f"has the type {kind!r} at {place}"
-        raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
-    name, sizes, _ = _PRIMITIVES[kind]
-    given = check_list(table.get("dimensions"), f"dimensions of {place}")
-    values = parse_numbers(given, len(given), f"dimensions of {place}")
-    # Messages often pad dimensions to three numbers with zeros.
-    if (
-        len(values) < len(sizes)
-        or values[len(sizes) :].any()
-        or not (values[: len(sizes)] > 0.0).all()
-    ):
-        rule = f"a {name} has {', '.join(sizes)}, metres above zero"
-        raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
-    return name, values[: len(sizes)].tolist()
+"""Function that makes each primitive from its dimensions, metres."""
 
 
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
     if isinstance(shape, BoundedShape):
-        upright = (
-            shape.is_round_about_z
-            and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0))
-            and not pose[:2, 3].any()
+        return BoundedShape(
+            _transform_exact(shape.outer, pose), _transform_exact(shape.inner, pose)
         )
-        outer, inner = _transform_exact(shape.outer, pose), _transform_exact(shape.inner, pose)
-        return BoundedShape(outer, inner, is_round_about_z=bool(upright))
     return _transform_exact(shape.outer, pose)
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 import yourdfpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -285,6 +284,13 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path: Path) -> None:
     assert build_arm_space(none, arm).arm.allowed_collisions == arm.allowed_collisions
 
 
+def test_both_entries_of_the_matrix_must_agree(tmp_path: Path) -> None:
+    matrix = {"entry_names": ["a", "b"], "entry_values": [[True, True], [False, True]]}
+    path = write_scene(tmp_path, make_object("box"), allowed_collision_matrix=matrix)
+    scene = read_moveit_scene(path)
+    assert not scene.may_touch("a", "b") and not scene.may_touch("b", "a")
+
+
 @pytest.mark.parametrize(
     "entry, defaults, expected",
     [
@@ -386,15 +392,15 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
     "more, message",
     (
         {"link_scale": [{"link_name": "fore", "scale": 1.1}]},
-        r"has the scale 1.1 of 'fore' at link_scale\[0\]; links keep their size; remove link_scale",
+        r"has 1.1 as link_scale\[0\].scale; it must be 1.0; remove it",
     ),
     (
         {"link_padding": [{"link_name": "fore", "padding": 0.1}]},
-        r"has the padding 0.1 of 'fore' at link_padding\[0\]; .*, and pass padding= to build_arm_space",
+        r"has 0.1 as link_padding\[0\].padding; .*, and pass padding= to build_arm_space",
     ),
     (
         {"link_padding": [{"link_name": "fore", "padding": "a"}]},
-        r"has a as padding of link_padding\[0\]",
+        r"has 'a' as link_padding\[0\].padding",
     ),
     (
         {"link_padding": [{"name": "fore", "padding": 1}]},
@@ -410,7 +416,7 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
                 }
             ]
         },
-        r"has a motion as transform of fixed_frame_transforms\[0\]; frames are not transformed; write the objects in",
+        r"has a motion as fixed_frame_transforms\[0\].transform; frames are not transformed; remove it",
     ),
     ({"robot_state": {"joints": {}}}, "has the unknown field 'joints' at robot_state"),
     (
@@ -419,11 +425,11 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
     ),
     (
         {"robot_state": {"joint_state": {"name": ["a"], "position": [".nan"]}}},
-        "as positions of robot_state; it must be 1 finite numbers",
+        r"has '.nan' as robot_state.joint_state.position\[0\]; it must be one finite",
     ),
     (
         {"robot_state": joint_state({"a": 1}) | {"joint_state": {"name": ["a", "a"]}}},
-        "has 'a' twice in the joints of",
+        "has 'a' twice in robot_state.joint_state.name",
     ),
     (
         {
@@ -434,7 +440,7 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
                 }
             }
         },
-        "has a motion as transform 0 of multi_dof_joint_state of robot_state; an arm's base is fixed",
+        r"has a motion as robot_state.multi_dof_joint_state.transforms\[0\]; .* base_pose=",
     ),
     (
         {
@@ -448,23 +454,23 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
     ),
     (
         {"robot_state": {"attached_collision_objects": [{"object": make_object("mug")}]}},
-        r"has None as link_name of attached_collision_objects\[0\]; it must be a name",
+        r"has None as .*attached_collision_objects\[0\].link_name; it must be a name",
     ),
     (
         {"robot_state": carry("a", make_object("b", operation=1, **ON_TOOL))},
-        "has the operation 1 at object 'b'; it must be add",
+        "has 1 as .*operation; it must be 'add'",
     ),
     (
         {"robot_state": carry("a", make_object("b", **ON_TOOL), make_object("b", **ON_TOOL))},
-        "has the object 'b' again at the object of attached_collision_objects",
+        "has 'b' twice",
     ),
     (
         {"robot_state": carry("a", make_object("b", operation=True, **ON_TOOL))},
-        "has the operation True at object 'b'",
+        "has True as .*operation",
     ),
     (
         {"robot_state": carry("a", make_object("b"))},
-        r"has no header.frame_id at attached_collision_objects\[0\]; MoveIt and robowflex would take the frame of",
+        r"has no header.frame_id at object 'b'; MoveIt and robowflex would take the frame of",
     ),
     (
         {
@@ -472,60 +478,43 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
                 "tool", make_object("h", **ON_TOOL) | TWO, make_object("h/0", **ON_TOOL)
             )
         },
-        "has 'h/0' twice in the names of shapes; names must differ",
+        "has 'h/0' twice; ids and names of shapes must differ",
     ),
     (
         {"robot_state": carry("tool", make_object("box", **ON_TOOL) | TWO)},
-        "has the object 'box' again at the object of attached_collision_objects",
+        "has 'box(/.)?' twice",
     ),
     (
         {"robot_state": carry("tool", {"id": "b", "planes": [{"coef": [0, 0, 1, 0]}], **ON_TOOL})},
-        "has planes at object 'b'; a plane has no end; write a box",
+        "has .*object.planes; .* a plane has no end; write a box",
     ),
     (
         {"robot_state": carry("a", make_object("b", header={"frame_id": "box"}))},
-        "has objects in the frames 'box', 'world'; they must be in one frame",
+        "has poses in the frames 'box', 'world'; they must be in one frame",
     ),
     (
         {"robot_state": carry("tool", make_object("b", header={"frame_id": "fore"}))},
-        "has objects in the frames 'fore', 'world'; .* may be in the frame of the link that carries them",
+        "has poses in the frames 'fore', 'world'; .* may be in its link's frame",
     ),
     (
         {"robot_state": {"is_diff": True}},
-        "has is_diff: true at robot_state; it only changes another state",
+        "has True as robot_state.is_diff; it must be False; write the whole state",
     ),
     (
         {"robot_state": {"is_diff": "yes please"}},
-        "as is_diff of robot_state; it must be true or false",
-    ),
-    (
-        {
-            "robot_state": {
-                "multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": []}
-            }
-        },
-        "has 1 joint_names but 0 transforms at multi_dof_joint_state of robot_state",
+        "as robot_state.is_diff; it must be False",
     ),
     (
         {"allowed_collision_matrix": {"entry_names": ["a"]}},
-        "has 0 rows but 1 names in allowed_collision_matrix",
-    ),
-    (
-        {
-            "allowed_collision_matrix": {
-                "entry_names": ["a", "b"],
-                "entry_values": [[True, True], [False, True]],
-            }
-        },
-        "lets 'a' touch 'b', or not, in allowed_collision_matrix; it must be symmetric",
+        "has an allowed_collision_matrix of another size than its names",
     ),
     (
         {"allowed_collision_matrix": {"entry_names": ["a"], "entry_values": [["yes please"]]}},
-        r"has \['yes please'\] as a row of allowed_collision_matrix; it must be 1 of true and false",
+        r"has 'yes please' as allowed_collision_matrix.entry_values\[0\]\[0\]; it must be False or True",
     ),
     (
         {"allowed_collision_matrix": {"default_entry_names": ["a"]}},
-        r"has \[\] as a row of allowed_collision_matrix",
+        r"has an allowed_collision_matrix of another size",
     ),
 )
 def test_what_cannot_be_kept_of_a_scene_is_refused(
@@ -619,7 +608,7 @@ def test_unknown_fields_of_any_table_are_refused(tmp_path: Path) -> None:
         changed = json.loads(json.dumps(message))
         reduce(lambda node, key: node[key], place, changed)["zebra"] = 1
         path.write_text(json.dumps(changed))
-        with pytest.raises(FileError, match=r"zebra|finite numbers"):
+        with pytest.raises(FileError, match=r"zebra|finite numbers|polygon; it is not read"):
             read_moveit_scene(path)
 
 
@@ -721,14 +710,6 @@ def test_requests_of_motion_bench_maker_are_planned(tmp_path: Path) -> None:
     )
     assert plan.certified and plan.start.tolist() == [0.0, 0.1]
     assert plan.goal.tolist() == [-1.553916788418684, 0.04659921947761923]
-
-
-@pytest.mark.parametrize("field", ["request", "motion_plan_request"])
-def test_requests_within_larger_messages_are_read(tmp_path: Path, field: str) -> None:
-    path = write_request(tmp_path, joint_goal(elbow=1.0))
-    path.write_text(json.dumps({field: yaml.safe_load(path.read_text()), "planning_options": {}}))
-    request = read_moveit_request(path)
-    assert request.group == "bars" and request.start_state == STATE and request.time_limit is None
 
 
 def test_joint_goals_keep_other_joints_and_move_onto_limits(tmp_path: Path) -> None:
@@ -863,7 +844,7 @@ def test_pose_goals_satisfy_the_constraints(
     try:
         (made,) = read_moveit_request(write_request(tmp_path, goal)).goals
     except FileError as error:
-        assert any(reason in str(error) for reason in ("any pose", "0 position"))
+        assert any(reason in str(error) for reason in ("any pose", "0 pose constraints"))
         return
     assert isinstance(made, PoseGoal)
     rng, (distance, angle) = np.random.default_rng(seed), made.tolerance
@@ -891,89 +872,76 @@ EASY = ((0, 0, 0, 1), (0.1, 0.1, 0.1))
     (
         [joint_goal(elbow=1)],
         {"path_constraints": joint_goal(elbow=1)},
-        "has path_constraints; plans would not obey",
+        "has path_constraints; it is not read; remove it; plans would not obey it",
     ),
     (
         [joint_goal(elbow=1)],
         {"trajectory_constraints": {"constraints": [joint_goal(elbow=1)]}},
-        "has trajectory_constraints; plans would not obey them",
+        "has trajectory_constraints; it is not read",
     ),
-    ([joint_goal(elbow=1)], {"goal": 1}, "has the unknown field 'goal' at the request"),
-    *(
-        (
-            [],
-            {"request": {}, "planning_options": {"planning_scene_diff": diff}},
-            "has changes in planning_options.planning_scene_diff",
-        )
-        for diff in (
-            {"world": {"collision_objects": [{}]}},
-            {"world": {"octomap": {"octomap": {"data": [1]}}}},
-            {"robot_state": joint_state({"a": 1})},
-            {"allowed_collision_matrix": {"entry_names": ["a"]}},
-            {"link_scale": [{}]},
-        )
-    ),
-    ([joint_goal(elbow=1)], {"group_name": [1]}, r"has '\[1\]' as group_name"),
-    ([joint_goal(elbow=1)], {"allowed_planning_time": "a"}, "has a as allowed_planning_time"),
+    ([joint_goal(elbow=1)], {"goal": 1}, "has the unknown field 'goal' at the top"),
+    ([joint_goal(elbow=1)], {"planning_options": {}}, "has the unknown field 'planning_options'"),
+    ([joint_goal(elbow=1)], {"group_name": [1]}, r"has \[1\] as group_name"),
+    ([joint_goal(elbow=1)], {"allowed_planning_time": "a"}, "has 'a' as allowed_planning_time"),
     (
         [joint_goal(elbow=1)],
         {"start_state": {"attached_collision_objects": [{"link_name": "a"}]}},
-        "has attached objects in start_state; an arm space holds them",
+        "has start_state.attached_collision_objects; it is not read",
     ),
     (
         [joint_goal(elbow=1) | pose_goal(SPHERE)],
         {},
-        r"constrains joints and poses at goal_constraints\[0\]",
+        r"has 1 joint and 1 pose constraints at goal_constraints\[0\]",
     ),
-    ([{}], {}, "has 0 position_constraints and 0 orientation_constraints"),
-    ([{"visibility_constraints": [{}]}], {}, "has visibility_constraints"),
+    ([{}], {}, "has 0 joint and 0 pose constraints"),
+    ([{"visibility_constraints": [{}]}], {}, "has .*visibility_constraints; it is not read"),
     ([{"joint_goals": [{}]}], {}, r"has the unknown field 'joint_goals' at goal_constraints\[0\]"),
-    ([joint_goal(elbow=None)], {}, r"has no position at joint_constraints\[0\]"),
-    ([{"joint_constraints": [{"position": 1}]}], {}, "has None as joint_name"),
+    ([joint_goal(elbow=None)], {}, r"has None as .*joint_constraints\[0\].position"),
+    ([{"joint_constraints": [{"position": 1}]}], {}, "has None as .*joint_name"),
     (
         [{"joint_constraints": [{"joint_name": "a", "position": 1, "tolerance_below": -1}]}],
         {},
-        "has the tolerances -1 and 0 at joint_constraints",
+        "has -1 as .*tolerance_below; it may not be negative",
     ),
     (
         [{"position_constraints": pose_goal(SPHERE)["position_constraints"] * 2}],
         {},
-        "has 2 position_constraints and 0 orientation_constraints",
+        "has 2 constraints of tool at",
     ),
     (
         [pose_goal(SPHERE) | pose_goal(None, EASY, link="fore")],
         {},
-        "constrains 'fore' and 'tool' at goal",
+        "has 2 constraints of fore, tool at goal",
     ),
     (
         [pose_goal(SPHERE), pose_goal(SPHERE, frame="map")],
         {},
-        "has goals in the frames 'map', 'world'",
+        "has poses in the frames 'map', 'world'",
     ),
     (
         [pose_goal(("cone", (1, 1), (0, 0, 0)))],
         {},
-        r"has a cone at primitives\[0\] of region of position_constraints",
+        r"has 'cone' as region of goal_constraints\[0\]; it must be one of box, sphere, cylinder",
     ),
-    ([pose_goal(("prism", (1, 1), (0, 0, 0)))], {}, "has the type 'prism' at primitives"),
+    ([pose_goal(("prism", (1, 1), (0, 0, 0)))], {}, "has 'prism' as .*type"),
     (
         [pose_goal(SPHERE, target_point_offset=[1, 0, 0])],
         {},
-        "has a target_point_offset at position_constraints",
+        "has .*target_point_offset; it is not read",
     ),
     (
         [pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))],
         {},
-        "has a tolerance of zero at orientation_constraints",
+        "has a tolerance of zero at goal",
     ),
     ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
     (
         [pose_goal(SPHERE, constraint_region={"meshes": [{}]})],
         {},
-        "has meshes at region of position_constraints",
+        "has .*constraint_region.meshes; it is not read",
     ),
-    ([pose_goal(SPHERE, constraint_region={})], {}, "has 0 primitives and 0 primitive_poses"),
-    ([pose_goal(SPHERE, link="")], {}, "has '' as link_name of position_constraints"),
+    ([pose_goal(SPHERE, constraint_region={})], {}, "has 'nothing' as region of goal"),
+    ([pose_goal(SPHERE, link="")], {}, "has '' as .*link_name"),
 )
 def test_what_a_plan_would_not_obey_is_refused(
     tmp_path: Path, goals: list[Any], more: dict[str, Any], message: str
@@ -982,12 +950,3 @@ def test_what_a_plan_would_not_obey_is_refused(
     with pytest.raises(FileError, match=message) as caught:
         read_moveit_request(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
-
-
-def test_a_request_with_more_goals_than_the_limit_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cspace.arms.moveit.MAX_GOALS", 3)
-    assert len(read_moveit_request(write_request(tmp_path, *[joint_goal(elbow=1)] * 3)).goals) == 3
-    with pytest.raises(FileError, match="has more than 3 goals"):
-        read_moveit_request(write_request(tmp_path, *[joint_goal(elbow=1)] * 4))

@@ -190,18 +190,18 @@ def test_scenes_become_maps_and_arms(tmp_path):
 
 @refusals(
     "ids, expected",
-    (["a", "a/0"], "has 'a/0' twice in the names of shapes; names must differ; remove one"),
-    (["a/1", "a"], "has 'a/1' twice in the names of shapes"),
-    (["a", "a/0", "a/0/1"], "has 'a/0' twice in the names of shapes"),
+    (["a", "a/0"], "has 'a/0' twice; ids and names of shapes must differ; rename one"),
+    (["a/1", "a"], "has 'a/1' twice"),
+    (["a", "a/0", "a/0/1"], "has 'a/0' twice"),
     (
         ["a", "b", "a"],
-        "has the object 'a' again at collision_objects.2.; ids must differ; rename or remove one",
+        "has 'a(/.)?' twice",
     ),
-    ([5, "5"], "has the object '5' again at collision_objects.1."),
-    ([True, "a"], r"has 'True' as id of collision_objects\[0\]; it must be a name"),
-    ([1.5, "a"], r"has '1.5' as id of collision_objects\[0\]"),
-    (["a", None], r"has None as id of collision_objects\[1\]; it must be a name; add it"),
-    (["object 1", ""], r"has '' as id of collision_objects\[1\]"),
+    ([5, "5"], "has '5(/.)?' twice"),
+    ([True, "a"], r"has True as world.collision_objects\[0\].id; it must be a name"),
+    ([1.5, "a"], r"has 1.5 as world.collision_objects\[0\].id"),
+    (["a", None], r"has None as world.collision_objects\[1\].id; it must be a name"),
+    (["object 1", ""], r"has '' as world.collision_objects\[1\].id"),
 )
 def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
     """Give the objects without a slash two shapes."""
@@ -266,7 +266,7 @@ def test_objects_are_read_in_one_frame(tmp_path):
     scene = read_moveit_scene(write_scene(tmp_path, objects[0], fixed_frame_transforms=[identity]))
     assert scene.frame == "table" and list(scene.obstacles) == ["a"]
     with pytest.raises(
-        FileError, match=r"has objects in the frames 'table', 'world'; they must be in one frame"
+        FileError, match=r"has poses in the frames 'table', 'world'; they must be in one frame"
     ):
         read_moveit_scene(write_scene(tmp_path, *objects))
 
@@ -288,106 +288,98 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     "objects, expected",
     (
         [make_primitive("prism", [1, 1])],
-        r"has the type 'prism' at primitives\[0\] of object 'thing'; .* box \(1\), sphere",
+        r"has 'prism' as world.collision_objects\[0\].primitives\[0\].type; .* box \(1\), sphere",
     ),
-    ([make_primitive(5, [1, 1])], r"has the type 5 at"),
-    ([make_primitive(None, [1, 1])], r"has the type None at"),
+    ([make_primitive(5, [1, 1])], r"has 5 as .*primitives\[0\].type"),
+    ([make_primitive(None, [1, 1])], r"has None as .*primitives\[0\].type"),
     (
         [make_primitive("cylinder", [1])],
-        r"has the dimensions \[1.0\] at .*; a cylinder has height, radius",
+        r"has \[1.0\] as .*dimensions; a cylinder has height, radius",
     ),
-    ([make_primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
+    ([make_primitive("cylinder", [1, 0])], r"has \[1.0, 0.0\] as .*dimensions"),
     (
         [make_primitive("sphere", [1, 2])],
-        r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius",
+        r"has \[1.0, 2.0\] as .*dimensions; a sphere has radius",
     ),
     (
         [make_primitive("box", ["a", 1, 1])],
-        r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers",
+        r"has 'a' as .*dimensions\[0\]; it must be one finite number",
     ),
-    ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
+    ([{"id": "a", "primitives": [{"type": 1}]}], r"has \[\] as .*dimensions"),
     (
         [make_primitive("box", [1, 1, 1], {"position": [0, 0]})],
-        r"as position of primitive_poses\[0\] of object 'thing'",
+        r"as .*primitive_poses\[0\].position; it must be 3 finite numbers",
     ),
     (
         [make_primitive("box", [1, 1, 1], {"orientation": {"x": 1}})],
-        r"as orientation of .* 4 finite numbers",
+        r"as .*orientation; it must be 4 finite numbers",
     ),
     (
-        [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [make_pose()]}],
+        [{"id": "a", "primitives": [BOX, BOX], "primitive_poses": [make_pose()]}],
         "has 2 primitives but 1 primitive_poses",
     ),
     ([{"id": "a"}], "has no shape at object 'a'"),
     ([], "holds no shape"),
     (
         [make_primitive("box", [1, 1, 1], operation="move")],
-        "has the operation 'move' at object 'thing'",
+        "has 'move' as .*operation; it must be 'add'",
     ),
     *(
         (
             [make_primitive("box", [1, 1, 1], operation=value)],
-            f"has the operation {re.escape(repr(value))} at obj",
+            f"has {re.escape(repr(value))} as .*operation",
         )
         for value in (True, False, 1.0, "?", 9, [0], 1, "remove", "append")
     ),
     (
-        [make_primitive("box", [1, 1, 1], header={"frame_id": 5})],
-        "has '5' as frame_id of object 'thing'; it must be a",
-    ),
-    (
         [make_primitive("box", [1, 1, 1], subframe_names=["a"], subframe_poses=[make_pose()])],
-        "has subframe_names at object 'thing'; frames of objects are not read; remove them, and write poses in the",
+        r"has world.collision_objects\[0\].subframe_names; it is not read; remove them, and write",
     ),
     (
         [
             make_primitive("box", [1, 1, 1]),
             make_primitive("box", [1, 1, 1], name="b", header={"frame_id": "thing"}),
         ],
-        "has objects in the frames 'thing', 'world'",
-    ),
-    (
-        [make_primitive("box", [1, 1, 1], header={"frame_id": "/thing"})],
-        "has poses in the frame 'thing' of an object; it is not the planning frame",
+        "has poses in the frames 'thing', 'world'",
     ),
     (
         [{"id": "a", "primitives": [BOX | {"polygon": {"points": [[0, 0]]}}]}],
-        "has a polygon at primitives",
+        r"has .*primitives\[0\].polygon; it is not read",
     ),
     (
         [{"id": "a", "planes": [{"coef": [0, 0, 1, 0]}]}],
-        "has planes at object 'a'; a plane has no end; write a box",
+        "has .*planes; it is not read; a plane has no end; write a box",
     ),
     (
         [{"id": "a", "meshes": [{"resource": "x.stl", "vertices": [[0, 0, 0]]}]}],
-        "has a resource and vertices at meshes",
+        "has vertices and a resource or dimensions at meshes",
     ),
     (
-        [{"id": "a", "meshes": [{"vertices": [], "dimensions": [1, 1, 1]}]}],
-        "has dimensions without resource at meshes",
+        [{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "dimensions": [1, 1, 1]}]}],
+        "has vertices and a resource or dimensions at meshes",
     ),
     (
         [make_primitive("box", [1, 1, 1], make_pose((1500, 0, 0)))],
-        "has a position beyond 1000 m at primitive_poses",
+        "has a position beyond 1000 m at .*primitive_poses",
     ),
     (
         [{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}],
-        "of its 1 vertices at meshes",
+        "as a triangle of .* of its 1 vertices",
     ),
     ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
     ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
-    (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
+    (["box"], r"has 'box' as world.collision_objects\[0\]; it must be a table"),
     (
         [{"id": "a", "primitive": [BOX]}],
-        r"has the unknown field 'primitive' at collision_objects\[0\]",
+        r"has the unknown field 'primitive' at world.collision_objects\[0\]",
     ),
     (
         [make_primitive("box", [1, 1, 1], pose={"xyz": [0, 0, 0]})],
-        "unknown field 'xyz' at the pose of object 'thing'",
+        "unknown field 'xyz' at .*pose; the fields are position, orientation",
     ),
     (
         [{"id": "a", "meshes": [{"faces": []}]}],
-        r"unknown field 'faces' at meshes\[0\] of object 'a'",
+        r"unknown field 'faces' at .*meshes\[0\]",
     ),
 )
 def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
@@ -397,42 +389,33 @@ def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
-def test_a_scene_with_more_shapes_than_the_limit_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("cspace.shapes.scenes.MAX_SHAPES", 20)
-    boxes = [make_primitive("box", [1, 1, 1], name=f"b{n}") for n in range(21)]
-    assert len(read_moveit_scene(write_scene(tmp_path, *boxes[:20])).obstacles) == 20
-    with pytest.raises(FileError, match="holds more than 20 shapes"):
-        read_moveit_scene(write_scene(tmp_path, *boxes))
-
-
 @refusals(
     "text, expected",
-    ("world: {}", "has no world.collision_objects"),
     ("[1, 2]", "it must be a table"),
-    ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
+    ("(noname)\n* Box\n", "it must be a table|cannot be read"),
     (
         "world: {collision_objects: [], octomap: {octomap: {data: [1]}}}",
-        r"holds an OctoMap; .* Workspace.from_octomap",
+        r"has world.octomap.octomap.data; .* Workspace.from_octomap",
     ),
     (
         "world: {collision_objects: [], octomap: {data: [1]}}",
-        "has the unknown field 'data' at octomap",
+        "has the unknown field 'data' at world.octomap",
     ),
     (
         "world: {collision_objects: [], octomap: {octomap: {cells: [1]}}}",
-        "has the unknown field 'cells' at octomap",
+        "has the unknown field 'cells' at world.octomap.octomap",
     ),
     (
         "{world: {collision_objects: []}, is_diff: true}",
-        "has is_diff: true; it only changes another scene; write the",
+        "has True as is_diff; it must be False; write the whole scene",
     ),
-    ("{world: {collision_objects: []}, is_diff: 1}", "has 1 as is_diff; it must be true or false"),
+    ("{world: {collision_objects: []}, is_diff: 1}", "has 1 as is_diff; it must be False"),
     (
         "world: {objects: []}",
         "has the unknown field 'objects' at world; the fields are collision_objects, octomap",
     ),
-    ("{world: {collision_objects: []}, worlds: []}", "has the unknown field 'worlds' at the scene"),
-    ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
+    ("{world: {collision_objects: []}, world2: []}", "has the unknown field 'world2' at the top"),
+    ("world: {collision_objects: 3}", "has 3 as world.collision_objects; it must be a list"),
 )
 def test_other_files_are_refused_in_one_line(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"
