@@ -154,13 +154,11 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
 @inlined
 def run_in_grid_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
     """Return True if cells ``first`` to ``last`` along the last axis, all in the grid, are FREE."""
-    # Most runs have one or two cells; processors guess wrong when a loop over those ends.
-    if first <= last and (map_.states[s, i, j, first] | map_.states[s, i, j, last]) != FREE:
-        return False
+    # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
     for k in range(first + 1, last):
         if map_.states[s, i, j, k] != FREE:
             return False
-    return True
+    return bool(first > last or (map_.states[s, i, j, first] | map_.states[s, i, j, last]) == FREE)
 
 
 @kernel
