@@ -53,7 +53,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     """A certified map of a robot's configurations.
 
     :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
-    store. Queries run compiled kernels over the cells through a :class:`Backend`.
+    store.
     """
 
     has_cells = True

@@ -162,7 +162,7 @@ class MapExport:
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
 
-        See :func:`cspace.export.maps.to_xarray`.
+        See :func:`cspace.export.maps.to_xarray`. It needs the extra ``xarray``.
         """
         from cspace.export.maps import to_xarray
 

@@ -7,7 +7,6 @@ J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -61,9 +60,6 @@ more to follow."""
 
 BATCHES_PER_SEARCH: Final = 4
 """Batches of attempts that a further search may take beyond the mean of the searches before it."""
-
-BATCHES_BEFORE_MORE_GOALS: Final = 128
-"""Batches of attempts after which further goals join a search; few searches take so many."""
 
 MAX_VAIN_SEARCHES: Final = 10
 """Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
@@ -191,34 +187,19 @@ class PathSearch:
     ) -> None:
         self._scene, self._scratch, self._end = scene, make_scene_scratch(scene), clock() + seconds
         self._bounds, self._start, self._spans, self._rng = bounds, start, spans, rng
-        self._set_goals(goals)
+        distances = np.linalg.norm(goals - start, axis=1)
+        order = np.argsort(distances)
+        self._goals, self._distances = goals[order], distances[order]  # the nearest first
         self._batches: list[int] = []  # of attempts, used by each search
 
-    def _set_goals(self, goals: Floats) -> None:
-        """Set the goals, the nearest first."""
-        distances = np.linalg.norm(goals - self._start, axis=1)
-        order = np.argsort(distances)
-        self._goals, self._distances = goals[order], distances[order]
-
-    def find(self, straight: bool, find_more: Callable[[], Floats] | None = None) -> Floats:
+    def find(self, straight: bool) -> Floats:
         """Find a path, shape (n, dof); empty if time ends.
 
         The first samples are the endpoints themselves. If ``straight``, it skips waypoints that
-        straight motions do not need. After :data:`BATCHES_BEFORE_MORE_GOALS`, or half the time,
-        ``find_more`` gives further free goals, and the search begins again.
+        straight motions do not need.
         """
-        path = self._goals[:0]
-        if find_more is not None:
-            half_time = 0.5 * (clock() + self._end)
-            path = self._connect_ends(BATCHES_BEFORE_MORE_GOALS, half_time, straight)
-            if not len(path):
-                self._set_goals(np.vstack([self._goals, find_more()]))
-        return path if len(path) else self._connect_ends(math.inf, self._end, straight)
-
-    def _connect_ends(self, max_batches: float, end: float, straight: bool) -> Floats:
-        """Grow two trees until they meet, with the endpoints as first samples."""
         samples = np.vstack([self._goals, self._start])
-        return self._connect(self._goals, samples, math.inf, max_batches, end, straight)
+        return self._connect(self._goals, samples, math.inf, math.inf, straight)
 
     def shorten(self, path: Floats, searches: int | None) -> Floats:
         """Shorten a path by further searches, and by pulling its parts straight.
@@ -240,7 +221,7 @@ class PathSearch:
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
             batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
-            other = self._connect(goals, goals[:0], lengths[-1], batches, self._end, True)
+            other = self._connect(goals, goals[:0], lengths[-1], batches, True)
             if len(other):
                 path = min(path, self._pull(other), key=_length)
             path = self._pull(path)
@@ -253,12 +234,11 @@ class PathSearch:
         samples: Floats,
         length: float,
         max_batches: float,
-        end: float,
         straight: bool,
     ) -> Floats:
-        """Grow two trees until they meet on a path below ``length``, or until ``end``."""
+        """Grow two trees until they meet on a path below ``length``, or until time ends."""
         forest, first, second, batches = _plant_trees(self._start, goals), -1, -1, 0
-        while first < 0 and batches < max_batches and clock() < end:
+        while first < 0 and batches < max_batches and clock() < self._end:
             if len(samples) < TRIES_PER_CLOCK_CHECK:
                 samples = np.concatenate([samples, self._sample(goals, length)])
             used, first, second = grow_trees(self._scene, forest, samples, self._scratch)

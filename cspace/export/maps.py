@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
-from cspace.errors import InputError
+from cspace.errors import InputError, import_optional
 from cspace.export.boundaries import WRITERS, write_boundary
 from cspace.export.images import write_geotiff, write_ros_map
 from cspace.export.vti import write_vti
@@ -120,7 +120,7 @@ def export(
         ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map
         has them, ``inner``, ``unknown`` and ``overlap_counts``. For a robot that turns, each
         rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or
-        ``qx`` to ``qw``, hold the rotations. ``.nc``: netCDF-3 with the variables of
+        ``qx`` to ``qw``, hold the rotations. ``.nc``: netCDF-3, by xarray, with the variables of
         :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane map as a
         GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a
         ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free
@@ -139,6 +139,8 @@ def export(
         applicable.
     FileError
         If the output exists and may not be replaced, or cannot be written.
+    MissingPackageError
+        If netCDF is asked for, and xarray is not installed.
     """
     suffix = check_export(path, contents.grid.dim)
     if suffix in _CELL_WRITERS:
@@ -219,6 +221,11 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         (the ends of the interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw
         angles between the bounds.
 
+    Raises
+    ------
+    MissingPackageError
+        If xarray is not installed.
+
     Notes
     -----
     Arrays are shared with the map, with one exception: if a symmetry of the robot makes some,
@@ -238,8 +245,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     >>> float(one.yaw)
     0.0
     """
-    import xarray
-
+    xarray = import_optional("xarray", "it holds arrays with named axes", "xarray")
     dim, cells = contents.grid.dim, contents.rotations.leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}

@@ -25,6 +25,7 @@ from cspace.errors import FileError, InputError
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.maps import MAP_BUILDERS
+from tests.missing import output_without
 from tests.refusals import refusals
 
 states = hnp.arrays(
@@ -394,6 +395,19 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(
         assert dataset["cell_states"].dims == ("y", "x")
         assert (dataset["cell_states"].values == space.states_at(1.0).T).all()
         assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
+
+
+def test_without_xarray_netcdf_names_the_extra_and_writes_nothing(tmp_path: Path) -> None:
+    code = f"""
+import numpy, cspace
+workspace = cspace.Workspace.from_array(numpy.eye(9, dtype=bool), 0.1)
+try:
+    cspace.build(workspace, cspace.Robot.disc(0.1)).export({str(tmp_path / "map.nc")!r})
+except cspace.MissingPackageError as error:
+    print(error)
+"""
+    assert 'pip install "cspace[xarray]"' in output_without("xarray", code)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
