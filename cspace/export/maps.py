@@ -245,7 +245,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     >>> float(one.yaw)
     0.0
     """
-    xarray = import_optional("xarray", "it holds arrays with named axes", "xarray")
+    package = import_optional("xarray", "it holds arrays with named axes", "xarray")
     dim, cells = contents.grid.dim, contents.rotations.leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
@@ -263,8 +263,9 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
             labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
         )
         place[name] = (axes, array, attributes_of(name, contents.grid))
-    dataset = xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
-    return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))
+    axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
+    made: xarray.Dataset = package.Dataset(variables, coords=labels, attrs=metadata_of(contents))
+    return made.rename(axis_names)
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:

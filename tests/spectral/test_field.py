@@ -162,7 +162,7 @@ def test_overlap_objective_refuses_the_field_of_another_map(
 ) -> None:
     space, overlap = case
     other = OverlapField.of(build(space.workspace, space.robot, rotations=None), overlap)
-    with pytest.raises(InputError, match="another map"):
+    with pytest.raises(InputError, match="no overlap field of this map"):
         planners.OverlapObjective(planners.simple_setup(space).getSpaceInformation(), space, other)
 
 
@@ -285,7 +285,7 @@ def test_overlap_objective_refuses_what_is_no_field() -> None:
     space, overlap = build_scene("plane")
     si = planners.simple_setup(space).getSpaceInformation()
     for wrong in (None, overlap, np.zeros(space.grid.shape)):
-        with pytest.raises(InputError, match=r"field is a .*OverlapField\.of\(space, overlap\)"):
+        with pytest.raises(InputError, match=r"no overlap field of .*OverlapField\.of\(space, overlap\)"):
             planners.OverlapObjective(si, space, wrong)  # type: ignore[arg-type]
 
 
