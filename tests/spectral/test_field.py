@@ -285,7 +285,9 @@ def test_overlap_objective_refuses_what_is_no_field() -> None:
     space, overlap = build_scene("plane")
     si = planners.simple_setup(space).getSpaceInformation()
     for wrong in (None, overlap, np.zeros(space.grid.shape)):
-        with pytest.raises(InputError, match=r"no overlap field of .*OverlapField\.of\(space, overlap\)"):
+        with pytest.raises(
+            InputError, match=r"no overlap field of .*OverlapField\.of\(space, overlap\)"
+        ):
             planners.OverlapObjective(si, space, wrong)  # type: ignore[arg-type]
 
 
