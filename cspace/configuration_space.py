@@ -81,7 +81,7 @@ def rotations_of(axes: Sequence[str]) -> Rotations:
 
 
 class Space(ABC):
-    """A space of configurations that :mod:`planners` searches.
+    """A space of configurations that ``planners`` searches.
 
     Maps and the spaces of arms are such spaces. For a space of your own, write a subclass with
     :attr:`axes`, :attr:`bounds`, :meth:`is_free` and :meth:`motion_is_free`; everything else has a
