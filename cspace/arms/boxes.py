@@ -28,9 +28,9 @@ from cspace.arms.chain import (
     FIXED,
     REVOLUTE,
     Chain,
-    column,
     forward_kinematics,
     pose_rotation,
+    position_of,
     relative_pose,
 )
 from cspace.arms.hulls import joint_displacement
@@ -360,7 +360,7 @@ def box_axes(
             continue
         pose, row = scratch.poses[j], out[count]
         axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
-        origin = rotate_back(frame, minus(column(pose, 3), column(base, 3)))
+        origin = rotate_back(frame, minus(position_of(pose), position_of(base)))
         for k in range(3):
             row[k], row[3 + k] = axis[k], origin[k]
         if chain.kinds[j] == REVOLUTE:

@@ -121,7 +121,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         parent = poses[chain.parents[b]]
         placed = multiply(pose_rotation(parent), columns(frame))
         rotation = multiply(placed, turn)
-        joint = apply_pose(pose_rotation(parent), column(parent, 3), column(frame, 3))
+        joint = apply_pose(pose_rotation(parent), position_of(parent), position_of(frame))
         position = add_scaled(joint, rotate(placed, (x, y, z)), along)
         for i in range(3):
             for j in range(3):
@@ -129,7 +129,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             out[i, 3], out[i, 4], out[i, 5] = position[i], parent[i, 4], parent[i, 5]
         rate = chain.factors[b] * (q1[index] - q0[index])
         u = rotate(pose_rotation(out), (x, y, z))
-        moment = cross(column(out, 3), u)
+        moment = cross(position_of(out), u)
         for i in range(3):
             if chain.kinds[b] == REVOLUTE:
                 out[i, 4] += rate * u[i]
@@ -144,7 +144,7 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
     Returns the rows of the rotation, and the translation.
     """
-    offset = minus(column(pose, 3), column(base_pose, 3))
+    offset = minus(position_of(pose), position_of(base_pose))
     transposed = columns(base_pose)
     return multiply(transposed, columns(pose)), rotate(transposed, offset)
 
@@ -171,9 +171,9 @@ def relative_motion(
 ) -> RelativeMotion:
     """Return the motion of a body as seen from another body."""
     transposed = columns(base_pose)
-    spin = minus(column(pose, 4), column(base_pose, 4))
-    swept = cross(spin, column(base_pose, 3))
-    drift = add_scaled(swept, minus(column(pose, 5), column(base_pose, 5)), 1.0)
+    spin = minus(spin_of(pose), spin_of(base_pose))
+    swept = cross(spin, position_of(base_pose))
+    drift = add_scaled(swept, minus(velocity_of(pose), velocity_of(base_pose)), 1.0)
     matrix, position = relative_pose(pose, base_pose)
     return RelativeMotion(
         matrix,
@@ -194,15 +194,31 @@ def pose_rotation(pose: Floats) -> Matrix:
 
 
 @kernel
-def column(pose: Floats, k: int) -> Row:
-    """Return a column of an array with three rows."""
-    return pose[0, k], pose[1, k], pose[2, k]
+def position_of(pose: Floats) -> Row:
+    """Return the position of a pose."""
+    return pose[0, 3], pose[1, 3], pose[2, 3]
+
+
+@kernel
+def spin_of(pose: Floats) -> Row:
+    """Return the angular velocity of a moving body."""
+    return pose[0, 4], pose[1, 4], pose[2, 4]
+
+
+@kernel
+def velocity_of(pose: Floats) -> Row:
+    """Return the velocity of a body's point at the origin of the base."""
+    return pose[0, 5], pose[1, 5], pose[2, 5]
 
 
 @kernel
 def columns(pose: Floats) -> Matrix:
     """Return the columns of the rotation of a pose, which are the rows of its inverse."""
-    return column(pose, 0), column(pose, 1), column(pose, 2)
+    return (
+        (pose[0, 0], pose[1, 0], pose[2, 0]),
+        (pose[0, 1], pose[1, 1], pose[2, 1]),
+        (pose[0, 2], pose[1, 2], pose[2, 2]),
+    )
 
 
 @kernel

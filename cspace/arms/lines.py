@@ -29,7 +29,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import REVOLUTE, column, forward_kinematics, motion_bounds
+from cspace.arms.chain import (
+    REVOLUTE,
+    forward_kinematics,
+    motion_bounds,
+    position_of,
+    spin_of,
+    velocity_of,
+)
 from cspace.arms.inverse import (
     Branch,
     PoseProblem,
@@ -459,9 +466,9 @@ def bound_deviation(
         forward_kinematics(chain, q0, q1, t, poses)
         write_target(line, start + t * rate, target)
         apart, turned, _ = compare_pose(pose, scratch.pose, scratch.error)
-        point, spin = column(tip, 3), column(poses[last], 4)
-        error = minus(point, column(target, 3))
-        velocity = add_scaled(cross(spin, point), column(poses[last], 5), 1.0)
+        point, spin = position_of(tip), spin_of(poses[last])
+        error = minus(point, position_of(target))
+        velocity = add_scaled(cross(spin, point), velocity_of(poses[last]), 1.0)
         drift = add_scaled(velocity, direction, -rate)
         spin = add_scaled(spin, turning, -rate * line.angle)
         ends = max(norm(add_scaled(error, drift, half)), norm(add_scaled(error, drift, -half)))
