@@ -339,7 +339,12 @@ def tree_slack(
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
-        slack, apart, center = node_slack(hulls, a, b, motion, axes, best)
+        # Boxes suffice for most nodes.
+        slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
+        apart = True
+        if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
+            offset = minus(row_at(hulls.boxes[b], 0), center)
+            slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset)
         if slack > best:
             partial = partial or hulls.nodes[a, 3] + hulls.nodes[b, 3] < 2
             continue
@@ -351,29 +356,17 @@ def tree_slack(
         if apart and motion.half_time > 0.0:
             # The caller halves the motion next unless its central moment is blocked, so test only
             # that now.
-            motion, moves = without_motion(motion), True
+            matrix, position, spin, velocity = motion[:4]
+            motion = RelativeMotion(
+                matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required
+            )
+            moves = True
             continue
         best = min(slack, best - 1e-300) if apart else -math.inf
         if best <= 0.0:
             break
     scratch[1, 0] = 1 if partial else 0
     return min(best, -1e-300) if moves else best
-
-
-@kernel
-def node_slack(
-    hulls: Hulls, a: int, b: int, motion: RelativeMotion, axes: Floats, enough: float
-) -> tuple[float, bool, Row]:
-    """Return the slack of two nodes, by their boxes if these suffice, else by their hulls.
-
-    Also returns whether the nodes are apart at the central moment, and the center of node a.
-    """
-    slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, enough)
-    apart = True
-    if slack <= enough and has_hull(hulls, a) and has_hull(hulls, b):
-        offset = minus(row_at(hulls.boxes[b], 0), center)
-        slack, apart = hull_slack(hulls, a, b, motion, speed, enough, offset)
-    return slack, apart, center
 
 
 @kernel
@@ -464,14 +457,6 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
         arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
         total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
     return total
-
-
-@kernel
-def without_motion(motion: RelativeMotion) -> RelativeMotion:
-    """Return the motion restricted to its central moment, when nothing moves."""
-    return RelativeMotion(
-        motion.matrix, motion.position, motion.spin, motion.velocity, 0.0, 0.0, 0.0, motion.required
-    )
 
 
 @kernel

@@ -262,7 +262,9 @@ def free_fraction(
         pair = scratch[top]
         a, b = pair >> PAIR_SHIFT, pair & NODE_MASK
         box_a, box_b = trees.boxes[a], trees.boxes[b]
-        center, half = place_box(motion, box_a)
+        center = apply_pose(motion.matrix, motion.position, row_at(box_a, 0))
+        x, y, z = box_extent(motion.matrix, row_at(box_a, 3))
+        half = x + motion.required, y + motion.required, z + motion.required
         drift = box_a[6] * motion.angle + motion.drift
         if boxes_stay_apart(center, half, box_b, motion.step, drift, best):
             continue
@@ -301,17 +303,6 @@ def boxes_stay_apart(
         if gap > fraction * (abs(step[k]) + drift):
             return True
     return False
-
-
-@kernel
-def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
-    """Return center and half sides of a posed robot node.
-
-    The box is grown by ``motion.required``.
-    """
-    x, y, z = box_extent(motion.matrix, row_at(box, 3))
-    center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-    return center, (x + motion.required, y + motion.required, z + motion.required)
 
 
 @kernel
