@@ -43,7 +43,7 @@ FILES_WITHOUT_KERNELS: Final = (
     "cspace/__init__.py",  # the version
     "cspace/compiling.py",
     "cspace/arrays.py",
-    "cspace/exact/__init__.py",
+    "cspace/bodies/__init__.py",
     "cspace/grid.py",
     "cspace/rotations/base.py",
 )

@@ -46,7 +46,7 @@ providers._get_local_constants = lambda: providers._local_constants
 
 UNSHARED = (
     "spectral/test_bump.py",
-    "exact/test_triangles.py",
+    "bodies/test_triangles.py",
 )  # they compile no functions that map builds use
 RUN_FIRST = (
     "cli/test_commands.py",

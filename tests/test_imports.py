@@ -23,6 +23,7 @@ ORDER = [
     "cspace.update cspace.tiles",
     "cspace.save",
     "cspace.exact",
+    "cspace.bodies",
     "cspace.map",
     "cspace.engines",
     "cspace.robot cspace.workspace cspace.obstacles",

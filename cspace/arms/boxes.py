@@ -33,7 +33,6 @@ from cspace.arms.chain import (
     position_of,
     relative_pose,
 )
-from cspace.arms.hulls import joint_displacement
 from cspace.arms.proofs import (
     Scene,
     SceneScratch,
@@ -49,9 +48,10 @@ from cspace.arms.proofs import (
 )
 from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
+from cspace.bodies import ADVANCE_FACTOR
+from cspace.bodies.hulls import joint_displacement
+from cspace.bodies.triangles import read_box
 from cspace.compiling import kernel
-from cspace.exact import ADVANCE_FACTOR
-from cspace.exact.triangles import read_box
 from cspace.grid import SLACK
 from cspace.kernels import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
 
@@ -349,7 +349,7 @@ def box_axes(
     """Write the joints that move body a relative to body b.
 
     Returns their number. The rows of ``scratch.axes`` are those of
-    :func:`cspace.arms.hulls.joint_displacement`, in the frame of b. They include the rounding of
+    :func:`cspace.bodies.hulls.joint_displacement`, in the frame of b. They include the rounding of
     points, ``required``.
     """
     base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0

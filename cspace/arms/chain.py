@@ -18,7 +18,7 @@ articulated robots in complex environments", 2005).
 
 *Rounding.* The pose of a body is the product of at most :data:`MAX_BODIES` rotations and
 translations. Each adds less than 2^-48 of the arm's reach, so that a point is off by less than
-2^-42 of that reach: less than a quarter of :data:`cspace.exact.DISTANCE_ROUNDING`. A pose as seen
+2^-42 of that reach: less than a quarter of :data:`cspace.bodies.DISTANCE_ROUNDING`. A pose as seen
 from another body is one more product.
 """
 
@@ -30,8 +30,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.bodies.hulls import RelativeMotion
 from cspace.compiling import kernel
 from cspace.kernels import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
 from cspace.map.batches import as_contiguous

@@ -33,12 +33,12 @@ from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair
 from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace.bodies.triangles import MAX_PENDING_PAIRS
 from cspace.check import check_finite, check_known, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs, ExactQueries
-from cspace.exact.triangles import MAX_PENDING_PAIRS
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents

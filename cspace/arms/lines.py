@@ -50,10 +50,10 @@ from cspace.arms.proofs import Scene, are_free
 from cspace.arms.snapshots import Snapshot
 from cspace.arms.solids import check_rigid
 from cspace.arrays import Floats, Ints, Row, frozen
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.check import check_finite
 from cspace.compiling import kernel
 from cspace.errors import InputError
-from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.kernels import add_scaled, cross, dot, minus, row_at
 from cspace.rotations.base import METRES_PER_RADIAN
 

@@ -6,7 +6,7 @@ Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for s
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
 found early, and in each part the pair that last was not proven.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). If no
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.bodies.hulls`). If no
 boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
 point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
 needed.
@@ -26,12 +26,12 @@ from cspace.arms.chain import (
     relative_motion,
     relative_pose,
 )
-from cspace.arms.hulls import Hulls, joint_displacement, tree_slack
 from cspace.arms.solids import SurfaceTree
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace.bodies.hulls import Hulls, joint_displacement, tree_slack
+from cspace.bodies.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
 from cspace.compiling import kernel
-from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
 from cspace.kernels import (
     apply_pose,
     box_distance,
@@ -153,7 +153,7 @@ class SceneScratch(NamedTuple):
         Pairs known not to contain each other.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see
-        :func:`cspace.arms.hulls.joint_displacement`.
+        :func:`cspace.bodies.hulls.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -320,7 +320,7 @@ def pair_slack(
     enough: float,
     scratch: SceneScratch,
 ) -> float:
-    """Return :func:`cspace.arms.hulls.tree_slack` of a pair, inf if one solid is empty.
+    """Return :func:`cspace.bodies.hulls.tree_slack` of a pair, inf if one solid is empty.
 
     The pair's padding is required in addition. ``bounds`` are the time to either side, the largest
     deviation from the linear motion, and the largest displacement. ``axes`` are the joints of a box
@@ -493,7 +493,7 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, the proof holds in a whole box of configurations; see
-    :func:`cspace.arms.hulls.joint_displacement`.
+    :func:`cspace.bodies.hulls.joint_displacement`.
     """
     solids = scene.solids
     i, j = scene.pairs[n]

@@ -8,12 +8,12 @@ from typing import Final, TypeVar
 import numpy as np
 
 from cspace.arms.chain import Chain
-from cspace.arms.hulls import Hulls, join_roots
 from cspace.arms.proofs import Scene, Solids
 from cspace.arms.solids import PosedShape, Solid, SurfaceTree
 from cspace.arrays import Floats, Ints
-from cspace.exact import DISTANCE_ROUNDING
-from cspace.exact.triangles import Trees
+from cspace.bodies import DISTANCE_ROUNDING
+from cspace.bodies.hulls import Hulls, join_roots
+from cspace.bodies.triangles import Trees
 
 AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
 

@@ -15,12 +15,12 @@ import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import FIXED, body_poses
-from cspace.arms.hulls import node_corners
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
 from cspace.arrays import Floats, Ints
+from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.map.batches import as_contiguous
 from cspace.threads import in_chunks

@@ -13,12 +13,12 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.hulls import Hulls, build_hulls
 from cspace.arrays import Floats, Ints
+from cspace.bodies.hulls import Hulls, build_hulls
+from cspace.bodies.parts import as_triangles, part_anchors
+from cspace.bodies.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
 from cspace.check import check_finite
 from cspace.errors import InputError
-from cspace.exact.boundaries import as_triangles, part_anchors
-from cspace.exact.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import (
     BoundedShape,
@@ -55,7 +55,7 @@ class SurfaceTree(NamedTuple):
         Center and half sides of the box of each node.
     spans : ndarray of int64, shape (m, 2)
         First triangle of each node, and their number; children as in
-        :class:`cspace.exact.triangles.Trees`.
+        :class:`cspace.bodies.triangles.Trees`.
     triangles : ndarray of float64, shape (n, 3, 3)
     windings : ndarray of int64, shape (n,)
         Multiplicity of each triangle.

@@ -13,27 +13,5 @@ line, points move by less. The plane is embedded in space.
 (1e-12) times the largest coordinates of the map, the robot and the configurations. The first term
 covers yaws that wrapping has rounded. The second term covers placing a point (relative 2^-53 a
 step) and measuring a distance, with a factor of fifty to spare. Distances are proven by projections
-onto lines (``cspace/exact/triangles.py``).
-"""
-
-from typing import Final
-
-__all__ = ["ADVANCE_FACTOR", "DISTANCE_ROUNDING", "MAX_DISTANCES_PER_EDGE", "MIN_ADVANCE"]
-
-DISTANCE_ROUNDING: Final = 1e-12
-"""Rounding allowance of a distance, relative to the largest coordinate; more than fifty times the
-true bound."""
-
-
-ADVANCE_FACTOR: Final = 0.999
-"""Fraction of a proven distance by which a proof advances, so that the end of the step is proven
-too."""
-
-
-MAX_DISTANCES_PER_EDGE: Final = 10_000
-"""Distances measured before an edge counts as not proven, because it grazes an obstacle."""
-
-
-MIN_ADVANCE: Final = 2.0**-44
-"""Smallest step along an edge, as a fraction of the edge; a proof that needs smaller steps fails.
+onto lines (``cspace/bodies/triangles.py``).
 """

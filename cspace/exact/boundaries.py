@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
-from cspace.exact import DISTANCE_ROUNDING
+from cspace.arrays import Bools, Floats
+from cspace.bodies import DISTANCE_ROUNDING
 from cspace.grid import Grid
 from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import ExactShape, RoundedSimplices
-from cspace.shapes.bodies import component_labels
 from cspace.workspace import Workspace
 
 CLIP_ROUNDING: Final = 2.0**-48
@@ -118,20 +117,6 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
     return ObstacleBoundary(borders, error)
 
 
-def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
-    """Join pieces into triangles in space.
-
-    Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
-    """
-    simplices, radii = [np.empty((0, 3, 3))], [np.empty(0)]
-    for part in parts:
-        _, corners, dim = part.simplices.shape
-        triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
-        simplices.append(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - dim))))
-        radii.append(part.radii)
-    return RoundedSimplices(np.concatenate(simplices), np.concatenate(radii))
-
-
 def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     """Clip a boundary to the closed box of the grid.
 
@@ -153,32 +138,6 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
             simplices = _clip_to_half_space(simplices, axis, wall, sign)
     return _without_radii(simplices)
-
-
-def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
-    """Sort the vertices of a boundary by connected part.
-
-    Returns the vertices, shape (n, d), and the index of the first vertex of each part.
-    """
-    corners, dim = border.simplices.shape[1:]
-    points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
-    rows = which.reshape(-1, corners)
-    start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
-    labels = component_labels(start, end, len(points))
-    order = np.argsort(labels, kind="stable")
-    return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
-
-
-def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
-    """Return one vertex and the size of each connected part.
-
-    The vertices have shape (n, d); the sizes, in metres, shape (n,).
-    """
-    points, starts = connected_parts(border)
-    if not len(points):
-        return points, np.empty(0)
-    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
-    return points[starts], (high - low).max(axis=1)
 
 
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:

@@ -13,18 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Numbers, Row, States
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace.bodies.parts import as_triangles, connected_parts, part_anchors
+from cspace.bodies.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
 from cspace.compiling import kernel
-from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.exact.boundaries import (
-    ObstacleBoundary,
-    Problem,
-    Proofs,
-    as_triangles,
-    connected_parts,
-    obstacle_boundary,
-    part_anchors,
-)
-from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
+from cspace.exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
 from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous

@@ -28,8 +28,8 @@ REQUEST_KIND: Final = "motion plan request"
 MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
 
-There, rounding is 1e-13 m, less than :data:`cspace.exact.DISTANCE_ROUNDING` at a metre: a pose in a
-far frame may lead back to the arm.
+There, rounding is 1e-13 m, less than :data:`cspace.bodies.DISTANCE_ROUNDING` at a metre: a pose in
+a far frame may lead back to the arm.
 """
 
 MAX_NUMBER: Final = 1e100

@@ -10,9 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
+from cspace.bodies.triangles import build_trees
 from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
-from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
 from cspace.kernels import box_distance, point_segment, point_triangle, row_at
 from cspace.limits import check_memory
@@ -292,7 +292,7 @@ class PieceTree(NamedTuple):
     ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
     two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
     ``boxes`` and ``spans``, shapes (m, 7) and (m, 2), are as in
-    :class:`cspace.exact.triangles.Trees`.
+    :class:`cspace.bodies.triangles.Trees`.
     """
 
     pieces: Floats

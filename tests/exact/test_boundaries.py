@@ -10,7 +10,8 @@ from scipy import ndimage
 
 import cspace
 from cspace import Workspace
-from cspace.exact.boundaries import clip, obstacle_boundary, part_anchors
+from cspace.bodies.parts import part_anchors
+from cspace.exact.boundaries import clip, obstacle_boundary
 from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import RoundedSimplices
 from tests.strategies import seeds, stars

@@ -11,9 +11,9 @@ from numba import njit
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
-from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, node_corners
 from cspace.arms.scenes import make_scene
 from cspace.arms.solids import Solid
+from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, node_corners
 from cspace.shapes import Mesh, Shape
 from tests.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 

@@ -22,7 +22,7 @@ about the center.
 *Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar
 product. With u = 2^-53, it is off by less than 16 u times the coordinates and the length of n,
 which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance
-:data:`cspace.exact.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms.chain` bounds the rounding of
+:data:`cspace.bodies.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms.chain` bounds the rounding of
 poses.
 """
 
@@ -35,8 +35,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.bodies.triangles import Trees, build_boxes, node_maxima
 from cspace.compiling import kernel
-from cspace.exact.triangles import Trees, build_boxes, node_maxima
 from cspace.kernels import (
     THIN,
     add_scaled,

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace.compiling import kernel
-from cspace.exact.triangles import (
+from cspace.bodies.triangles import (
     MAX_PENDING_PAIRS,
     Motion,
     build_boxes,
@@ -20,6 +19,7 @@ from cspace.exact.triangles import (
     crosses,
     free_fraction,
 )
+from cspace.compiling import kernel
 from cspace.shapes import RoundedSimplices
 from tests import solids
 from tests.oracles import cross, dot, minus

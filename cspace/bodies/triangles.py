@@ -21,8 +21,8 @@ a_0)`` is wrong by at most 4 u |n| D (a difference, a product, two sums), and th
 of itself. The difference, the quotient and the radii add three roundings of numbers up to D or the
 radii. The total is below 2^-48 times the sum of D and the radii. Lengths are multiplied by a power
 of two that brings the coordinates to about one, and |n| is at least 2^-300, so underflow is far
-below that. The allowance :data:`cspace.exact.DISTANCE_ROUNDING` is more than fifty times the total,
-including the placing of the corners.
+below that. The allowance :data:`cspace.bodies.DISTANCE_ROUNDING` is more than fifty times the
+total, including the placing of the corners.
 
 If edges are nearly parallel or faces nearly degenerate, rounding loses the shortest vector.
 Distances below 1e-7 of the edge lengths may then count as zero.

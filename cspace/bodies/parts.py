@@ -1,0 +1,51 @@
+"""Connected parts of a body's boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cspace.arrays import Floats, Ints
+from cspace.shapes import RoundedSimplices
+from cspace.shapes.bodies import component_labels
+
+
+def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
+    """Join pieces into triangles in space.
+
+    Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
+    """
+    simplices, radii = [np.empty((0, 3, 3))], [np.empty(0)]
+    for part in parts:
+        _, corners, dim = part.simplices.shape
+        triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
+        simplices.append(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - dim))))
+        radii.append(part.radii)
+    return RoundedSimplices(np.concatenate(simplices), np.concatenate(radii))
+
+
+def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
+    """Sort the vertices of a boundary by connected part.
+
+    Returns the vertices, shape (n, d), and the index of the first vertex of each part.
+    """
+    corners, dim = border.simplices.shape[1:]
+    points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
+    rows = which.reshape(-1, corners)
+    start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
+    labels = component_labels(start, end, len(points))
+    order = np.argsort(labels, kind="stable")
+    return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
+
+
+def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
+    """Return one vertex and the size of each connected part.
+
+    The vertices have shape (n, d); the sizes, in metres, shape (n,).
+    """
+    points, starts = connected_parts(border)
+    if not len(points):
+        return points, np.empty(0)
+    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    return points[starts], (high - low).max(axis=1)
