@@ -1,6 +1,6 @@
 """Solid bodies as trees of triangles, boxes and hulls, and proofs that they stay apart.
 
-The geometry of :mod:`cspace.exact` and of :mod:`cspace.arms`, with the constants of both.
+The geometry of :mod:`cspace.exact` and of ``cspace.arms``, with the constants of both.
 """
 
 from typing import Final
