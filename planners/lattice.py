@@ -141,9 +141,8 @@ class Guide(NamedTuple):
 
     goal: Pose
     headings: Floats  # (h,), yaws
-    costs: NDArray[
-        np.float32
-    ]  # (h, nx, ny), in cells, with the cells of Ground; infinite if unknown
+    costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
+    reached: Ints  # (h, nx, ny), 0 for states that were not reached
     spacing: float  # of the cells
     unreached: float  # metres added to the straight distance of states not reached
 
@@ -250,9 +249,9 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     unreached = math.inf
     if is_car or not reaches_start:
         unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    costs = np.where(progress.previous == 0, np.float32(np.inf), progress.cost)
+    costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
     goal_pose = cast(Pose, endpoints[1])
-    guide = Guide(goal_pose, yaws, costs.reshape(free.shape), grid.spacing, unreached)
+    guide = Guide(goal_pose, yaws, costs, reached, grid.spacing, unreached)
     return guide, reaches_start
 
 
@@ -682,5 +681,8 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
     j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    metres: float = guide.costs[motions.nearest[heading], i, j] * guide.spacing
-    return max(straight, metres) if metres < math.inf else straight + guide.unreached
+    k = motions.nearest[heading]
+    if guide.reached[k, i, j] == 0:
+        return straight + guide.unreached
+    metres: float = guide.costs[k, i, j] * guide.spacing
+    return max(straight, metres)
