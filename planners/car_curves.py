@@ -348,13 +348,22 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
                     source = SEGMENTS[form] - 1 - k if way_back and k < SEGMENTS[form] else k
                     steer, length = STEERING[form, source], arcs[source]
                     if steer != 0:
-                        first = 0.0 if kind == DUBINS else -math.pi
-                        length -= TWO_PI * math.floor((length - first) / TWO_PI)
-                        snap = SNAP_RADIANS if kind == DUBINS and variant == 0 else 0.0
-                        length = 0.0 if length > TWO_PI - snap else length
+                        length = wrap_arc(kind, length, variant == 0)
                     steering[count, k], lengths[count, k] = mirror * steer, sign * length
                 count += 1
     return count
+
+
+@kernel
+def wrap_arc(kind: int, length: float, snaps: bool) -> float:
+    """Wrap an arc into [-pi, pi), or for Dubins into [0, 2 pi).
+
+    If Dubins ``snaps``, an arc just below 2 pi becomes 0.
+    """
+    if kind == REEDS_SHEPP:
+        return length - TWO_PI * math.floor((length + math.pi) / TWO_PI)
+    length -= TWO_PI * math.floor(length / TWO_PI)
+    return 0.0 if snaps and length > TWO_PI - SNAP_RADIANS else length
 
 
 @kernel
@@ -363,7 +372,8 @@ def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
 
     Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8.
     """
-    nothing, quarter = (0.0, 0.0, 0.0, 0.0, 0.0), 0.5 * math.pi
+    nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
+    quarter = 0.5 * math.pi
     if form == 0:
         return (phi, 0.0, 0.0, 0.0, 0.0)
     # Center of the last circle relative to the center of the first circle.

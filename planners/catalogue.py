@@ -135,8 +135,9 @@ def planner_named(
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         hint = f"choose one of {', '.join(planner_names())}"
         hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
-        searches = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
-        rule = f"it must be a geometric planner of the installed OMPL, {searches}"
+        own = "".join(f", {each}" for each in searches if each not in BUILT_IN_SEARCHES)
+        built_in = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
+        rule = f"it must be a geometric planner of the installed OMPL{own}, {built_in}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = cast(PlannerName, known[name.lower()])
     refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {})

@@ -181,9 +181,10 @@ def find_lattice_path(
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
         for level in range(len(CAR_HEADINGS) if is_car else 1):
-            motions = _spot_motions(edges, endpoints)
             if is_car:
                 motions = _car_motions(edges, start, level, guide)
+            else:
+                motions = _spot_motions(edges, endpoints)
             path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
             if len(path):
                 break

@@ -159,7 +159,8 @@ class Trajectory:
         >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
         2.5
         """
-        if getattr(space, "has_poses", True):
+        moves_joints = not getattr(space, "has_poses", True)
+        if not (moves_joints and hasattr(space, "certify_path")):
             rule, hint = "it must be the space of an arm", "use plan.trajectory() on a map"
             raise InputError("space", f"is {space!r}", rule, hint, value=space)
         if not getattr(path, "certified", True):

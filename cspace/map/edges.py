@@ -158,9 +158,10 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
 
 @inlined
 def walk_is_free(map_: Map, s: int, p: Row, q: Row, inside: bool) -> bool:
-    """Return True if a segment touches only FREE cells, of the grid if it is `inside`.
+    """Return True if a segment from `p` to `q`, in cells, touches only FREE cells.
 
-    The segment leads from `p` to `q`, in cells.
+    It lies in the grid if it is `inside`. Otherwise all cells beyond the grid, except those of the
+    exterior box, must be known to be FREE.
     """
     low, high = grid_box(map_) if inside else outer_box(map_, s)
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells

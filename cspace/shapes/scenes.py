@@ -350,8 +350,9 @@ class _Reader:
 def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
     count = len(mesh["vertices"])
+    known = set(range(count))
     for triangle in mesh["triangles"]:
-        if len(triangle) != 3 or not set(triangle) <= set(range(count)):
+        if len(triangle) != 3 or not known.issuperset(triangle):
             rule = f"it must be three numbers of its {count} vertices, from 0"
             raise wrong_value(triangle, f"a triangle of {place}", rule)
     vertices = np.array(mesh["vertices"]).reshape(-1, 3)
