@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cspace import Workspace
-from cspace.arrays import Bools
+from cspace.support.arrays import Bools
 
 
 def boxes(

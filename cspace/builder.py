@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats
-from cspace.check import check_count, check_not_negative, check_word
 from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
     Correlation,
@@ -27,12 +25,14 @@ from cspace.engines.slices import (
 from cspace.errors import InputError, UnitWarning, warn_user
 from cspace.grid import SLACK, Grid
 from cspace.limits import check_memory, map_bytes
-from cspace.map.contents import Contents
-from cspace.map.exterior import OUTSIDES
+from cspace.record.contents import Contents
+from cspace.record.exterior import OUTSIDES
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.words import Method, Outside
+from cspace.support.arrays import Floats
+from cspace.support.check import check_count, check_not_negative, check_word
+from cspace.support.words import Method, Outside
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Ints
-from cspace.check import check_finite, check_points, check_positive, check_real
 from cspace.errors import InputError
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.check import check_finite, check_points, check_positive, check_real
 
 SLACK: Final = 2.0**-26
 """Rounding allowance in cells.

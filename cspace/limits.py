@@ -15,9 +15,9 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-from cspace.arrays import StrPath
 from cspace.errors import FileError, InputError
 from cspace.grid import Grid
+from cspace.support.arrays import StrPath
 
 WORKSPACE_CELL_BYTES: Final = 2
 """Memory for each cell of a workspace: its outer and its inner bitmap."""
@@ -265,7 +265,7 @@ def _check_limit(
     """Raise FileError if a value exceeds a limit of files."""
     if size > getattr(_LIMITS.get(), limit):
         hint = (
-            f"raise it with cspace.limits.raised_limits({limit}={size}), if the file is meant to "
+            f"raise it with cspace.raised_limits({limit}={size}), if the file is meant to "
             "be so large"
         )
         raise FileError(

@@ -18,13 +18,13 @@ from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from cspace.arrays import Bools, Box, Ints
-from cspace.check import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.files.access import decoding
 from cspace.files.zarr_folders import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
+from cspace.support.arrays import Bools, Box, Ints
+from cspace.support.check import check_cells, check_dims
 
 _LAZY_PACKAGES: Final = frozenset({"dask", "zarr"})
 """Packages whose arrays read their values when they are indexed."""

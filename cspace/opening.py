@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cspace.arrays import StrPath
 from cspace.errors import FileError
 from cspace.files.access import inspect_path, suggest_name
-from cspace.save import TILES_FORMAT, making_map, read_format, read_map
+from cspace.record.save import TILES_FORMAT, making_map, read_format, read_map
 from cspace.space import CSpace
+from cspace.support.arrays import StrPath
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import ArrayLike
 
-from cspace.arrays import StrPath, Surface
-from cspace.check import check_not_negative, check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix
 from cspace.grid import check_reach
@@ -30,6 +28,8 @@ from cspace.shapes import (
     primitives,
     shape_from_spec,
 )
+from cspace.support.arrays import StrPath, Surface
+from cspace.support.check import check_not_negative, check_positive
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -14,8 +14,33 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
-from cspace.check import (
+from cspace.engines.slices import slice_rasters
+from cspace.errors import ConfigurationError, InputError
+from cspace.interface import Endpoint, SearchOptions, Split
+from cspace.limits import check_memory
+from cspace.maps import ConfigurationMap, Result
+from cspace.methods import MapExport
+from cspace.queries.batches import (
+    MIN_EDGES_PER_THREAD,
+    Configuration,
+    as_contiguous,
+    evaluate,
+    write_in_threads,
+)
+from cspace.queries.callbacks import NOT_USABLE
+from cspace.raster import Raster
+from cspace.record.cells import Map, make_record
+from cspace.record.contents import Contents
+from cspace.record.exterior import UNKNOWN, Exterior
+from cspace.record.states import (
+    check_bytes,
+    count_states,
+    read_only,
+)
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
+from cspace.shapes import Shape, ShapeLike, as_shape
+from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
+from cspace.support.check import (
     check_count,
     check_finite,
     check_flag,
@@ -24,45 +49,20 @@ from cspace.check import (
     check_rng,
     check_rows,
 )
-from cspace.compiling import clock
-from cspace.configuration_map import ConfigurationMap, Result
-from cspace.configuration_space import Endpoint, SearchOptions, Split
-from cspace.engines.slices import slice_rasters
-from cspace.errors import ConfigurationError, InputError
-from cspace.limits import check_memory
-from cspace.map.batches import (
-    MIN_EDGES_PER_THREAD,
-    Configuration,
-    as_contiguous,
-    evaluate,
-    write_in_threads,
-)
-from cspace.map.callbacks import NOT_USABLE
-from cspace.map.contents import Contents
-from cspace.map.derived import derived, lazy
-from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.record import Map, make_record
-from cspace.map.storage import (
-    check_bytes,
-    count_states,
-    read_only,
-)
-from cspace.raster import Raster
-from cspace.rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
-from cspace.shapes import Shape, ShapeLike, as_shape
-from cspace.shown import MapExport
+from cspace.support.compiling import clock
+from cspace.support.derived import derived, lazy
 from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
     from cspace.exact.proofs import ExactQueries
-    from cspace.map.components import Components
-    from cspace.map.distance import DistanceMap, Distances
-    from cspace.map.overlaps import RobotRows
-    from cspace.map.sampling import FreeCells
-    from cspace.map.search import Costs
     from cspace.obstacles import ObstacleLayers
-    from cspace.update import Update, Updater
+    from cspace.queries.components import Components
+    from cspace.queries.distance import DistanceMap, Distances
+    from cspace.queries.overlaps import RobotRows
+    from cspace.queries.sampling import FreeCells
+    from cspace.queries.search import Costs
+    from cspace.record.update import Update, Updater
 
 
 class CSpace(ConfigurationMap, MapExport):
@@ -404,7 +404,7 @@ class CSpace(ConfigurationMap, MapExport):
         callable
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
-        from cspace.map.distance import clearance_checker
+        from cspace.queries.distance import clearance_checker
 
         return clearance_checker(self._kernel_map, self._distances, self.size)
 
@@ -548,7 +548,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Raises TimeoutError if time runs out before any is found.
         """
-        from cspace.map.paths import in_time, path_length, pulled_straight
+        from cspace.queries.paths import in_time, path_length, pulled_straight
 
         endpoints = np.stack(
             [self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -571,8 +571,8 @@ class CSpace(ConfigurationMap, MapExport):
     def _path_through_mixed(
         self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
     ) -> Floats:
-        """Return the path of :class:`cspace.map.undecided.Undecided`; edges pass ``check``."""
-        from cspace.map.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
+        """Return the path of :class:`cspace.queries.undecided.Undecided`; edges pass ``check``."""
+        from cspace.queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
         check_bytes(UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations))
         # One array for each rotation cell, because geometry decides each on its own.
@@ -600,8 +600,8 @@ class CSpace(ConfigurationMap, MapExport):
         It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
         of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
         """
-        from cspace.map.paths import in_time, pulled_straight, waypoints
-        from cspace.map.search import NO_FACTORS, find_chain
+        from cspace.queries.paths import in_time, pulled_straight, waypoints
+        from cspace.queries.search import NO_FACTORS, find_chain
 
         dim, rotations = self.grid.dim, self.rotations
         until = clock() + seconds
@@ -640,7 +640,7 @@ class CSpace(ConfigurationMap, MapExport):
         increase. ``cost`` integrates it along an edge, given by the coordinates of two
         configurations.
         """
-        from cspace.map.paths import edge_costs, in_time, pulled_straight
+        from cspace.queries.paths import edge_costs, in_time, pulled_straight
 
         endpoints = np.stack(
             [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -664,9 +664,9 @@ class CSpace(ConfigurationMap, MapExport):
         """Bound the length of every collision-free path between two configurations from below.
 
         A point that is BLOCKED at all rotations is on no path, within the grid or outside. The
-        bound is that of ``cspace/map/lower_bound.py``: in the plane, within 3 % and two cells of
-        the shortest path among the other points. In space, it is the largest of three such bounds,
-        of projections along each axis, extended by the difference along that axis. Rotations count
+        bound is that of ``cspace/queries/lower_bound.py``: in the plane, within 3 % and two cells
+        of the shortest path among the other points. In space, it is the largest of three such
+        bounds, of projections along each axis, extended by the difference along that axis. Rotations count
         nothing.
 
         Parameters
@@ -686,7 +686,7 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If a configuration is not in the grid.
         """
-        from cspace.map.lower_bound import min_length
+        from cspace.queries.lower_bound import min_length
 
         grid, endpoints = (
             self.grid,
@@ -749,7 +749,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
-        from cspace.map.widest import WidthMap, find_widest_path
+        from cspace.queries.widest import WidthMap, find_widest_path
 
         endpoints = np.stack(
             [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -767,7 +767,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Raise InputError if a search does not fit into memory.
         """
-        from cspace.map.widest import SEARCH_BYTES_PER_CELL
+        from cspace.queries.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search it by clearance,", self.grid)
@@ -801,7 +801,7 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
-        from cspace.map.sampling import sample
+        from cspace.queries.sampling import sample
 
         count = 1 if n is None else check_count(n, "n")
         generator = check_rng(rng)
@@ -830,7 +830,7 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If the map has no FREE cell.
         """
-        from cspace.map.sampling import nearest
+        from cspace.queries.sampling import nearest
 
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
@@ -910,7 +910,7 @@ class CSpace(ConfigurationMap, MapExport):
         >>> space.is_free([2.0, 1.5])
         False
         """
-        from cspace.update import Patch
+        from cspace.record.update import Patch
 
         self._check_whole()
         patch = Patch.of(self.grid, cells, lower, inner)
@@ -1032,7 +1032,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _updates(self) -> Updater:
         """Updater of the states."""
-        from cspace.update import Updater
+        from cspace.record.update import Updater
 
         return Updater(
             self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
@@ -1074,7 +1074,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         It is that of one slice, or the largest of all slices.
         """
-        from cspace.map.distance import ROUNDING_FACTOR
+        from cspace.queries.distance import ROUNDING_FACTOR
 
         if number is None:
             cells: Distances = self._distances.array().max(axis=0)
@@ -1142,7 +1142,7 @@ class CSpace(ConfigurationMap, MapExport):
     @derived
     def _components(self) -> Components:
         """Connected components of the map."""
-        from cspace.map.components import Components
+        from cspace.queries.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
         return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
@@ -1150,7 +1150,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
-        from cspace.map.distance import BYTES_PER_CELL, DistanceMap
+        from cspace.queries.distance import BYTES_PER_CELL, DistanceMap
 
         needed = BYTES_PER_CELL * self._seen.size
         check_memory(needed, "the map, with the clearance of its cells,", self.grid)
@@ -1159,56 +1159,56 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def _robot_rows(self) -> RobotRows:
         """Rows of the outer rasters, for overlap counts."""
-        from cspace.map.overlaps import RobotRows
+        from cspace.queries.overlaps import RobotRows
 
         return RobotRows.of([outer for outer, _ in self._rasters])
 
     @derived
     def _outer_sums(self) -> NDArray[np.int32]:
         """Running counts of the outer cells, for overlap counts."""
-        from cspace.map.overlaps import sum_columns
+        from cspace.queries.overlaps import sum_columns
 
         return sum_columns(self.workspace.outer)
 
     @derived
     def _inner_sums(self) -> NDArray[np.int32]:
         """Running counts of the inner cells, for overlap counts."""
-        from cspace.map.overlaps import sum_columns
+        from cspace.queries.overlaps import sum_columns
 
         return sum_columns(self.workspace.inner)
 
     @derived
     def _free_cells(self) -> FreeCells:
         """FREE cells, for sampling."""
-        from cspace.map.sampling import FreeCells
+        from cspace.queries.sampling import FreeCells
 
         return FreeCells(self._seen)
 
     @lazy
     def _turn_costs(self) -> Floats:
         """Cost of rotating to neighboring rotation cells, in cells."""
-        from cspace.map.search import turn_costs
+        from cspace.queries.search import turn_costs
 
         return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
 
     @lazy
     def _look_up_state(self) -> Callable[..., int]:
         """Look-up of one configuration's state."""
-        from cspace.map.callbacks import state_lookup
+        from cspace.queries.callbacks import state_lookup
 
         return state_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_place(self) -> Callable[..., int]:
         """Look-up of the cell of one configuration."""
-        from cspace.map.callbacks import place_lookup
+        from cspace.queries.callbacks import place_lookup
 
         return place_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
         """Look-up of one motion."""
-        from cspace.map.callbacks import motion_lookup
+        from cspace.queries.callbacks import motion_lookup
 
         return motion_lookup(self._kernel_map, self.size)
 
@@ -1231,7 +1231,7 @@ class CSpace(ConfigurationMap, MapExport):
             return work()
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        from cspace.map.points import classify
+        from cspace.queries.points import classify
 
         return write_in_threads(partial(classify, self._kernel_map), rows, out)
 
@@ -1241,14 +1241,14 @@ class CSpace(ConfigurationMap, MapExport):
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        from cspace.map.edges import edges_are_free
+        from cspace.queries.edges import edges_are_free
 
         kernel = self._exact.edges if exact else edges_are_free
         write = partial(kernel, self._kernel_map)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        from cspace.map.points import boxes_are_free
+        from cspace.queries.points import boxes_are_free
 
         return write_in_threads(
             partial(boxes_are_free, self._kernel_map, distance, angle), rows, out
@@ -1256,7 +1256,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         """Write clearances; compute the distances of the slices of the rows first."""
-        from cspace.map.distance import clearances
+        from cspace.queries.distance import clearances
 
         table = self._distances.known
         if table is None:
@@ -1269,7 +1269,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the overlaps of the robot with outer or inner cells."""
-        from cspace.map.overlaps import count_overlaps
+        from cspace.queries.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, StrPath, frozen
-from cspace.check import check_bounds, check_cells, check_finite, check_positive, check_word
 from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid
 from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
+from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
-from cspace.shown import WorkspacePlot
+from cspace.support.arrays import Bools, Floats, StrPath, frozen
+from cspace.support.check import check_bounds, check_cells, check_finite, check_positive, check_word
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -10,11 +10,11 @@ import numpy as np
 from ompl import base as ob
 from ompl import util as ou
 
-from cspace.check import check_rng
-from cspace.configuration_space import Space
 from cspace.errors import InputError
+from cspace.interface import Space
 from cspace.space import CSpace
-from cspace.words import Drive
+from cspace.support.check import check_rng
+from cspace.support.words import Drive
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 

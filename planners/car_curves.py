@@ -17,11 +17,11 @@ import math
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
-from cspace.compiling import allocating, kernel
-from cspace.map.points import around_is_free, position_in_plane
-from cspace.map.record import Map
+from cspace.queries.points import around_is_free, position_in_plane
+from cspace.record.cells import Map
 from cspace.rotations.base import TWO_PI
+from cspace.support.arrays import Floats, Ints
+from cspace.support.compiling import allocating, kernel
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]

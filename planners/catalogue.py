@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from cspace.errors import InputError
-from cspace.words import Drive
+from cspace.support.words import Drive
 
 PlannerName: TypeAlias = Literal[
     "BFMT",

@@ -8,15 +8,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Numbers, Row
-from cspace.compiling import kernel
-from cspace.map.callbacks import MAX_SIZE, bind_kernel, configuration_before
-from cspace.map.distance import DistanceMap, DistanceTable, clearance_at
-from cspace.map.edges import position_along
-from cspace.map.record import Map
+from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace.queries.distance import DistanceMap, DistanceTable, clearance_at
+from cspace.queries.edges import position_along
+from cspace.record.cells import Map
 from cspace.rotations.lookup import arc_angle_and_error, rotation_along
 from cspace.space import CSpace
 from cspace.spectral.field import field_at
+from cspace.support.arrays import Floats, Numbers, Row
+from cspace.support.compiling import kernel
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none

@@ -24,14 +24,14 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace.compiling import clock, kernel
-from cspace.map.edges import edge_is_free
-from cspace.map.paths import MAX_SHORTENING_SECONDS, pulled_straight
-from cspace.map.points import position_in_plane
-from cspace.map.record import Map
-from cspace.map.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
+from cspace.queries.edges import edge_is_free
+from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
+from cspace.queries.points import position_in_plane
+from cspace.queries.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
+from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.support.compiling import clock, kernel
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
 from planners.local_planner import Endpoints, LocalPlanner
 

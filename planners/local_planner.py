@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from cspace.arrays import MIXED, Bools, Floats, Ints
-from cspace.check import check_flag, check_positive, check_word
-from cspace.configuration_space import Endpoint, Pieces, Space
 from cspace.errors import InputError
-from cspace.map.callbacks import bind_kernel
+from cspace.interface import Endpoint, Pieces, Space
+from cspace.queries.callbacks import bind_kernel
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.space import CSpace
-from cspace.words import Drive
+from cspace.support.arrays import MIXED, Bools, Floats, Ints
+from cspace.support.check import check_flag, check_positive, check_word
+from cspace.support.words import Drive
 from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
 from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
 from planners.states import check_space, kind_of, with_wrapped_angles

@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 from ompl import base as ob
 
-from cspace.arrays import FREE, Floats
-from cspace.check import check_not_negative, check_positive
-from cspace.configuration_space import Space
 from cspace.errors import InputError
-from cspace.map.distance import Distances
+from cspace.interface import Space
+from cspace.queries.distance import Distances
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
-from cspace.words import Drive
+from cspace.support.arrays import FREE, Floats
+from cspace.support.check import check_not_negative, check_positive
+from cspace.support.words import Drive
 from planners.integrals import CostDensity, Field, make_edge_cost
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of

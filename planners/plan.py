@@ -13,19 +13,19 @@ from typing import Any, Final, NamedTuple, NoReturn, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats
-from cspace.check import check_count, check_flag, check_positive
-from cspace.compiling import clock
-from cspace.configuration_space import (
+from cspace.errors import InputError
+from cspace.interface import (
     GoalLike,
     SearchOptions,
     Space,
     Subproblem,
     format_configuration,
 )
-from cspace.errors import InputError
 from cspace.rotations.base import TWO_PI
-from cspace.words import Drive
+from cspace.support.arrays import Floats
+from cspace.support.check import check_count, check_flag, check_positive
+from cspace.support.compiling import clock
+from cspace.support.words import Drive
 from planners.catalogue import (
     BIRRT,
     GRID,

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats
-from cspace.configuration_space import Space, format_configuration, has_pose_names
 from cspace.errors import InputError
 from cspace.files.access import replacing
+from cspace.interface import Space, format_configuration, has_pose_names
 from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.words import Drive
+from cspace.support.arrays import Bools, Floats
+from cspace.support.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
 from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv

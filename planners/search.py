@@ -20,9 +20,9 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace.arrays import Floats
-from cspace.compiling import clock
-from cspace.map.paths import pulled_straight
+from cspace.queries.paths import pulled_straight
+from cspace.support.arrays import Floats
+from cspace.support.compiling import clock
 from planners.catalogue import (
     BIDIRECTIONAL_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,

@@ -10,10 +10,10 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace.check import check_rng
-from cspace.configuration_space import Space
 from cspace.errors import InputError
-from cspace.words import Drive
+from cspace.interface import Space
+from cspace.support.check import check_rng
+from cspace.support.words import Drive
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 from planners.states import kind_of

@@ -9,10 +9,10 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from ompl import base as ob
 
-from cspace.arrays import Floats
-from cspace.configuration_space import Space
 from cspace.errors import InputError
+from cspace.interface import Space
 from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
+from cspace.support.arrays import Floats
 
 Configuration = tuple[float, ...]
 """Numbers of a configuration."""

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Ints, frozen
-from cspace.check import check_finite, check_positive
-from cspace.configuration_space import ConfigurationSpace, Space, rotations_of
 from cspace.errors import InputError
 from cspace.files.access import replacing
+from cspace.interface import ConfigurationSpace, Space, rotations_of
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
 from cspace.rotations.quaternion import multiply
-from cspace.words import Drive
+from cspace.support.arrays import Bools, Floats, Ints, frozen
+from cspace.support.check import check_finite, check_positive
+from cspace.support.words import Drive
 from planners.local_planner import CURVES, HOLONOMIC, CarCurves
 
 if TYPE_CHECKING:

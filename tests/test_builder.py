@@ -20,11 +20,11 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations.base import TWO_PI
-from tests.handmade import fill_boxes
-from tests.oracles import overlaps_by_shifts
-from tests.refusals import refusals
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.oracles import overlaps_by_shifts
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import L_SHAPE, exteriors, robots, seeds, solid_robots, stars
 from tests.soak.plane import place_polygon
-from tests.strategies import L_SHAPE, exteriors, robots, seeds, solid_robots, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""

@@ -19,12 +19,12 @@ import pytest
 import zarr
 from PIL import Image
 
-from cspace.demo import write_inputs
+from cspace.cli.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot.picture import save_figure
 from planners import Plan, plan
-from tests.commands import run
-from tests.repository import ROOT, SOURCES
+from tests.helpers.commands import run
+from tests.helpers.repository import ROOT, SOURCES
 from tests.test_imports import ROOM_LEVELS
 
 CODE_BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)

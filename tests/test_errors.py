@@ -7,7 +7,7 @@ import cspace
 import planners
 from cspace import InputError, Robot, Workspace
 from cspace.errors import MAX_PROBLEM_CHARACTERS
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 NO_OBSTACLES = np.zeros((40, 30), dtype=bool)
 MANY_POINTS = np.random.default_rng(0).random((3000, 2)).tolist()

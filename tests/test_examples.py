@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.repository import ROOT
+from tests.helpers.repository import ROOT
 
 EXAMPLE_SCRIPTS = sorted(
     file for folder in ("examples", "tutorials") for file in (ROOT / folder).glob("*.py")

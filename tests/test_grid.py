@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, InputError
-from cspace.check import check_count, check_word
-from tests.refusals import refusals
+from cspace.support.check import check_count, check_word
+from tests.helpers.refusals import refusals
 
 
 def test_a_grid_stores_plain_immutable_values():

@@ -25,9 +25,9 @@ import planners
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
-from cspace.save import MAP_SUFFIXES
-from tests.commands import run
-from tests.repository import ROOT
+from cspace.record.save import MAP_SUFFIXES
+from tests.helpers.commands import run
+from tests.helpers.repository import ROOT
 from tests.soak import files as soak
 
 DOCS = ROOT / "docs"

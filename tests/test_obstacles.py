@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace, update
+from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
+from cspace.record import update
 from cspace.shapes import Box, Shape, as_shape
-from tests import solids
-from tests.maps import proven_paths
-from tests.refusals import refusals
-from tests.soak.plane import place_polygon
-from tests.updates import (
+from tests.helpers import solids
+from tests.helpers.maps import proven_paths
+from tests.helpers.refusals import refusals
+from tests.helpers.updates import (
     OBSTACLE,
     SPACING,
     World,
@@ -31,7 +31,8 @@ from tests.updates import (
     checkers,
     worlds,
 )
-from tests.waiting import write_while_querying
+from tests.helpers.waiting import write_while_querying
+from tests.soak.plane import place_polygon
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 

@@ -6,8 +6,8 @@ import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
 from cspace.shapes import as_shape
-from tests.mesh_files import TETRAHEDRON
-from tests.refusals import refusals
+from tests.helpers.mesh_files import TETRAHEDRON
+from tests.helpers.refusals import refusals
 
 UNIT_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 

@@ -14,11 +14,11 @@ import pytest
 import cspace
 import planners
 from cspace.engines import ENGINES, METHODS
-from cspace.map.exterior import OUTSIDES
-from cspace.words import Drive, Method, Outside
+from cspace.record.exterior import OUTSIDES
+from cspace.support.words import Drive, Method, Outside
 from planners.catalogue import BUILT_IN_SEARCHES, PlannerName
 from planners.local_planner import CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT
-from tests.repository import SOURCES
+from tests.helpers.repository import SOURCES
 
 TYPES = {"drive": "Drive", "planner": "PlannerName", "method": "Method", "outside": "Outside"}
 """Types of arguments, by name."""

@@ -19,8 +19,8 @@ from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.workspace import covering_grid
-from tests.mesh_files import TETRAHEDRON
-from tests.refusals import refusals
+from tests.helpers.mesh_files import TETRAHEDRON
+from tests.helpers.refusals import refusals
 
 L_CELLS = [[1, 1, 0], [0, 1, 0]]
 """Obstacle cells of an L, two cells along x and three along y."""

@@ -16,12 +16,12 @@ from ompl import util as ou
 import cspace
 import planners
 from cspace import Robot, Workspace
-from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
+from cspace.support.arrays import Floats
 from planners.states import kind_of
-from tests.maps import proven_paths
-from tests.planning import ENDPOINTS, build_room
-from tests.strategies import rotation_cells, seeds
+from tests.helpers.maps import proven_paths
+from tests.helpers.planning import ENDPOINTS, build_room
+from tests.helpers.strategies import rotation_cells, seeds
 
 MAP_SIZES = {
     "plane": ((16, 12), Robot.rectangle(0.3, 0.1)),

@@ -19,9 +19,9 @@ from benchmarks.report import Report
 from benchmarks.timing import Timing
 from cspace import Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
-from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
-from tests.urdfs import joint, link, pose_at, write_urdf
+from cspace.support.arrays import Floats
+from tests.helpers.urdfs import joint, link, pose_at, write_urdf
 
 PROBLEMS = 50
 """Problems of each robot."""

@@ -15,9 +15,9 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing
 from cspace.arms import Arm
-from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
-from tests.urdfs import pose_of, random_chain
+from cspace.support.arrays import Floats
+from tests.helpers.urdfs import pose_of, random_chain
 
 MIN_REACHED_SHARE = 0.99
 """Target share of reachable poses that are reached."""

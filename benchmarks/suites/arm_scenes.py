@@ -15,8 +15,8 @@ from benchmarks.suites.arm_peers import Folder
 from benchmarks.timing import Timing
 from cspace import Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
-from cspace.arrays import Floats
 from cspace.shapes import Balls
+from cspace.support.arrays import Floats
 
 ARMS = ("panda", "ur5")
 """Arms of the data folder."""

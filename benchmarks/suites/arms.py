@@ -29,8 +29,8 @@ from benchmarks.suites.arm_poses import run_poses
 from benchmarks.suites.arm_scenes import run_scenes
 from benchmarks.timing import Timing
 from cspace.arms import Arm, ArmSpace
-from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
+from cspace.support.arrays import Floats
 from planners import plan
 
 MIN_SOLVED_SHARE = {"panda": 0.95, "ur5": 0.9}

@@ -14,8 +14,8 @@ import planners
 from benchmarks.report import Report
 from benchmarks.timing import Timing
 from cspace import FREE, CSpace
-from cspace.arrays import Floats, Ints
 from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.support.arrays import Floats, Ints
 
 TURNING_RADIUS = 0.5
 """Turning radius of the car, metres."""

@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
 from cspace import Grid, Mesh
-from cspace.arrays import Floats, Ints
 from cspace.spectral import (
     BallDescriptor,
     Bump,
@@ -32,7 +31,8 @@ from cspace.spectral import (
     minkowski_sum,
     superlevel,
 )
-from tests import solids
+from cspace.support.arrays import Floats, Ints
+from tests.helpers import solids
 from tests.soak.frequency import compute_overlap, draw_pool_body
 
 Complexes = NDArray[np.complex128]

@@ -16,8 +16,8 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
-from cspace.arrays import Floats
-from cspace.threads import cores
+from cspace.support.arrays import Floats
+from cspace.support.threads import cores
 from planners.states import kind_of
 
 EDGE_CELLS, CALLBACK_EDGE_CELLS = 50.0, 100.0

@@ -15,11 +15,11 @@ from scipy import ndimage, signal
 import cspace
 from benchmarks.report import is_here
 from cspace import Robot, Workspace
-from cspace.arrays import Bools, Ints
-from cspace.compiling import allocating
 from cspace.engines import METHODS as METHODS
 from cspace.raster import Raster
-from cspace.threads import cores
+from cspace.support.arrays import Bools, Ints
+from cspace.support.compiling import allocating
+from cspace.support.threads import cores
 
 Call = Callable[[], Bools]
 

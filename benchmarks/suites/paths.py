@@ -21,8 +21,8 @@ from benchmarks.suites import drives
 from benchmarks.suites.lookups import at_half_a_cell, states_of
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
-from cspace.arrays import Floats
 from cspace.rotations.base import METRES_PER_RADIAN, wrapped
+from cspace.support.arrays import Floats
 from planners.states import kind_of
 
 Query = tuple[Floats, Floats]

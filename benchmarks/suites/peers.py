@@ -27,11 +27,11 @@ from benchmarks.suites.outer_maps import (
 )
 from benchmarks.timing import Timing, interleave, memory_rise
 from cspace import Robot, Workspace
-from cspace.arrays import Bools
 from cspace.engines import ENGINES
 from cspace.raster import Raster
 from cspace.rotations import Rotations
-from cspace.threads import cores
+from cspace.support.arrays import Bools
+from cspace.support.threads import cores
 
 Goals = Mapping[str, Mapping[str, float]]
 

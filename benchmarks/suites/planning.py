@@ -29,7 +29,7 @@ from benchmarks.suites.planning_peers import (
 from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
-from cspace.arrays import Floats
+from cspace.support.arrays import Floats
 from planners.states import kind_of
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]

@@ -16,7 +16,7 @@ import shapely
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
-from cspace.arrays import Floats
+from cspace.support.arrays import Floats
 from tests.soak.plane import place_polygon, unite_cells
 
 Query = tuple[Floats, Floats]

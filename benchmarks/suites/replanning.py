@@ -18,8 +18,8 @@ from benchmarks.report import Report
 from benchmarks.suites.paths import OUR_TIME_LIMIT, Problem, list_problems
 from benchmarks.timing import Timing
 from cspace import CSpace
-from cspace.arrays import Floats
 from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.support.arrays import Floats
 from planners import Plan
 
 CRATE_SIDE, STEP = 0.6, 0.1

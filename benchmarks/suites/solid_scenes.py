@@ -25,7 +25,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.planning_peers import PlanningPeer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
-from cspace.arrays import Bools, Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints
 from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merge_cells
 
 FCL_CONFIGURATIONS = 2000

@@ -18,8 +18,8 @@ from benchmarks.report import Report, is_here
 from benchmarks.suites.outer_maps import METHODS, engine_label, ours, peers, shape_text
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
-from cspace.arrays import Bools, Floats, Ints, States
 from cspace.engines import ENGINES, choose_engine
+from cspace.support.arrays import Bools, Floats, Ints, States
 from tests.soak.solids import merge_cells
 
 Checker = Callable[[Floats, float], Bools]

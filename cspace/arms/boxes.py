@@ -47,13 +47,13 @@ from cspace.arms.proofs import (
     winding_number,
 )
 from cspace.arms.solids import SurfaceTree
-from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.bodies import ADVANCE_FACTOR
 from cspace.bodies.hulls import joint_displacement
 from cspace.bodies.triangles import read_box
-from cspace.compiling import kernel
 from cspace.grid import SLACK
-from cspace.kernels import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
+from cspace.support.compiling import kernel
+from cspace.support.vectors import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
 """Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their

@@ -30,11 +30,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.bodies.hulls import RelativeMotion
-from cspace.compiling import kernel
-from cspace.kernels import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
-from cspace.map.batches import as_contiguous
+from cspace.queries.batches import as_contiguous
+from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.support.compiling import kernel
+from cspace.support.vectors import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""

@@ -31,14 +31,14 @@ from cspace.arms.chain import (
     position_of,
 )
 from cspace.arms.solids import check_rigid
-from cspace.arrays import Bools, Floats, Ints, frozen
-from cspace.check import check_real, check_text
-from cspace.compiling import kernel
-from cspace.configuration_space import Goal
 from cspace.errors import InputError
-from cspace.kernels import cross, minus, rotate, row_at
-from cspace.map.batches import as_contiguous
+from cspace.interface import Goal
+from cspace.queries.batches import as_contiguous
 from cspace.rotations.base import TWO_PI
+from cspace.support.arrays import Bools, Floats, Ints, frozen
+from cspace.support.check import check_real, check_text
+from cspace.support.compiling import kernel
+from cspace.support.vectors import cross, minus, rotate, row_at
 
 DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 """Distance in metres and angle in radians within which a pose counts as reached."""

@@ -32,24 +32,24 @@ from cspace.arms.model import Arm
 from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
 from cspace.arms.solids import SurfaceTree
 from cspace.arms.space import ArmSpace
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.bodies.triangles import MAX_PENDING_PAIRS
-from cspace.check import check_finite, check_known, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs, ExactQueries
 from cspace.grid import Grid
 from cspace.limits import PlannedGrid, check_memory
-from cspace.map.contents import Contents
-from cspace.map.derived import lazy
-from cspace.map.exterior import FARTHEST_CELL, Exterior
 from cspace.obstacles import ObstacleLayers
+from cspace.record.contents import Contents
+from cspace.record.exterior import FARTHEST_CELL, Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
 from cspace.space import CSpace
-from cspace.threads import cores, in_threads
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace.support.check import check_finite, check_known, check_positive
+from cspace.support.derived import lazy
+from cspace.support.threads import cores, in_threads
 from cspace.workspace import Workspace
 
 _BYTES_PER_JOINT_CELL: Final = 5

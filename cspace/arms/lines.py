@@ -49,13 +49,13 @@ from cspace.arms.inverse import (
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.snapshots import Snapshot
 from cspace.arms.solids import check_rigid
-from cspace.arrays import Floats, Ints, Row, frozen
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
-from cspace.check import check_finite
-from cspace.compiling import kernel
 from cspace.errors import InputError
-from cspace.kernels import add_scaled, cross, dot, minus, row_at
 from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.support.arrays import Floats, Ints, Row, frozen
+from cspace.support.check import check_finite
+from cspace.support.compiling import kernel
+from cspace.support.vectors import add_scaled, cross, dot, minus, row_at
 
 DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""

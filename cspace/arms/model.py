@@ -19,8 +19,10 @@ from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, 
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.scenes import make_scene
 from cspace.arms.solids import PosedShape, Solid, check_rigid
-from cspace.arrays import Bools, Floats, frozen
-from cspace.check import (
+from cspace.errors import ConfigurationError, InputError
+from cspace.shapes import ShapeLike, as_shape
+from cspace.support.arrays import Bools, Floats, frozen
+from cspace.support.check import (
     check_count,
     check_finite,
     check_known,
@@ -28,8 +30,6 @@ from cspace.check import (
     check_text,
     check_word,
 )
-from cspace.errors import ConfigurationError, InputError
-from cspace.shapes import ShapeLike, as_shape
 
 if TYPE_CHECKING:
     from cspace.files.urdf import EndEffector, PackageDirs, Srdf

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 from cspace.arms.inverse import PoseGoal
 from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
-from cspace.arrays import Floats, StrPath
-from cspace.check import check_known
 from cspace.errors import InputError
 from cspace.files.access import ContentError, decoding
 from cspace.files.moveit import (
@@ -29,6 +27,8 @@ from cspace.files.moveit import (
     wrong_value,
 )
 from cspace.files.urdf import PackageDirs
+from cspace.support.arrays import Floats, StrPath
+from cspace.support.check import check_known
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's

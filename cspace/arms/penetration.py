@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import REVOLUTE, body_poses
 from cspace.arms.model import Arm
-from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.spectral import BallPenetration, Bump
 from cspace.spectral.descriptors import BallsLike, as_balls, check_same_dim, common_bump
+from cspace.support.arrays import Floats
 
 
 class ArmPenetration:

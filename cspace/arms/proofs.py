@@ -27,12 +27,13 @@ from cspace.arms.chain import (
     relative_pose,
 )
 from cspace.arms.solids import SurfaceTree
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.hulls import Hulls, joint_displacement, tree_slack
 from cspace.bodies.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
-from cspace.compiling import kernel
-from cspace.kernels import (
+from cspace.raster.surfaces import signed_crossing
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
+from cspace.support.compiling import kernel
+from cspace.support.vectors import (
     apply_pose,
     box_distance,
     box_extent,
@@ -41,7 +42,6 @@ from cspace.kernels import (
     point_triangle,
     row_at,
 )
-from cspace.raster.surfaces import signed_crossing
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""

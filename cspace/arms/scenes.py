@@ -10,10 +10,10 @@ import numpy as np
 from cspace.arms.chain import Chain
 from cspace.arms.proofs import Scene, Solids
 from cspace.arms.solids import PosedShape, Solid, SurfaceTree
-from cspace.arrays import Floats, Ints
 from cspace.bodies import DISTANCE_ROUNDING
 from cspace.bodies.hulls import Hulls, join_roots
 from cspace.bodies.triangles import Trees
+from cspace.support.arrays import Floats, Ints
 
 AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
 
@@ -51,8 +51,8 @@ def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
     """Return the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
-    much again for the rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38``
-    of the largest link or obstacle.
+    much again for the rounding of :func:`cspace.support.vectors.point_triangle`, which is below
+    ``2^-38`` of the largest link or obstacle.
     """
     pairs = [part.bounds_pair for solid in solids for part in solid.parts]
     parts = [inner for _, inner in pairs]

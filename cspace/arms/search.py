@@ -18,8 +18,8 @@ from cspace.arms.proofs import (
     make_scene_scratch,
     motion_is_free,
 )
-from cspace.arrays import Floats, Ints
-from cspace.compiling import clock, kernel
+from cspace.support.arrays import Floats, Ints
+from cspace.support.compiling import clock, kernel
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""

@@ -19,11 +19,11 @@ from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pa
 from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
-from cspace.arrays import Floats, Ints
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
-from cspace.map.batches import as_contiguous
-from cspace.threads import in_chunks
+from cspace.queries.batches import as_contiguous
+from cspace.support.arrays import Floats, Ints
+from cspace.support.threads import in_chunks
 
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions per thread below which a further thread costs more time than it saves."""

@@ -13,11 +13,9 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats, Ints
 from cspace.bodies.hulls import Hulls, build_hulls
 from cspace.bodies.parts import as_triangles, part_anchors
 from cspace.bodies.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
-from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.limits import check_memory
 from cspace.shapes import (
@@ -31,6 +29,8 @@ from cspace.shapes import (
     as_shape,
 )
 from cspace.shapes.shape import unique_rows
+from cspace.support.arrays import Floats, Ints
+from cspace.support.check import check_finite
 from cspace.workspace import Workspace
 
 PROBES_PER_PART: Final = 60

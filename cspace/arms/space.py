@@ -25,8 +25,21 @@ from cspace.arms.moveit import PlanningScene, find_base_pose
 from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
 from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
 from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle, place_shape
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace.check import (
+from cspace.errors import ConfigurationError, InputError
+from cspace.interface import (
+    ConfigurationSpace,
+    Endpoint,
+    Goal,
+    GoalLike,
+    SearchOptions,
+    Split,
+)
+from cspace.methods import ArmPlot
+from cspace.queries.batches import as_contiguous
+from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
+from cspace.shapes import ShapeLike, as_shape
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace.support.check import (
     check_count,
     check_finite,
     check_known,
@@ -37,20 +50,7 @@ from cspace.check import (
     check_rng,
     check_text,
 )
-from cspace.configuration_space import (
-    ConfigurationSpace,
-    Endpoint,
-    Goal,
-    GoalLike,
-    SearchOptions,
-    Split,
-)
-from cspace.errors import ConfigurationError, InputError
-from cspace.map.batches import as_contiguous
-from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
-from cspace.shapes import ShapeLike, as_shape
-from cspace.shown import ArmPlot
-from cspace.threads import in_chunks
+from cspace.support.threads import in_chunks
 from cspace.workspace import Workspace
 
 MAX_DOUBLED_JOINTS: Final = 8

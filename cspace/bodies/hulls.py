@@ -34,10 +34,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.bodies.triangles import Trees, build_boxes, node_maxima
-from cspace.compiling import kernel
-from cspace.kernels import (
+from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.support.compiling import kernel
+from cspace.support.vectors import (
     THIN,
     add_scaled,
     apply_pose,

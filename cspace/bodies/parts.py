@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
 from cspace.shapes import RoundedSimplices
 from cspace.shapes.bodies import component_labels
+from cspace.support.arrays import Floats, Ints
 
 
 def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:

@@ -36,9 +36,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints, Matrix, Row
-from cspace.compiling import kernel
-from cspace.kernels import (
+from cspace.shapes import RoundedSimplices
+from cspace.support.arrays import Floats, Ints, Matrix, Row
+from cspace.support.compiling import kernel
+from cspace.support.vectors import (
     add_scaled,
     apply_pose,
     box_extent,
@@ -50,7 +51,6 @@ from cspace.kernels import (
     rotate,
     row_at,
 )
-from cspace.shapes import RoundedSimplices
 
 Corners = tuple[Row, Row, Row]
 OrientedBox = tuple[Row, Row, Row, Row]

@@ -40,8 +40,8 @@ def compile_ahead(as_json: Json = False) -> None:
     Without it, each function is compiled at its first call. Run it while you make the image of a
     container, as the user of the container.
     """
-    from cspace import compiling
-    from cspace.demo import write_inputs
+    from cspace.cli.demo import write_inputs
+    from cspace.support import compiling
 
     folder = compiling.cache_folder()
     if folder is None:

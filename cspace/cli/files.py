@@ -109,7 +109,7 @@ def prepare_store(output: Path, overwrite: bool) -> None:
     Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and
     FileError if something else exists or the path is not writable.
     """
-    from cspace.save import read_format
+    from cspace.record.save import read_format
 
     exists = bool(read_format(output))
     check_outputs([output], (".zarr",), overwrite=exists)

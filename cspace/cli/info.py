@@ -24,7 +24,7 @@ from cspace.cli.report import ByName, show, with_unit
 
 if TYPE_CHECKING:
     from cspace.arms import Arm
-    from cspace.configuration_map import ConfigurationMap
+    from cspace.maps import ConfigurationMap
     from cspace.robot import Robot
     from cspace.shapes.mesh import Solid
     from cspace.workspace import Workspace
@@ -74,8 +74,8 @@ def info(
 
     A URDF with joints that move is an arm; --as robot shows its fixed part.
     """
-    from cspace.check import check_positive
     from cspace.opening import open_map
+    from cspace.support.check import check_positive
 
     kind = kind or _guess_kind(file)
     options = drop_none(spacing=spacing, solid=solid, srdf=srdf, package_dirs=package_dirs or None)

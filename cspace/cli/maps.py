@@ -38,7 +38,7 @@ from cspace.cli.options import (
     refuse_options,
 )
 from cspace.cli.report import Clock, show
-from cspace.words import Method, Outside
+from cspace.support.words import Method, Outside
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
@@ -146,9 +146,9 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.check import check_positive
     from cspace.files.formats import read_dimension
-    from cspace.save import MAP_SUFFIXES
+    from cspace.record.save import MAP_SUFFIXES
+    from cspace.support.check import check_positive
     from cspace.workspace import Workspace, reader_of
 
     cells = parse_rotation_cells(rotations)

@@ -251,7 +251,7 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
-    from cspace.check import check_bounds
+    from cspace.support.check import check_bounds
 
     try:
         values = tuple(map(float, text.split(",")))

@@ -19,7 +19,7 @@ from cspace.cli.options import (
 )
 from cspace.cli.report import Clock, name_options, option_names, show, with_unit
 from cspace.errors import InputError
-from cspace.words import Drive
+from cspace.support.words import Drive
 
 if TYPE_CHECKING:
     from planners import Plan
@@ -173,7 +173,7 @@ def demo(
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
     clock = Clock()
     with clock.step("import"):
-        import cspace.demo as flat
+        import cspace.cli.demo as flat
         import planners
         from cspace.builder import build
         from cspace.plot import save_plot

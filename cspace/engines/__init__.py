@@ -12,10 +12,10 @@ from typing import Any, Final, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools
 from cspace.engines import dilation, fft
 from cspace.raster import Raster
-from cspace.words import Method
+from cspace.support.arrays import Bools
+from cspace.support.words import Method
 
 MAX_ROWS_PER_CELL: Final = {2: 60, 3: 900}
 """Rows of offsets, per cell of robot diameter, up to which dilation is faster, by dimension.

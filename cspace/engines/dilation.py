@@ -23,10 +23,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Ints, Words
-from cspace.compiling import kernel
 from cspace.raster import Raster, extract_runs
-from cspace.threads import cores, in_threads
+from cspace.support.arrays import Bools, Ints, Words
+from cspace.support.compiling import kernel
+from cspace.support.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
 

@@ -42,9 +42,9 @@ import numpy as np
 import scipy  # loads its submodules on first use
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Ints
 from cspace.raster import Raster
-from cspace.threads import cores, in_threads
+from cspace.support.arrays import Bools, Ints
+from cspace.support.threads import cores, in_threads
 
 COUNTS: Final = True
 """True if the engine can count overlaps."""

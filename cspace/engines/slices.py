@@ -13,14 +13,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.threads import cores, in_threads
-from cspace.words import Method
+from cspace.support.arrays import Bools
+from cspace.support.threads import cores, in_threads
+from cspace.support.words import Method
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""

@@ -7,14 +7,14 @@ from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats
 from cspace.bodies import DISTANCE_ROUNDING
 from cspace.grid import Grid
-from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
+from cspace.record.cells import Map
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import ExactShape, RoundedSimplices
+from cspace.support.arrays import Bools, Floats
 from cspace.workspace import Workspace
 
 CLIP_ROUNDING: Final = 2.0**-48

@@ -12,18 +12,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Numbers, Row, States
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.parts import as_triangles, connected_parts, part_anchors
 from cspace.bodies.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
-from cspace.compiling import kernel
 from cspace.exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
 from cspace.grid import MAX_COORDINATE
-from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
-from cspace.map.batches import as_contiguous
-from cspace.map.edges import edge_is_free, edges_are_free, position_along
-from cspace.map.points import classify, configuration_in, is_usable, state_at
-from cspace.map.record import Map
+from cspace.queries.batches import as_contiguous
+from cspace.queries.edges import edge_is_free, edges_are_free, position_along
+from cspace.queries.points import classify, configuration_in, is_usable, state_at
+from cspace.record.cells import Map
 from cspace.rotations.lookup import (
     arc_angle_and_error,
     arc_count,
@@ -31,7 +28,21 @@ from cspace.rotations.lookup import (
     rotation_along,
 )
 from cspace.shapes import Box, RoundedSimplices
-from cspace.threads import in_chunks
+from cspace.support.arrays import (
+    BLOCKED,
+    FREE,
+    MIXED,
+    Bools,
+    Floats,
+    Ints,
+    Matrix,
+    Numbers,
+    Row,
+    States,
+)
+from cspace.support.compiling import kernel
+from cspace.support.threads import in_chunks
+from cspace.support.vectors import apply_pose, dot, minus, rotate_back, row_at
 
 PIECE_CELLS: Final = 2.0
 """Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""

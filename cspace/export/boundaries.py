@@ -14,11 +14,11 @@ from typing import IO, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import FREE, Floats, Ints
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.raster.bitmaps import boundary_mesh
+from cspace.support.arrays import FREE, Floats, Ints
 
 
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:

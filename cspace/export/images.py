@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED
 from cspace.files.access import replacing
 from cspace.grid import Grid
+from cspace.support.arrays import BLOCKED, FREE, MIXED
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey level of each state in a ROS map, as the ROS tools write free, unknown and occupied."""

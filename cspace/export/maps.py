@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace.errors import InputError, import_optional
 from cspace.export.boundaries import WRITERS, write_boundary
 from cspace.export.images import write_geotiff, write_ros_map
 from cspace.export.vti import write_vti
 from cspace.files.access import check_suffix, replacing
 from cspace.grid import Grid
-from cspace.map.contents import Contents
-from cspace.map.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
-from cspace.save import MAP_SUFFIXES, save
+from cspace.record.contents import Contents
+from cspace.record.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
+from cspace.record.save import MAP_SUFFIXES, save
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 
 if TYPE_CHECKING:
     import xarray

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
-from cspace.check import check_not_negative
 from cspace.errors import InputError
 from cspace.files.ros import (
     Costmap,
@@ -27,6 +25,8 @@ from cspace.files.ros import (
     missing_field_error,
 )
 from cspace.grid import Grid
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats
+from cspace.support.check import check_not_negative
 
 if TYPE_CHECKING:
     from cspace.space import CSpace

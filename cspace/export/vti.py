@@ -10,9 +10,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
 from cspace.files.access import replacing
 from cspace.grid import Grid
+from cspace.support.arrays import Floats
 
 _VTK_TYPES: Final = {
     "uint8": ("UInt8", "|u1"),

@@ -20,9 +20,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.limits import SizeLimit, check_bytes
+from cspace.support.arrays import Floats
 
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""

@@ -9,11 +9,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import StrPath
 from cspace.files import meshes, ros, vector
 from cspace.files.access import check_file, check_suffix, decoding
 from cspace.files.polygons import read_ply_header
 from cspace.files.zarr_folders import ZarrArray
+from cspace.support.arrays import StrPath
 
 _NUMPY_KIND: Final = "NumPy array"
 

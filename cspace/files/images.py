@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats
-from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.files.access import ContentError, check_file, decoding, is_count, read_bytes, read_text
 from cspace.limits import check_cells
+from cspace.support.arrays import Bools, Floats
+from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
     from PIL.Image import Image

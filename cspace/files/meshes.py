@@ -28,8 +28,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints, Surface
-from cspace.check import check_finite
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import (
     ContentError,
@@ -50,6 +48,8 @@ from cspace.files.polygons import (
     unsupported_part,
 )
 from cspace.limits import check_bytes
+from cspace.support.arrays import Floats, Ints, Surface
+from cspace.support.check import check_finite
 
 _MESH_KIND: Final = "mesh"
 

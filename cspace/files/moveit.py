@@ -12,9 +12,9 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace.arrays import Floats, StrPath
 from cspace.files.access import ContentError, decoding
 from cspace.files.plain import read_yaml
+from cspace.support.arrays import Floats, StrPath
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Floats, Ints, frozen
-from cspace.compiling import kernel
 from cspace.files.access import ContentError, decoding, iterate_header_lines, read_bytes
 from cspace.limits import check_cells
+from cspace.support.arrays import Bools, Bytes, Floats, Ints, frozen
+from cspace.support.compiling import kernel
 
 _OCTOMAP_KIND: Final = "OctoMap"
 

@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Floats, StrPath
 from cspace.errors import GeometryError
 from cspace.files.access import (
     ContentError,
@@ -28,6 +27,7 @@ from cspace.files.access import (
 )
 from cspace.files.formats import read_npy
 from cspace.files.polygons import read_ply
+from cspace.support.arrays import Floats, StrPath
 
 _PCD_KIND: Final = "PCD file"
 

@@ -18,7 +18,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError
 from cspace.files.access import (
     ContentError,
@@ -29,6 +28,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
+from cspace.support.arrays import Bools, Floats, Ints, Surface
 
 MAX_BEND: Final = 1e-4
 """Maximum distance of a flat polygon's corners from its plane, relative to its size."""

@@ -18,18 +18,18 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
-from cspace.check import (
+from cspace.errors import FileError, GeometryError, InputError, warn_user
+from cspace.files.access import ContentError, decoding
+from cspace.files.images import Shades, read_shades
+from cspace.files.plain import read_yaml
+from cspace.support.arrays import Bools, Floats
+from cspace.support.check import (
     check_count,
     check_finite,
     check_not_negative,
     check_positive,
     check_real,
 )
-from cspace.errors import FileError, GeometryError, InputError, warn_user
-from cspace.files.access import ContentError, decoding
-from cspace.files.images import Shades, read_shades
-from cspace.files.plain import read_yaml
 
 ROS_MAP_SUFFIXES: Final = (".yaml", ".yml")
 

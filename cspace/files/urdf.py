@@ -19,10 +19,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace.arrays import Floats
 from cspace.errors import FileError, InputError, import_optional, warn_user
 from cspace.files.access import ContentError, decoding, read_bytes
 from cspace.files.plain import check_expanded, parse_xml
+from cspace.support.arrays import Floats
 
 if TYPE_CHECKING:
     from yourdfpy import URDF

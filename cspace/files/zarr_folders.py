@@ -22,10 +22,10 @@ import numpy as np
 from numcodecs import Zstd
 from numpy.typing import NDArray
 
-from cspace.arrays import Box, Bytes, intersect_boxes
 from cspace.files.access import ContentError, decoding, inspect_path, read_member
 from cspace.files.plain import read_json
 from cspace.limits import bytes_text
+from cspace.support.arrays import Box, Bytes, intersect_boxes
 
 ROOT_FILE: Final = "zarr.json"
 """Name of the file with the metadata of a folder or an array."""

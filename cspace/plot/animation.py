@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
-from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
@@ -20,6 +18,8 @@ from cspace.plot.picture import title_of
 from cspace.plot.route import HasAxes, HasPath, MapLike, Scene, check_path, make_scene
 from cspace.plot.sections import draw_plane
 from cspace.plot.surface import draw_surface, split_triangles
+from cspace.support.arrays import Floats
+from cspace.support.check import check_positive
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

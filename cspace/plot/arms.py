@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Surface
 from cspace.files.polygons import join_surfaces, transform_surface
 from cspace.plot import artists
 from cspace.plot.route import (
@@ -20,6 +19,7 @@ from cspace.plot.route import (
 from cspace.plot.surface import SURFACES, Painting, split_triangles
 from cspace.shapes.balls import Balls
 from cspace.shapes.shape import ExactShape
+from cspace.support.arrays import Bools, Floats, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

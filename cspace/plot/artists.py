@@ -14,10 +14,19 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Floats, block_starts, reduce_blocks
 from cspace.grid import Grid
 from cspace.plot.route import Body, MapLike, Scene, with_gaps
 from cspace.rotations import Rotations
+from cspace.support.arrays import (
+    BLOCKED,
+    FREE,
+    MIXED,
+    Bools,
+    Box,
+    Floats,
+    block_starts,
+    reduce_blocks,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
-from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
@@ -20,6 +19,7 @@ from cspace.plot.route import (
 from cspace.plot.sections import draw_plane, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import Rotations
+from cspace.support.check import check_positive
 from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from cspace.configuration_map import ConfigurationMap
+    from cspace.maps import ConfigurationMap
 
 PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Suffixes of the picture formats that can be written."""

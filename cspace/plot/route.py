@@ -11,15 +11,15 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import BLOCKED, FREE, Bools, Box, Floats, Surface
-from cspace.check import check_finite, check_positive
 from cspace.errors import InputError
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes.balls import Balls
+from cspace.support.arrays import BLOCKED, FREE, Bools, Box, Floats, Surface
+from cspace.support.check import check_finite, check_positive
 
 if TYPE_CHECKING:
-    from cspace.configuration_space import ConfigurationSpace
+    from cspace.interface import ConfigurationSpace
     from cspace.space import CSpace
     from cspace.workspace import Workspace
 

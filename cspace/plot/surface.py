@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Floats, Ints, block_starts, reduce_blocks
-from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.plot import artists
 from cspace.plot.route import Scene
+from cspace.support.arrays import Bools, Bytes, Floats, Ints, block_starts, reduce_blocks
+from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

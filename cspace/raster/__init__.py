@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
-from cspace.threads import in_chunks
+from cspace.support.arrays import Bools, Floats, Ints, frozen
+from cspace.support.threads import in_chunks
 
 MAX_RASTER_CELLS = 2**28
 """Maximum number of cells in the bounding box of a raster."""

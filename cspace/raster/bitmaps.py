@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
 from cspace.grid import SLACK, Grid
 from cspace.limits import check_cells
 from cspace.raster.segments import outline_cells
+from cspace.support.arrays import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon

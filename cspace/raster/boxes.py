@@ -40,11 +40,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap, in_slabs, index_boxes
 from cspace.raster.segments import OBSTACLE_REACH
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.compiling import kernel
 
 MIN_COLUMNS_FOR_THREADS = 100_000
 """Minimum number of columns, over all boxes, for which threads are started."""

@@ -41,11 +41,11 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats
-from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap, expand_counts
 from cspace.rotations import NO_ROTATION, RotationCell
+from cspace.support.arrays import Bools, Floats
+from cspace.support.compiling import kernel
 
 OBSTACLE_REACH: Final = (
     "an obstacle",

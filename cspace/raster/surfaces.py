@@ -41,8 +41,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy  # loads its submodules on first use
 
-from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap, expand_counts, in_slabs
@@ -54,6 +52,8 @@ from cspace.raster.triangles import (
     sweep_triangles,
 )
 from cspace.rotations import NO_ROTATION, RotationCell
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.compiling import allocating, kernel
 
 _MIN_SLABS_PER_THREAD: Final = 32
 """Minimum number of layers of boxes across x for each thread."""

@@ -51,11 +51,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import allocating, kernel
 from cspace.grid import SLACK
-from cspace.kernels import THIN, dot, minus, nearest_of_triangle, normal_of, point_triangle, row_at
 from cspace.raster import in_slabs, index_boxes
+from cspace.support.arrays import Bools, Floats, Ints, Row
+from cspace.support.compiling import allocating, kernel
+from cspace.support.vectors import (
+    THIN,
+    dot,
+    minus,
+    nearest_of_triangle,
+    normal_of,
+    point_triangle,
+    row_at,
+)
 
 MIN_NORMAL_Z: Final = 2.0**-5
 """Minimum z-component of a unit normal for which the heights of its plane are used."""

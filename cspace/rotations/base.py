@@ -11,9 +11,9 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints
-from cspace.check import check_finite
 from cspace.errors import AngleWarning, InputError, warn_user
+from cspace.support.arrays import Floats, Ints
+from cspace.support.check import check_finite
 
 METRES_PER_RADIAN: Final = 0.5
 """Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-from cspace.arrays import Floats, Matrix, Numbers
-from cspace.compiling import inlined, kernel
 from cspace.rotations.base import MAX_ANGLE
 from cspace.rotations.quaternion import (
     cell_index,
@@ -22,6 +20,8 @@ from cspace.rotations.quaternion import (
     slerp,
 )
 from cspace.rotations.yaw import count_yaw_arcs, find_cell, signed_angle, wrap_to_cells
+from cspace.support.arrays import Floats, Matrix, Numbers
+from cspace.support.compiling import inlined, kernel
 
 
 @inlined

@@ -11,9 +11,6 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints, Numbers, frozen
-from cspace.check import check_count, check_finite
-from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.rotations.base import (
     COVERING_ANGLE,
@@ -22,6 +19,9 @@ from cspace.rotations.base import (
     RotationTable,
     Symmetric,
 )
+from cspace.support.arrays import Floats, Ints, Numbers, frozen
+from cspace.support.check import check_count, check_finite
+from cspace.support.compiling import kernel
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""

@@ -10,9 +10,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints
-from cspace.check import check_count, check_finite
-from cspace.compiling import inlined, kernel
 from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
@@ -25,6 +22,9 @@ from cspace.rotations.base import (
     Symmetric,
     wrapped,
 )
+from cspace.support.arrays import Floats, Ints
+from cspace.support.check import check_count, check_finite
+from cspace.support.compiling import inlined, kernel
 
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""

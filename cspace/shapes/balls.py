@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.check import check_finite, check_points
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.shape import ExactShape, RoundedSimplices
+from cspace.support.arrays import Bools, Floats, Surface, frozen
+from cspace.support.check import check_finite, check_points
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.shape import unique_rows
+from cspace.support.arrays import Bools, Floats, Ints
 
 _VOLUME_ROUNDING: Final = 2.0**-30
 """Relative volume below which the sign is uncertain because of rounding.

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace.check import check_finite, check_points, check_unmasked, check_word
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -22,6 +20,8 @@ from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
+from cspace.support.arrays import Bools, Floats, Ints, Surface, frozen
+from cspace.support.check import check_finite, check_points, check_unmasked, check_word
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
-from cspace.check import check_finite, check_points
 from cspace.errors import GeometryError
 from cspace.files.vector import check_shapes
 from cspace.grid import Grid
@@ -19,6 +17,8 @@ from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, ring_segments
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.shape import ExactShape, RoundedSimplices
+from cspace.support.arrays import Bools, Floats
+from cspace.support.check import check_finite, check_points
 
 if TYPE_CHECKING:
     from shapely import STRtree

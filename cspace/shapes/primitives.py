@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from cspace.check import check_not_negative, check_point, check_positive
 from cspace.errors import InputError
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh
@@ -22,6 +21,7 @@ from cspace.shapes.shape import (
     ellipse_bounds,
 )
 from cspace.shapes.voxels import Box
+from cspace.support.check import check_not_negative, check_point, check_positive
 
 
 class NamedShape(NamedTuple):

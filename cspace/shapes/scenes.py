@@ -9,14 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, StrPath, Surface
-from cspace.check import (
-    check_finite,
-    check_known,
-    check_names,
-    check_point,
-    check_positive,
-)
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
@@ -51,6 +43,14 @@ from cspace.shapes.shape import (
     cylinder_bounds,
 )
 from cspace.shapes.voxels import Box
+from cspace.support.arrays import Floats, StrPath, Surface
+from cspace.support.check import (
+    check_finite,
+    check_known,
+    check_names,
+    check_point,
+    check_positive,
+)
 
 if TYPE_CHECKING:
     from yourdfpy import URDF

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
+from cspace.support.arrays import Bools, Floats, Ints, Surface
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -12,8 +12,6 @@ import numpy as np
 import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.check import check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -27,6 +25,8 @@ from cspace.raster.bitmaps import (
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import Boxes, ExactShape, RoundedSimplices
+from cspace.support.arrays import Bools, Floats, Surface, frozen
+from cspace.support.check import check_cells, check_point, check_points, check_positive
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

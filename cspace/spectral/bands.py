@@ -12,12 +12,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import allocating, kernel
 from cspace.spectral.bump import sphere_measure
 from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor
 from cspace.spectral.spectra import Complexes, ball_spectrum
 from cspace.spectral.trees import HIT, MISS, UNDECIDED
+from cspace.support.arrays import Bytes, Floats, Ints
+from cspace.support.compiling import allocating, kernel
 
 ROUNDING_UNIT: Final = 2.0**-52
 """Twice the relative rounding error of one operation."""

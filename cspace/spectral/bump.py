@@ -17,15 +17,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats
-from cspace.check import (
+from cspace.errors import CspaceError, InputError
+from cspace.support.arrays import Floats
+from cspace.support.check import (
     check_finite,
     check_not_negative,
     check_positive,
     check_unmasked,
     check_word,
 )
-from cspace.errors import CspaceError, InputError
 
 Radial = Callable[[Floats], Floats]
 """Function of the distance from the center, in radii."""

@@ -17,9 +17,6 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints, frozen
-from cspace.check import check_count, check_positive, check_word
-from cspace.compiling import allocating, kernel
 from cspace.errors import GeometryError, InputError
 from cspace.shapes import ShapeLike, as_shape
 from cspace.spectral.bump import UNIT_BALL_VOLUME
@@ -33,6 +30,9 @@ from cspace.spectral.regions import (
     bound_shape_to_balls,
     cube_gaps,
 )
+from cspace.support.arrays import Floats, Ints, frozen
+from cspace.support.check import check_count, check_positive, check_word
+from cspace.support.compiling import allocating, kernel
 
 Kind = Literal["inner", "outer"]
 

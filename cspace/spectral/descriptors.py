@@ -26,14 +26,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
-from cspace.check import check_cells, check_finite
 from cspace.errors import GeometryError, InputError
 from cspace.files.vector import read_shapes
 from cspace.grid import Grid
 from cspace.raster.triangles import mark_touched
 from cspace.shapes import Balls, BallSet, ExactShape, Mesh, ShapeLike, as_shape, check_balls
 from cspace.spectral.bump import Bump, check_bump
+from cspace.support.arrays import Bools, Floats
+from cspace.support.check import check_cells, check_finite
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats, Numbers, Row
-from cspace.check import check_finite, check_points
-from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.limits import check_memory
-from cspace.map.points import slice_of
-from cspace.map.record import Map
+from cspace.queries.points import slice_of
+from cspace.record.cells import Map
 from cspace.spectral.descriptors import check_same_dim
 from cspace.spectral.overlap import FourierOverlap
+from cspace.support.arrays import Floats, Numbers, Row
+from cspace.support.check import check_finite, check_points
+from cspace.support.compiling import kernel
 
 if TYPE_CHECKING:
     from cspace.space import CSpace

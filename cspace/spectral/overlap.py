@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bytes, Floats, Ints
-from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.errors import InputError
-from cspace.map.callbacks import bind_kernel
+from cspace.queries.callbacks import bind_kernel
 from cspace.spectral.bands import (
     BOUND_ROUNDING,
     Rings,
@@ -49,6 +47,14 @@ from cspace.spectral.trees import (
     BallTree,
     ContactTest,
     test_placement,
+)
+from cspace.support.arrays import Bytes, Floats, Ints
+from cspace.support.check import (
+    check_count,
+    check_finite,
+    check_not_negative,
+    check_points,
+    check_positive,
 )
 
 if TYPE_CHECKING:

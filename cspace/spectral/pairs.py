@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
 from cspace.spectral.bump import (
     SAFETY_FACTOR,
     Bump,
@@ -19,6 +18,7 @@ from cspace.spectral.bump import (
     radial_transform,
 )
 from cspace.spectral.descriptors import BallDescriptor
+from cspace.support.arrays import Floats, Ints
 
 PAIR_TABLE_NODES: Final = 64
 """Number of distances in a table for pairs of two radii."""

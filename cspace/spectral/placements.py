@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats
-from cspace.check import check_count, check_finite, check_flag, check_not_negative, check_positive
 from cspace.errors import InputError
 from cspace.rotations import Rotations
 from cspace.spectral.bump import Bump
@@ -31,6 +29,14 @@ from cspace.spectral.descriptors import (
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
 from cspace.spectral.pairs import norm_square, sum_pairs
 from cspace.spectral.spectra import Correlation
+from cspace.support.arrays import Floats
+from cspace.support.check import (
+    check_count,
+    check_finite,
+    check_flag,
+    check_not_negative,
+    check_positive,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline

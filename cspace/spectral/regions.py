@@ -9,15 +9,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
 from cspace.bodies.triangles import build_trees
-from cspace.compiling import allocating, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.kernels import box_distance, point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.threads import in_chunks
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.compiling import allocating, kernel
+from cspace.support.threads import in_chunks
+from cspace.support.vectors import box_distance, point_segment, point_triangle, row_at
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
 """Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly

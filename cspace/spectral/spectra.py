@@ -20,8 +20,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats
-from cspace.check import check_finite
 from cspace.errors import InputError, import_optional
 from cspace.spectral.bump import (
     MIN_TOLERANCE,
@@ -36,7 +34,9 @@ from cspace.spectral.bump import (
     table_points,
 )
 from cspace.spectral.descriptors import BallDescriptor, check_solid_balls
-from cspace.threads import cores
+from cspace.support.arrays import Floats
+from cspace.support.check import check_finite
+from cspace.support.threads import cores
 
 Complexes = NDArray[np.complex128]
 """Array of complex numbers."""

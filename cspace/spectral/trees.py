@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import kernel
-from cspace.threads import in_chunks
+from cspace.support.arrays import Bytes, Floats, Ints
+from cspace.support.compiling import kernel
+from cspace.support.threads import in_chunks
 
 MISS, HIT, UNDECIDED = range(3)
 """Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import StrPath
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
-from cspace.map.contents import Contents
-from cspace.map.exterior import UNKNOWN
 from cspace.obstacles import Source, changed_source
+from cspace.record.contents import Contents
+from cspace.record.exterior import UNKNOWN
+from cspace.record.save import TILES_FORMAT, is_map_folder, read_format
 from cspace.robot import Robot
-from cspace.save import TILES_FORMAT, is_map_folder, read_format
 from cspace.space import CSpace
-from cspace.threads import cores
+from cspace.support.arrays import StrPath
+from cspace.support.threads import cores
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace

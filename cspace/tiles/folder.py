@@ -28,20 +28,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace.arrays import MIXED, Box, Ints, StrPath
 from cspace.engines.slices import slice_rasters
 from cspace.errors import FileError
 from cspace.files.access import replacing
 from cspace.files.zarr_folders import ROOT_FILE
 from cspace.grid import Grid
-from cspace.map.contents import Contents
-from cspace.map.description import FORMAT, arrays_of, metadata_of
-from cspace.map.exterior import Exterior
-from cspace.map.storage import count_states
 from cspace.raster import Raster
-from cspace.robot import Robot
-from cspace.rotations import Rotations
-from cspace.save import (
+from cspace.record.contents import Contents
+from cspace.record.description import FORMAT, arrays_of, metadata_of
+from cspace.record.exterior import Exterior
+from cspace.record.save import (
     TILES_FORMAT,
     is_map_folder,
     making_map,
@@ -50,6 +46,10 @@ from cspace.save import (
     read_root,
     write_map,
 )
+from cspace.record.states import count_states
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.support.arrays import MIXED, Box, Ints, StrPath
 from cspace.workspace import Workspace
 
 MIN_HALO_CELLS: Final = 4

@@ -22,9 +22,9 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csgraph
 
-from cspace.arrays import Ints
-from cspace.map.components import Components
-from cspace.map.contents import Contents
+from cspace.queries.components import Components
+from cspace.record.contents import Contents
+from cspace.support.arrays import Ints
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
 from cspace.tiles.parts import OpenTiles
 from cspace.tiles.work import run_tasks

@@ -35,10 +35,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
 from cspace.grid import Grid
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK
+from cspace.support.arrays import Floats, Ints
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Angle of a rotation, in radians, from which on both arcs are tested."""

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, reduce_blocks
 from cspace.grid import Grid
-from cspace.map.exterior import UNKNOWN
+from cspace.record.exterior import UNKNOWN
 from cspace.space import CSpace
+from cspace.support.arrays import BLOCKED, FREE, MIXED, reduce_blocks
 from cspace.tiles.folder import TileFolder, as_box
 from cspace.workspace import Workspace
 

@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import MIXED, Bools, Floats, Ints
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
-from cspace.map.exterior import UNKNOWN, Exterior
+from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.shapes import Shape
 from cspace.space import CSpace
+from cspace.support.arrays import MIXED, Bools, Floats, Ints
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
 from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import STATE_NAMES, Bools, Floats, States, StrPath
-from cspace.check import check_count
-from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
-from cspace.map.contents import Contents
+from cspace.maps import ConfigurationMap
+from cspace.record.contents import Contents
 from cspace.space import CSpace
+from cspace.support.arrays import STATE_NAMES, Bools, Floats, States, StrPath
+from cspace.support.check import check_count
 from cspace.tiles.folder import ONE_MORE, TileFolder, grow, unfinished_map_error
 from cspace.tiles.labels import TiledComponents
 from cspace.tiles.overview import build_overview

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from cspace import __version__
 from cspace.errors import CspaceError, InputError, import_optional
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace.threads import cores, in_threads
+from cspace.support.threads import cores, in_threads
 from cspace.tiles.folder import Index
 
 if TYPE_CHECKING:

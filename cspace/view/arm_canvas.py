@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
 from cspace.plot.arms import (
     ARM_CAMERA,
@@ -22,6 +21,7 @@ from cspace.plot.arms import (
 )
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.rotations.base import TWO_PI, wrapped
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.view.canvas import (
     MARKS,
     STATES,

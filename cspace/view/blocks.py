@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from cspace.arrays import Floats, block_starts, reduce_blocks
 from cspace.plot.artists import Classes, classify_cells, classify_ground
 from cspace.space import CSpace
+from cspace.support.arrays import Floats, block_starts, reduce_blocks
 from cspace.tiles.space import TiledCSpace
 
 MAX_BLOCKS: Final = 2**21

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
 from cspace.plot.artists import GOAL_COLOR, PATH_COLOR
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.view.scene import rgb
 
 if TYPE_CHECKING:

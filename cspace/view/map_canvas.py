@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.arrays import Floats
 from cspace.plot.artists import (
     CLASSES,
     COLLIDES,
@@ -23,6 +22,7 @@ from cspace.plot.artists import (
 )
 from cspace.plot.route import Body
 from cspace.rotations import Rotations
+from cspace.support.arrays import Floats
 from cspace.view.blocks import Cells
 from cspace.view.canvas import (
     MARKS,

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from cspace.arrays import Floats
 from cspace.errors import CspaceError, InputError
+from cspace.support.arrays import Floats
 from cspace.view.canvas import MARKS, Canvas
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.grid import Grid
 from cspace.plot.artists import (
     CLASSES,
@@ -23,6 +22,7 @@ from cspace.plot.route import outline_rings
 from cspace.plot.surface import SURFACES, UNKNOWN_SURFACE
 from cspace.raster.bitmaps import merge_into_rectangles
 from cspace.robot import Robot
+from cspace.support.arrays import Bools, Floats, Ints, Surface
 from cspace.view.blocks import Blocks
 
 Color = tuple[int, int, int]

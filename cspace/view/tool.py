@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace.arms.inverse import DEFAULT_TOLERANCE, PoseGoal, branch_to
-from cspace.arrays import Floats
-from cspace.check import check_known
 from cspace.errors import ConfigurationError
+from cspace.support.arrays import Floats
+from cspace.support.check import check_known
 
 if TYPE_CHECKING:
     from viser import ViserServer

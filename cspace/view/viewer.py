@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
 
 from cspace.arms.space import ArmSpace
-from cspace.arrays import Floats
-from cspace.check import check_count
 from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
+from cspace.support.arrays import Floats
+from cspace.support.check import check_count
 from cspace.view.arm_canvas import ArmCanvas
 from cspace.view.map_canvas import MapCanvas
 

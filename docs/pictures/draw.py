@@ -428,21 +428,21 @@ def draw_joint_map() -> Figure:
 # ---- the house -----------------------------------------------------------------------------------
 
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
-    ("doors for users", ("cspace", "cli", "demo", "view"), "#e8e3f3"),
+    ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
     ("planning", ("planners",), "#e8e3f3"),
     ("pictures, files for others", ("plot", "export"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
-    ("maps for users", ("space", "builder", "opening", "update", "tiles"), "#d4eaf7"),
-    ("saved maps", ("save",), "#d4eaf7"),
+    ("maps for users", ("builder", "opening", "tiles", "space", "maps", "interface"), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
-    ("proofs and look-ups", ("exact", "map"), "#d4eaf7"),
+    ("proofs and look-ups", ("exact", "bodies", "queries"), "#d4eaf7"),
+    ("the record of a map", ("record",), "#d4eaf7"),
     ("engines", ("engines",), "#d4eaf7"),
     ("what users make", ("robot", "workspace", "obstacles"), "#d9f0e6"),
     ("geometry", ("shapes", "raster", "rotations"), "#d9f0e6"),
     ("bytes to arrays", ("files",), "#d9f0e6"),
     (
         "ground",
-        ("grid", "limits", "check", "errors", "arrays", "compiling", "threads", "kernels"),
+        ("limits", "grid", "errors", "support"),
         "#eeeeee",
     ),
 )

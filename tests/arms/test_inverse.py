@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, ConfigurationError, InputError, PoseGoal
-from tests.refusals import refusals
-from tests.urdfs import (
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import (
     joint,
     link,
     planar,

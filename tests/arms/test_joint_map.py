@@ -20,10 +20,10 @@ from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.arms import Arm, ArmSpace, build_arm_space, build_joint_map, undecided_pairs
 from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
-from tests.maps import proven_paths
-from tests.refusals import refusals
+from tests.helpers.maps import proven_paths
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 from tests.soak.plane import place_polygon
-from tests.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres."""

@@ -18,9 +18,9 @@ from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_a
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
-from tests.refusals import refusals
-from tests.solids import ArmOracle, box
-from tests.urdfs import (
+from tests.helpers.refusals import refusals
+from tests.helpers.solids import ArmOracle, box
+from tests.helpers.urdfs import (
     joint,
     link,
     planar_with_tip,

@@ -21,9 +21,9 @@ from cspace import FREE, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import Balls
-from tests.refusals import refusals
-from tests.solids import ArmOracle, box, sample_configurations
-from tests.urdfs import planar, pose_at, posed_box, random_arm
+from tests.helpers.refusals import refusals
+from tests.helpers.solids import ArmOracle, box, sample_configurations
+from tests.helpers.urdfs import planar, pose_at, posed_box, random_arm
 
 NAMES = ("table", "cup", "cloud")
 LENGTH, COORDINATE = st.floats(0.05, 0.4), st.floats(-1.0, 1.0)

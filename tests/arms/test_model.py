@@ -13,8 +13,8 @@ from cspace import MeshWarning, Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
-from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 

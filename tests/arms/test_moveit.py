@@ -17,8 +17,8 @@ import planners
 from cspace import Arm, PoseGoal, Robot, build_arm_space
 from cspace.arms import JointValues, read_moveit_request, read_moveit_scene
 from cspace.errors import ConfigurationError, FileError, InputError
-from tests.refusals import refusals
-from tests.urdfs import joint, link, posed_box, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 SQUARE = Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cspace import Arm, Workspace, build_arm_space
 from cspace.arms import read_moveit_scene
 from cspace.errors import FileError, InputError
-from tests.urdfs import joint, link, pose_of, write_urdf
+from tests.helpers.urdfs import joint, link, pose_of, write_urdf
 
 SIDE = 1e-3
 """Side of the probe, a cube at the origin of the link ``tip``, metres."""

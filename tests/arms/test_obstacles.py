@@ -14,9 +14,9 @@ from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
-from tests.refusals import refusals
-from tests.solids import ArmOracle, ball, box, sample_configurations
-from tests.urdfs import joint, link, planar, pose_at, random_arm, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.solids import ArmOracle, ball, box, sample_configurations
+from tests.helpers.urdfs import joint, link, planar, pose_at, random_arm, write_urdf
 
 H = 0.2
 SIDE = 10

@@ -9,9 +9,9 @@ from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
 from cspace.spectral import BallPenetration, Bump
 from cspace.spectral.bump import pair_integrals
-from tests.refusals import refusals
-from tests.strategies import seeds
-from tests.urdfs import joint, link, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+from tests.helpers.urdfs import joint, link, write_urdf
 
 FIXED = np.array([[1.0, 0.3, 0.1], [1.3, -0.2, 0.0], [0.4, 0.5, -0.2]]), np.array([0.3, 0.2, 0.25])
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])

@@ -10,8 +10,8 @@ import scipy.sparse.csgraph
 
 from cspace.arms import Arm, ArmSpace, build_arm_space
 from cspace.errors import ConfigurationError, InputError
-from tests.refusals import refusals
-from tests.urdfs import planar, posed_box, random_arm, two_arms
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import planar, posed_box, random_arm, two_arms
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)

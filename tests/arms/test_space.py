@@ -16,9 +16,9 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
-from tests.refusals import refusals
-from tests.solids import ArmOracle, box, sample_configurations
-from tests.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.solids import ArmOracle, box, sample_configurations
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 
 def draw_scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:

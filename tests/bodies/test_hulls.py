@@ -15,7 +15,7 @@ from cspace.arms.scenes import make_scene
 from cspace.arms.solids import Solid
 from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, node_corners
 from cspace.shapes import Mesh, Shape
-from tests.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])

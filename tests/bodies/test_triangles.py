@@ -19,11 +19,11 @@ from cspace.bodies.triangles import (
     crosses,
     free_fraction,
 )
-from cspace.compiling import kernel
 from cspace.shapes import RoundedSimplices
-from tests import solids
-from tests.oracles import cross, dot, minus
-from tests.strategies import seeds
+from cspace.support.compiling import kernel
+from tests.helpers import solids
+from tests.helpers.oracles import cross, dot, minus
+from tests.helpers.strategies import seeds
 
 HERE, STILL = (0.0, 0.0, 0.0), np.eye(3)
 ERROR = 2.0**-48

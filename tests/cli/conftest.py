@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.commands import run
-from tests.handmade import fill_boxes
+from tests.helpers.commands import run
+from tests.helpers.handmade import fill_boxes
 
 CUBE_OBJ = """v 0 0 0
 v 1 0 0

@@ -20,15 +20,15 @@ import planners
 from cspace.cli import app
 from cspace.cli.compile import plan_in_plane
 from cspace.cli.report import option_names, progress_line
-from cspace.compiling import cache_folder
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.artists import PATH_COLOR
+from cspace.support.compiling import cache_folder
 from cspace.view.scene import rgb
-from tests import urdfs
-from tests.commands import COMMANDS, document, run
-from tests.refusals import refusals
-from tests.repository import ROOT
+from tests.helpers import urdfs
+from tests.helpers.commands import COMMANDS, document, run
+from tests.helpers.refusals import refusals
+from tests.helpers.repository import ROOT
 
 MAP_ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
@@ -87,7 +87,7 @@ def test_compile_fills_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
     assert printed["seconds"].keys() == {"plan in the plane"}
-    monkeypatch.setattr("cspace.compiling.cache_folder", lambda: None)
+    monkeypatch.setattr("cspace.support.compiling.cache_folder", lambda: None)
     result = run("compile")
     assert result.exit_code == 2 and "NUMBA_CACHE_DIR" in result.stderr
 

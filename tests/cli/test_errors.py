@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands import run
+from tests.helpers.commands import run
 
 _MAP_FLOOR = ["map", "floor.npy", "--robot", "disc:0.05", "--spacing", "0.1", "-o", "new.zarr"]
 _MAP_ROOMS = ["map", "rooms.npy", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from cspace.cli.options import parse_angle, parse_box, parse_configuration
 from cspace.cli.report import format_error, show
 from cspace.errors import CspaceError, FileError, InputError
-from tests.commands import COMMANDS, flatten, run
-from tests.refusals import refusals
+from tests.helpers.commands import COMMANDS, flatten, run
+from tests.helpers.refusals import refusals
 
 AXES_OF = {
     "plane": ("x", "y"),

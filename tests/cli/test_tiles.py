@@ -9,8 +9,8 @@ import zarr
 import cspace
 import cspace.builder
 from cspace.plot import save_plot
-from tests.commands import run
-from tests.handmade import fill_boxes
+from tests.helpers.commands import run
+from tests.helpers.handmade import fill_boxes
 
 
 @pytest.fixture(scope="module")

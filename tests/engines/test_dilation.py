@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from cspace.engines import dilation, fft
 from cspace.engines.dilation import ClippedRuns
 from cspace.raster import Raster
-from tests.oracles import collide, overlaps_by_shifts, raster_offsets
-from tests.strategies import bitmaps, seeds
+from tests.helpers.oracles import collide, overlaps_by_shifts, raster_offsets
+from tests.helpers.strategies import bitmaps, seeds
 
 
 @pytest.mark.parametrize("outside", [False, True])

@@ -10,8 +10,8 @@ from hypothesis.extra import numpy as hnp
 
 from cspace.engines import ENGINES, MAX_ROWS_PER_CELL, choose_engine
 from cspace.raster import Raster
-from tests.oracles import collide, overlaps_by_shifts
-from tests.strategies import seeds
+from tests.helpers.oracles import collide, overlaps_by_shifts
+from tests.helpers.strategies import seeds
 
 both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINES))
 

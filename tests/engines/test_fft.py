@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from cspace.engines import fft
 from cspace.engines.fft import MAX_ERROR, choose_tiling, clip_raster, error_bound
 from cspace.raster import MAX_RASTER_CELLS, Raster
-from tests.oracles import collide, overlaps_by_shifts
-from tests.strategies import seeds
+from tests.helpers.oracles import collide, overlaps_by_shifts
+from tests.helpers.strategies import seeds
 
 
 def check(occupied, rasters, outside):

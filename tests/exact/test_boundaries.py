@@ -14,7 +14,7 @@ from cspace.bodies.parts import part_anchors
 from cspace.exact.boundaries import clip, obstacle_boundary
 from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import RoundedSimplices
-from tests.strategies import seeds, stars
+from tests.helpers.strategies import seeds, stars
 
 
 def to_pieces(simplices):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import cspace
 from cspace import MIXED, Grid, Robot, Workspace
 from cspace.grid import MAX_COORDINATE
-from tests.oracles import exact, square_distance_to_box
-from tests.strategies import seeds
+from tests.helpers.oracles import exact, square_distance_to_box
+from tests.helpers.strategies import seeds
 
 CELLS = 48
 CORNERS = [(1, 1), (-1, 1), (-1, -1)]

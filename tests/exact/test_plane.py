@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
-from tests.handmade import fill_boxes
-from tests.placements import ORACLE_BAND, draw_near_mixed, obstacles_of
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import ORACLE_BAND, draw_near_mixed, obstacles_of
+from tests.helpers.strategies import robots, seeds, stars
 from tests.soak.plane import move_points
-from tests.strategies import robots, seeds, stars
 
 SIDE = 0.6
 

@@ -10,9 +10,9 @@ import trimesh
 
 import cspace
 from cspace import MIXED, InputError, Robot, Rotations, Workspace
-from cspace.map.contents import Contents
-from tests.handmade import configurations
-from tests.placements import draw_near_mixed
+from cspace.record.contents import Contents
+from tests.helpers.handmade import configurations
+from tests.helpers.placements import draw_near_mixed
 
 
 def build_plane(rotations=None):

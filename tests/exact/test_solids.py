@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
-from tests.handmade import fill_boxes, map_in
-from tests.placements import ORACLE_BAND, draw_near_mixed
+from tests.helpers.handmade import fill_boxes, map_in
+from tests.helpers.placements import ORACLE_BAND, draw_near_mixed
+from tests.helpers.solids import rotation_of, surface
+from tests.helpers.strategies import seeds
 from tests.soak.solids import Blocks, Pair, Walls
-from tests.solids import rotation_of, surface
-from tests.strategies import seeds
 
 # ---- oracles -------------------------------------------------------------------------------------
 

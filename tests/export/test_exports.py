@@ -24,9 +24,9 @@ import cspace
 from cspace.errors import FileError, InputError
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
-from tests.maps import MAP_BUILDERS
-from tests.missing import output_without
-from tests.refusals import refusals
+from tests.helpers.maps import MAP_BUILDERS
+from tests.helpers.missing import output_without
+from tests.helpers.refusals import refusals
 
 states = hnp.arrays(
     np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)

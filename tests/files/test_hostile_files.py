@@ -27,7 +27,7 @@ from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 from tests.soak import files as soak
 
 

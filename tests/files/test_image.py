@@ -12,7 +12,7 @@ from PIL import Image
 from cspace import Grid, Workspace
 from cspace.errors import FileError, InputError
 from cspace.files.images import read_shades as read_image_shades
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 
 def read_shades(path, kind):

@@ -7,7 +7,7 @@ import pytest
 from cspace import Arm, FileError, Robot, Workspace
 from cspace.files.formats import WORKSPACE_FORMATS
 from cspace.robot import _files as robot_files
-from tests.urdfs import joint, link, write_urdf
+from tests.helpers.urdfs import joint, link, write_urdf
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from cspace.files.meshes import read_mesh
-from tests.mesh_files import (
+from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,
     BOX_QUADS,
@@ -18,7 +18,7 @@ from tests.mesh_files import (
     check_refused,
     read,
 )
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 # glTF
 

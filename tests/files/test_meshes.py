@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cspace import FileError, GeometryError, InputError
 from cspace.files.meshes import read_mesh
 from cspace.files.polygons import triangulate
-from tests.mesh_files import (
+from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,
     BOX_QUADS,
@@ -25,7 +25,7 @@ from tests.mesh_files import (
     lines,
     read,
 )
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 # OBJ
 

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.files.ros import Costmap, OccupancyGrid
-from tests.handmade import fill_boxes
-from tests.refusals import refusals
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.refusals import refusals
 
 RNG = np.random.default_rng(0)
 

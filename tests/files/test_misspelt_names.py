@@ -10,7 +10,7 @@ import zarr
 import cspace
 from cspace import Arm, CspaceError, FileError, Mesh, Robot, Workspace
 from cspace.files.access import suggest_name
-from tests.commands import run
+from tests.helpers.commands import run
 
 Reader = Callable[[Path], object]
 

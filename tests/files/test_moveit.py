@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from cspace import Arm, FileError, Robot, Workspace, build, build_arm_space
 from cspace.arms import PosedShape, read_moveit_scene
 from cspace.errors import GeometryError, InputError
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 NAMES = ("box", "sphere", "cylinder", "cone")
 BOUNDS = (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0)

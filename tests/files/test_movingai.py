@@ -8,7 +8,7 @@ import pytest
 from cspace import Grid, Workspace
 from cspace.errors import FileError
 from cspace.files.images import read_movingai_map
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 

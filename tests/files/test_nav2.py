@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from cspace import FileError, GeometryError, InputError, Robot
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 FOOTPRINT_TEXT = "[[0.3, .2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from cspace import GeometryError
-from tests.mesh_files import BOX_CORNERS, BOX_MESH, BOX_QUADS, check_boxes, check_refused, read
-from tests.refusals import refusals
+from tests.helpers.mesh_files import (
+    BOX_CORNERS,
+    BOX_MESH,
+    BOX_QUADS,
+    check_boxes,
+    check_refused,
+    read,
+)
+from tests.helpers.refusals import refusals
 
 # PLY
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.points import read_points
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 CLOUD = np.array(
     [[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]]

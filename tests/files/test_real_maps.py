@@ -5,7 +5,7 @@ import pytest
 
 import cspace
 from cspace import Robot, Workspace
-from tests.maps import proven_paths
+from tests.helpers.maps import proven_paths
 
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 

@@ -17,7 +17,7 @@ from PIL import Image
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
 from cspace.errors import FileError, InputError
 from cspace.export.images import write_ros_map
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 HEADER: dict[str, Any] = {
     "image": "map.png",

@@ -9,8 +9,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import FileError, InputError, Mesh, Robot
-from tests.missing import output_without
-from tests.refusals import refusals
+from tests.helpers.missing import output_without
+from tests.helpers.refusals import refusals
 
 BASE = """
 <link name="base">

@@ -14,7 +14,7 @@ from shapely.geometry import box, mapping
 from cspace import Grid, Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.vector import read_shapes
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 L_SHAPE = shapely.Polygon([(0.1, 0.1), (2.9, 0.1), (2.9, 0.9), (0.9, 0.9), (0.9, 1.9), (0.1, 1.9)])
 """Touches all of the 3 x 2 unit cells except (1, 1) and (2, 1)."""

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, Workspace
-from cspace.arrays import Bools
 from cspace.errors import FileError, InputError
 from cspace.files.images import read_movingai_voxels
-from tests.refusals import refusals
-from tests.strategies import seeds
+from cspace.support.arrays import Bools
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
 FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"

@@ -23,7 +23,7 @@ from zarr.codecs import BloscCodec, ZstdCodec
 import cspace
 from cspace import CspaceError, FileError, Workspace
 from cspace.files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}

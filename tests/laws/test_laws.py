@@ -12,7 +12,9 @@ import pytest
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED
-from tests.handmade import components
+from tests.helpers.handmade import components
+from tests.helpers.maps import proven_paths
+from tests.helpers.placements import draw_configurations
 from tests.laws.any_map import (
     ALL_KINDS,
     MAP_INPUTS,
@@ -21,8 +23,6 @@ from tests.laws.any_map import (
     random_obstacles,
     reopen,
 )
-from tests.maps import proven_paths
-from tests.placements import draw_configurations
 
 EXTERIORS = ("blocked", "free")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {

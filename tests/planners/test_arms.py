@@ -13,8 +13,8 @@ import planners
 from cspace import ArmSpace, InputError
 from cspace.arms import Arm, build_arm_space
 from planners.states import kind_of
-from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, posed_box, post, write_urdf
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import joint, link, planar, posed_box, post, write_urdf
 
 pytest.importorskip("yourdfpy")
 

@@ -13,8 +13,8 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
-from tests.handmade import fill_boxes
-from tests.planning import build_from_states, build_room, turn_between
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import build_from_states, build_room, turn_between
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 TURNING_RADII = [0.3, 1.0, 4.0]

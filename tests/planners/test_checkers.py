@@ -8,8 +8,8 @@ from ompl import base as ob
 
 import planners
 from cspace import CSpace, InputError, Robot, Workspace, build
-from tests.handmade import fill_boxes
-from tests.planning import (
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import (
     CAR_OPTIONS,
     SPACES,
     bounds_of,

@@ -9,7 +9,7 @@ import pytest
 
 import planners
 from cspace import MIXED, Robot, Workspace, build
-from cspace.compiling import clock
+from cspace.support.compiling import clock
 from planners.catalogue import (
     PLANNERS_REFUSED_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
@@ -17,7 +17,7 @@ from planners.catalogue import (
 )
 from planners.local_planner import CarCurves, TurnDriveTurn
 from planners.search import Deadline, OutOfTime
-from tests.planning import (
+from tests.helpers.planning import (
     ANYTIME_PLANNERS,
     ENDPOINTS,
     SPACES_WITH_CURVES,

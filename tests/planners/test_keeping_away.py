@@ -10,9 +10,9 @@ from scipy.sparse.csgraph import dijkstra
 import cspace
 import planners
 from cspace import FREE
-from cspace.arrays import Bools, Floats, Ints
-from tests.planning import ENDPOINTS, SPACES, build_from_states, build_room
-from tests.strategies import seeds
+from cspace.support.arrays import Bools, Floats, Ints
+from tests.helpers.planning import ENDPOINTS, SPACES, build_from_states, build_room
+from tests.helpers.strategies import seeds
 
 WEIGHT = 10.0
 """Extra metres that a metre of path costs without clearance, by default."""

@@ -16,8 +16,8 @@ from ompl import base as ob
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, InputError, Robot, Workspace, build
-from tests.handmade import fill_boxes
-from tests.planning import build_from_states, build_room
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import build_from_states, build_room
 from tests.soak.drives import (
     OFFICE,
     build_office,

@@ -9,10 +9,10 @@ import pytest
 import planners
 from cspace import MIXED, CSpace, InputError, Robot, Workspace, build
 from planners.local_planner import TurnDriveTurn, local_planner
-from tests.handmade import fill_boxes
-from tests.maps import proven_paths
-from tests.placements import collides
-from tests.planning import (
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.maps import proven_paths
+from tests.helpers.placements import collides
+from tests.helpers.planning import (
     ENDPOINTS,
     build_from_states,
     build_open_map,

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 
 import planners
 from cspace import BLOCKED, MIXED, ConfigurationError, InputError
-from tests.planning import ENDPOINTS, build_from_states, build_room
+from tests.helpers.planning import ENDPOINTS, build_from_states, build_room
+from tests.helpers.strategies import seeds
 from tests.soak import lengths
-from tests.strategies import seeds
 
 
 @pytest.mark.parametrize("kind", lengths.WORLDS)

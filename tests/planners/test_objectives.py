@@ -11,7 +11,7 @@ import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import kind_of
-from tests.planning import (
+from tests.helpers.planning import (
     SPACES,
     SPACES_WITH_CURVES,
     build_room,

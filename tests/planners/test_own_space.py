@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 import cspace
 import planners
 from cspace import InputError
-from cspace.configuration_space import SearchOptions
-from tests.planning import ENDPOINTS, SPACES, build_room, make_state
-from tests.refusals import refusals
+from cspace.interface import SearchOptions
+from tests.helpers.planning import ENDPOINTS, SPACES, build_room, make_state
+from tests.helpers.refusals import refusals
 
 
 class Disc(cspace.Space):

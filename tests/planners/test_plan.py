@@ -32,7 +32,7 @@ from planners.catalogue import (
     THREADED_PLANNERS,
 )
 from planners.local_planner import CURVES
-from tests.planning import (
+from tests.helpers.planning import (
     ANYTIME_PLANNERS,
     CAR_OPTIONS,
     ENDPOINTS,
@@ -49,8 +49,8 @@ from tests.planning import (
     plan_patiently,
     turn_between,
 )
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 OMPL_PLANNERS = planners.planner_names()
 OPTIMIZING_PLANNERS = sorted(

@@ -14,8 +14,8 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.planning import ENDPOINTS, SPACES, build_room
-from tests.urdfs import joint, link, planar, post, write_urdf
+from tests.helpers.planning import ENDPOINTS, SPACES, build_room
+from tests.helpers.urdfs import joint, link, planar, post, write_urdf
 
 TIMING_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
 

@@ -23,8 +23,8 @@ from cspace import (
     build_arm_space,
 )
 from cspace.arms import PosedShape
-from tests.refusals import refusals
-from tests.urdfs import (
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import (
     joint,
     link,
     planar_with_tip,

@@ -10,7 +10,7 @@ import pytest
 
 import planners
 from cspace import Robot, Workspace, build
-from tests.handmade import fill_boxes
+from tests.helpers.handmade import fill_boxes
 
 PLANS_SCRIPT = """
 import gc, json, logging, sys

@@ -21,9 +21,9 @@ from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot.route import collect_marks
 from planners.local_planner import HOLONOMIC, local_planner
-from tests import solids
-from tests.handmade import fill_boxes
-from tests.planning import (
+from tests.helpers import solids
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import (
     ENDPOINTS,
     SPACES,
     SPACES_WITH_CURVES,

@@ -12,7 +12,7 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
 from planners.states import kind_of
-from tests.planning import (
+from tests.helpers.planning import (
     ENDPOINTS,
     SPACES,
     build_from_states,
@@ -21,7 +21,7 @@ from tests.planning import (
     make_state,
     sample_edges,
 )
-from tests.urdfs import planar
+from tests.helpers.urdfs import planar
 
 SAMPLING_CENTERS = {
     "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],

@@ -12,10 +12,10 @@ import planners
 from cspace import BLOCKED, FREE, CSpace, InputError, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
-from tests.handmade import fill_boxes
-from tests.missing import output_without
-from tests.planning import CAR_OPTIONS, SPACES, build_from_states, build_room
-from tests.refusals import refusals
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.missing import output_without
+from tests.helpers.planning import CAR_OPTIONS, SPACES, build_from_states, build_room
+from tests.helpers.refusals import refusals
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:

@@ -6,7 +6,7 @@ from ompl import base as ob
 
 import planners
 from planners.states import kind_of
-from tests.planning import SPACES, build_room
+from tests.helpers.planning import SPACES, build_room
 
 IN_EVERY_SPACE = pytest.mark.parametrize("name", SPACES)
 

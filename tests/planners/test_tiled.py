@@ -7,9 +7,9 @@ import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
-from tests.handmade import fill_boxes
-from tests.planning import make_state
-from tests.refusals import refusals
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import make_state
+from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
 

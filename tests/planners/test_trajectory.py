@@ -26,10 +26,17 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.planning import CAR_OPTIONS, ENDPOINTS, SPACES, build_open_map, build_room, turn_between
-from tests.refusals import refusals
-from tests.strategies import seeds
-from tests.urdfs import joint, link, planar, planar_with_tip, pose_at, post, write_urdf
+from tests.helpers.planning import (
+    CAR_OPTIONS,
+    ENDPOINTS,
+    SPACES,
+    build_open_map,
+    build_room,
+    turn_between,
+)
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+from tests.helpers.urdfs import joint, link, planar, planar_with_tip, pose_at, post, write_urdf
 
 AXES_OF_KIND: dict[str, tuple[str, ...]] = {
     "plane": ("x", "y"),

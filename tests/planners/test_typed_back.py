@@ -11,9 +11,9 @@ import pytest
 import planners
 from cspace import FREE, MIXED, ConfigurationError, CSpace, Robot, Workspace, build
 from cspace.arms import Arm, build_arm_space
-from tests.commands import run
-from tests.handmade import make_map
-from tests.urdfs import joint, link, write_urdf
+from tests.helpers.commands import run
+from tests.helpers.handmade import make_map
+from tests.helpers.urdfs import joint, link, write_urdf
 
 CONFIGURATION = re.compile(r"\(([-+.e\d]+(?:, [-+.e\d]+)+)\)")
 

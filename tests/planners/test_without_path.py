@@ -15,7 +15,7 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
-from tests.handmade import (
+from tests.helpers.handmade import (
     MAP_KINDS,
     components,
     configurations,
@@ -23,8 +23,8 @@ from tests.handmade import (
     make_map,
     random_states,
 )
-from tests.maps import proven_paths
-from tests.planning import (
+from tests.helpers.maps import proven_paths
+from tests.helpers.planning import (
     SPACES,
     build_halves,
     build_room,
@@ -32,7 +32,7 @@ from tests.planning import (
     check_failed,
     options_for,
 )
-from tests.strategies import seeds
+from tests.helpers.strategies import seeds
 
 SPACES_WITH_DRIVES = [
     *((name, "holonomic") for name in SPACES),

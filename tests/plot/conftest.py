@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cspace import CSpace, Robot, Workspace, build
-from tests.pictures import block, yard
+from tests.helpers.pictures import block, yard
 
 
 @pytest.fixture(scope="package")

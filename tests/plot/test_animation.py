@@ -14,8 +14,8 @@ import planners
 from cspace import BLOCKED, Arm, CSpace, Robot, Workspace, build, build_arm_space
 from cspace.errors import InputError
 from cspace.plot import animate
-from tests.pictures import COLORS, TURNING_PATH
-from tests.urdfs import planar, posed_box
+from tests.helpers.pictures import COLORS, TURNING_PATH
+from tests.helpers.urdfs import planar, posed_box
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT: tuple[int, ...] = (0x3F, 0xB7, 0x95)

@@ -13,8 +13,8 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
 from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot.surface import SURFACES
-from tests.refusals import refusals
-from tests.urdfs import planar, posed_box
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import planar, posed_box
 
 pytest.importorskip("yourdfpy")
 PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]

@@ -24,7 +24,7 @@ from cspace import FREE, CSpace, Robot, Workspace, build
 from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import outline_rings
-from tests.pictures import (
+from tests.helpers.pictures import (
     COLORS,
     check_cells,
     check_within,

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from cspace import CSpace, FileError, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import animate, plot, save_plot
-from tests.pictures import TURNING_PATH
-from tests.refusals import refusals
+from tests.helpers.pictures import TURNING_PATH
+from tests.helpers.refusals import refusals
 
 SOLID: dict[str, Any] = {"view": "3d"}
 

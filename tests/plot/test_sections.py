@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
-from tests import handmade
-from tests.pictures import COLORS, class_of, heading, labels, rendered
+from tests.helpers import handmade
+from tests.helpers.pictures import COLORS, class_of, heading, labels, rendered
 
 SECTION_PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 

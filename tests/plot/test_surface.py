@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cspace import FREE, CSpace, Grid, Robot, Workspace, build
 from cspace.plot import plot, surface
 from cspace.plot.surface import border_faces
-from tests.pictures import check_within, heading_box, labels, rendered
+from tests.helpers.pictures import check_within, heading_box, labels, rendered
 
 TOWARDS = np.array([0.6, -0.5, 0.7])
 SURFACE_PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]

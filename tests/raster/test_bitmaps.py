@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cspace.raster.bitmaps import boundary_segments, boundary_triangles, cover_with_boxes
-from tests.strategies import seeds
+from tests.helpers.strategies import seeds
 
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 

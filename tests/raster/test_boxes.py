@@ -14,7 +14,7 @@ from cspace.grid import SLACK
 from cspace.raster.bitmaps import cover_with_boxes
 from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 from cspace.shapes import Balls, Box, Voxels
-from tests.strategies import seeds
+from tests.helpers.strategies import seeds
 
 UNIT = 2**120
 """Metres are counted in whole numbers of 1 / UNIT, which holds every float used here exactly."""

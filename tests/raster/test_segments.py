@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from cspace import Grid, InputError, Robot
 from cspace.shapes import Balls, Polygons
-from tests import oracles
-from tests.placements import ORACLE_BAND
-from tests.strategies import robots, seeds, spacings, stars
+from tests.helpers import oracles
+from tests.helpers.placements import ORACLE_BAND
+from tests.helpers.strategies import robots, seeds, spacings, stars
 
 """In metres: more than the slack of any grid used here."""
 

@@ -13,11 +13,11 @@ from scipy.optimize import nnls
 
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
-from tests import solids
-from tests.mesh_files import join_meshes, make_box
-from tests.oracles import cross, distance_to_triangles, dot, units
-from tests.placements import ORACLE_BAND
-from tests.strategies import seeds
+from tests.helpers import solids
+from tests.helpers.mesh_files import join_meshes, make_box
+from tests.helpers.oracles import cross, distance_to_triangles, dot, units
+from tests.helpers.placements import ORACLE_BAND
+from tests.helpers.strategies import seeds
 
 
 def make_soup(triangles):

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from cspace import Mesh, Robot
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes import Balls, Box, Voxels
-from tests.strategies import robots, seeds
+from tests.helpers.strategies import robots, seeds
 
 
 def yaw_turn(yaw, covering_angle=0.0, dim=2):

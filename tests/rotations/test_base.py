@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from cspace import InputError
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
 RNG = np.random.default_rng(5)

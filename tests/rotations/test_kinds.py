@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import BLOCKED, FREE, CSpace
-from cspace.arrays import Bools, Floats, Ints
 from cspace.cli.options import parse_configuration, parse_rotation_cells
 from cspace.errors import InputError
 from cspace.rotations import Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawRotations
-from tests.maps import proven_paths
+from cspace.support.arrays import Bools, Floats, Ints
+from tests.helpers.maps import proven_paths
 
 COUNT = 8
 

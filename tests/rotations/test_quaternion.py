@@ -10,8 +10,8 @@ import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.quaternion import QUOTIENT_SLACK
-from tests.handmade import half_turns
-from tests.placements import draw_quaternions
+from tests.helpers.handmade import half_turns
+from tests.helpers.placements import draw_quaternions
 
 CUTS = [1, 2, 3, 4, 8]
 

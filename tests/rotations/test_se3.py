@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
-from tests.handmade import ALL_FREE, map_of
-from tests.maps import proven_paths
-from tests.placements import draw_configurations, draw_quaternions
-from tests.strategies import seeds
+from tests.helpers.handmade import ALL_FREE, map_of
+from tests.helpers.maps import proven_paths
+from tests.helpers.placements import draw_configurations, draw_quaternions
+from tests.helpers.strategies import seeds
 
 H = 0.25
 NAMES = ("classify", "is_free", "clearance", "overlap_count", "contains_robot")

@@ -11,8 +11,8 @@ import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrapped
-from tests.refusals import refusals
-from tests.strategies import rotation_cells, seeds
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import rotation_cells, seeds
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 72, 360])

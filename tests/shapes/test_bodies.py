@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
 from cspace.shapes.bodies import find_bodies
-from tests.mesh_files import join_meshes, make_box
-from tests.oracles import winding_numbers
-from tests.strategies import seeds
+from tests.helpers.mesh_files import join_meshes, make_box
+from tests.helpers.oracles import winding_numbers
+from tests.helpers.strategies import seeds
 
 
 def fan(radius, low, high, count=24):

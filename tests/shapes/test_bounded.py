@@ -16,9 +16,9 @@ import cspace
 from cspace import InputError, Robot, Rotations, Workspace
 from cspace.rotations import RotationCell
 from cspace.spectral import decompose
-from tests import solids
-from tests.handmade import half_turns
-from tests.refusals import refusals
+from tests.helpers import solids
+from tests.helpers.handmade import half_turns
+from tests.helpers.refusals import refusals
 
 RADIUS, LENGTH = 0.31, 0.57
 

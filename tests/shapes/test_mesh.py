@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from cspace import FileError, GeometryError, InputError, Robot, Workspace
 from cspace.files.meshes import read_mesh
 from cspace.shapes.mesh import Mesh, MeshWarning
-from tests.mesh_files import TETRAHEDRON, join_meshes
-from tests.oracles import winding_numbers
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers.mesh_files import TETRAHEDRON, join_meshes
+from tests.helpers.oracles import winding_numbers
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
 TETRA_VERTICES, TETRA_FACES = TETRAHEDRON

@@ -23,11 +23,11 @@ from benchmarks.report import Report
 from benchmarks.suites.arm_peers import ArmProblem, Folder, Meshes, coal_solids, our_solids
 from cspace import BLOCKED, FREE, MIXED, Arm, build_arm_space
 from cspace.arms import ArmSpace
-from cspace.arrays import Bools, Floats
 from cspace.errors import ConfigurationError
+from cspace.support.arrays import Bools, Floats
+from tests.helpers.solids import sample_configurations
+from tests.helpers.urdfs import collision, joint, link, write_urdf
 from tests.soak.tally import Drawn, Rng, Tally, draw_until
-from tests.solids import sample_configurations
-from tests.urdfs import collision, joint, link, write_urdf
 
 REAL_ARMS = ("panda", "ur5")
 

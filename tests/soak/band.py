@@ -15,7 +15,7 @@ import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import BLOCKED, MIXED, Robot, Workspace
-from cspace.arrays import Bools, States
+from cspace.support.arrays import Bools, States
 from tests.soak.tally import Rng
 
 MAX_BAND = 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.report import Report
 from cspace import FREE
-from cspace.arrays import Floats
+from cspace.support.arrays import Floats
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from tests.soak.maps import POINTS_PER_EDGE, find_collisions_along, snap_nearly

@@ -13,7 +13,7 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import FREE, CSpace, Robot, Workspace
-from cspace.arrays import Floats
+from cspace.support.arrays import Floats
 from tests.soak.tally import Rng
 
 OFFICE = "maps/willow-full-0.05.yaml"

@@ -26,7 +26,7 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
-from cspace.save import write_folder
+from cspace.record.save import write_folder
 
 if TYPE_CHECKING:
     from benchmarks.report import Report

@@ -13,10 +13,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
-from cspace.arrays import Bools, Bytes, Floats
 from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
+from cspace.support.arrays import Bools, Bytes, Floats
 from tests.soak import plane
 from tests.soak.solids import Blocks, SolidSurface, SurfacePair, draw_directions
 from tests.soak.space import draw_dented_ball

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 import cspace
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
-from cspace.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats
 from tests.soak.tally import Rng
 
 SLACK = 1e-7

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace.arrays import Bools, Floats, States
+from cspace.support.arrays import Bools, Floats, States
 from tests.soak.plane import draw_case
 from tests.soak.space import draw_solid_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, find_collisions, pick_close

@@ -12,7 +12,7 @@ import shapely
 
 import cspace
 from cspace import CSpace, Grid, Robot, Workspace
-from cspace.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats
 from tests.soak.tally import ROUNDING, Case, Rng
 
 PLANE_ROBOT_SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))

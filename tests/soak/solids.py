@@ -10,9 +10,9 @@ import fcl
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.arrays import Bools, Floats, Ints
-from tests import solids
-from tests.oracles import box_gaps, chunks, distance_to_triangles, winds_around
+from cspace.support.arrays import Bools, Floats, Ints
+from tests.helpers import solids
+from tests.helpers.oracles import box_gaps, chunks, distance_to_triangles, winds_around
 
 _FRONT = [[0, 1, 3], [0, 3, 2], [0, 4, 5], [0, 5, 1], [0, 2, 6], [0, 6, 4]]
 _BACK = [[4, 6, 7], [4, 7, 5], [2, 3, 7], [2, 7, 6], [1, 5, 7], [1, 7, 3]]

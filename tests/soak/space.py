@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull
 
 import cspace
 from cspace import Robot, Workspace
-from cspace.arrays import Bools, Floats
 from cspace.shapes.mesh import Mesh, Solid
+from cspace.support.arrays import Bools, Floats
 from tests.soak.plane import Scale
 from tests.soak.solids import (
     SIDES,

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace.arrays import Bools, Floats, Ints, States
+from cspace.support.arrays import Bools, Floats, Ints, States
 
 Rng = np.random.Generator
 

@@ -8,7 +8,7 @@ from cspace import Robot
 from cspace.errors import GeometryError, InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import decompose
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 from tests.spectral.test_decompose import RECTANGLE
 
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")

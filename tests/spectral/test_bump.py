@@ -12,7 +12,7 @@ from scipy.special import j0
 
 from cspace import Grid, InputError
 from cspace.spectral import BallDescriptor, Bump, intersection
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 ALPHAS = [0.01, 0.1, 0.5, 1.0, 2.0, 3.7, 10.0, 100.0, 1e4, math.inf]
 SMOOTH = [2.0, 8.0]

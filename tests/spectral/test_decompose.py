@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from cspace import InputError
-from cspace.demo import floor_plan
+from cspace.cli.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
 from cspace.spectral.regions import bound_ball_measure, cube_gaps
-from tests.oracles import distance_to_triangles, sample_surface, winds_around
-from tests.strategies import seeds, stars
+from tests.helpers.oracles import distance_to_triangles, sample_surface, winds_around
+from tests.helpers.strategies import seeds, stars
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))

@@ -23,8 +23,8 @@ from cspace.spectral import (
     superlevel,
     union,
 )
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 TINY = np.finfo(float).tiny  # tiny values stay positive
 

@@ -10,8 +10,8 @@ import planners
 from cspace import FREE, CSpace, InputError, Robot, Workspace, build
 from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
-from tests.planning import make_state
-from tests.refusals import refusals
+from tests.helpers.planning import make_state
+from tests.helpers.refusals import refusals
 
 pytest.importorskip("finufft")
 

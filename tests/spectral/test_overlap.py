@@ -26,9 +26,9 @@ from cspace.spectral import (
 )
 from cspace.spectral.bump import pair_integrals
 from cspace.spectral.pairs import norm_square
-from tests import solids
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers import solids
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 pytest.importorskip("finufft")
 

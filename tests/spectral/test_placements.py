@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, Rotations
 from cspace.spectral import Bump, FourierOverlap, Placements, best_placements
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 pytest.importorskip("finufft")
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cspace import Grid
 from cspace.errors import GeometryError, InputError
 from cspace.spectral import Descriptor, minkowski_sum
-from tests.refusals import refusals
+from tests.helpers.refusals import refusals
 
 NUMBERS = st.floats(-5.0, 5.0, allow_subnormal=False)
 EIGHTHS = st.integers(-8, 8).map(lambda n: n / 8)

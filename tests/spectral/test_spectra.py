@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from cspace import Grid, InputError
 from cspace.spectral import BallDescriptor, Bump, ball_spectrum
 from cspace.spectral.spectra import radius_basis
-from tests.missing import output_without
-from tests.refusals import refusals
-from tests.strategies import seeds
+from tests.helpers.missing import output_without
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 
 pytest.importorskip("finufft")
 

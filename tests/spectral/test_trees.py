@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cspace.spectral import FourierOverlap, Verdict
 from cspace.spectral.trees import BallTree
-from tests.strategies import seeds
+from tests.helpers.strategies import seeds
 
 Sets = tuple[np.ndarray, np.ndarray]
 

@@ -16,10 +16,10 @@ import pytest
 
 import cspace
 from cspace.errors import CspaceError, InputError
+from tests.helpers.repository import ROOT
+from tests.helpers.waiting import until
 from tests.laws.any_map import CAR
-from tests.repository import ROOT
 from tests.tiles.test_build import check_states, check_tile, random_workspace, tiles_of
-from tests.waiting import until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from tests.handmade import fill_boxes
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import draw_configurations
 from tests.laws.any_map import CAR, MAP_INPUTS
-from tests.placements import draw_configurations
 from tests.tiles.test_build import random_workspace
 from tests.tiles.test_space import build_both
 

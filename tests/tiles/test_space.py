@@ -10,9 +10,9 @@ import pytest
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from tests.handmade import fill_boxes
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import draw_configurations
 from tests.laws.any_map import MAP_INPUTS
-from tests.placements import draw_configurations
 from tests.tiles.test_build import random_workspace
 
 FOREIGN = {

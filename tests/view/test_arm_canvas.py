@@ -15,9 +15,9 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
 from cspace.view import Viewer
 from cspace.view.scene import rgb
-from tests.pages import node
-from tests.refusals import refusals
-from tests.urdfs import joint, link, planar, pose_at, write_urdf
+from tests.helpers.pages import node
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import joint, link, planar, pose_at, write_urdf
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")

@@ -18,9 +18,9 @@ import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import rgb
-from tests.pages import node
-from tests.urdfs import planar, planar_with_tool, posed_box
-from tests.waiting import until
+from tests.helpers.pages import node
+from tests.helpers.urdfs import planar, planar_with_tool, posed_box
+from tests.helpers.waiting import until
 
 pytest.importorskip("viser")
 webdriver = pytest.importorskip("selenium.webdriver")

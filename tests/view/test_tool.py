@@ -16,10 +16,10 @@ import planners
 from cspace.errors import InputError
 from cspace.plot.arms import GHOST_COUNT
 from cspace.view import Viewer
-from tests.pages import connected, drag, node
-from tests.refusals import refusals
-from tests.urdfs import planar_with_tool, pose_at, pose_of, posed_box, random_chain
-from tests.waiting import until
+from tests.helpers.pages import connected, drag, node
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import planar_with_tool, pose_at, pose_of, posed_box, random_chain
+from tests.helpers.waiting import until
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")

@@ -15,11 +15,11 @@ import pytest
 import cspace
 from cspace.errors import InputError
 from cspace.view import Viewer
-from tests.commands import run
-from tests.missing import output_without
-from tests.pages import camera, node, setting
-from tests.refusals import refusals
-from tests.waiting import until
+from tests.helpers.commands import run
+from tests.helpers.missing import output_without
+from tests.helpers.pages import camera, node, setting
+from tests.helpers.refusals import refusals
+from tests.helpers.waiting import until
 
 pytest.importorskip("viser")
 

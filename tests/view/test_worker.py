@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 from cspace.view.page import Worker
-from tests.waiting import until
+from tests.helpers.waiting import until
 
 
 def test_worker_merges_requests_and_survives_errors() -> None:

@@ -1,0 +1,465 @@
+"""Queries of all certified maps, in memory or in tiles."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.errors import ConfigurationError
+from cspace.grid import Grid
+from cspace.interface import (
+    ConfigurationSpace,
+    Endpoint,
+    Split,
+    format_configuration,
+)
+from cspace.methods import MapPlot
+from cspace.queries.batches import Configuration, evaluate, evaluate_edges
+from cspace.record.states import read_only
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK, angle_axes, warn_of_degrees
+from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
+from cspace.support.check import check_not_negative, check_rows
+
+if TYPE_CHECKING:
+    from cspace.exact.proofs import ExactQueries
+    from cspace.record.contents import Contents
+
+
+Result = TypeVar("Result")
+
+MAX_RADIANS_PER_PIECE: Final = math.radians(5.0)
+"""Largest rotation along a piece of a path whose clearance is bounded, radians (5 degrees)."""
+
+
+class Components(Protocol):
+    """Connected components of cells that share sides."""
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Return the component of each cell.
+
+        Components consist of FREE cells, or of FREE and MIXED cells; -1 outside these.
+        """
+
+
+class ConfigurationMap(ConfigurationSpace, MapPlot):
+    """A certified map of a robot's configurations.
+
+    :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
+    store.
+    """
+
+    has_cells = True
+    searches: tuple[str, ...] = ("Grid",)
+
+    # ---- what the map is -------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _kept(self) -> Contents:
+        """Contents of the map in memory, or what all tiles of a map share."""
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the robot's positions.
+
+        It is the grid of the positions of the reference point, and equals the workspace's grid.
+        """
+        return self._kept.grid
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._kept.robot
+
+    @property
+    def rotations(self) -> Rotations:
+        """Rotation cells; a single one if the robot does not rotate."""
+        return self._kept.rotations
+
+    @property
+    def slice_of(self) -> Ints:
+        """Slice of each rotation cell, shape (rotation cells,); read-only.
+
+        Rotation cells share a slice if a symmetry of the robot maps one to the other.
+        """
+        return read_only(self._kept.slice_of)
+
+    @property
+    def slice_rotations(self) -> Floats:
+        """One rotation of each slice.
+
+        It has the form that it has in a configuration: shape (slices, k), where k is 0, 1 or 4.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+        >>> space.slice_of.tolist()
+        [0, 1, 2, 3, 0, 1, 2, 3]
+        >>> len(space.slice_rotations)
+        4
+        """
+        return self.rotations.centers[np.unique(self.slice_of, return_index=True)[1]]
+
+    @property
+    def outside(self) -> str:
+        """State of space outside the workspace.
+
+        It is "blocked", "free", or "unknown" around a part of a larger map.
+        """
+        return self._kept.outside
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown to prove FREE."""
+        return self._kept.margin
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates of a configuration.
+
+        They are x, y, in space z, then yaw or qx, qy, qz, qw.
+        """
+        return (*self.grid.axes, *self.rotations.names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates of a configuration.
+
+        They are "m", "rad", or "1" for a quaternion.
+        """
+        return (*self.grid.units, *self.rotations.units)
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the grid."""
+        return np.array(self.grid.lower), np.array(self.grid.upper)
+
+    @property
+    def resolution(self) -> float:
+        """Half a cell."""
+        return 0.5 * self.grid.spacing
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom.
+
+        They are 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation in space.
+        """
+        return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
+
+    @abstractmethod
+    def count(self) -> tuple[int, int, int]:
+        """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
+
+    def __repr__(self) -> str:
+        """Return the cells, the robot and a summary of the states."""
+        cells = " x ".join(map(str, self.grid.shape))
+        turns = f" x {self.rotations}" if self.rotations.names else ""
+        size = f"{cells} cells of {self.grid.spacing:g} {self.grid.unit}{turns}"
+        return f"{type(self).__name__}({size}, {self.robot.name}: {self._summary})"
+
+    # ---- look-ups --------------------------------------------------------------------------------
+
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return configurations as an array, shape (..., size).
+
+        Raises InputError if one is not usable.
+        """
+        points = check_rows(q, name, self.size).astype(np.float64, copy=False)
+        evaluate(points, self.size, self._write_states, np.uint8, self._angles, name)
+        return points
+
+    @overload
+    def is_connected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if a collision-free path is proven to exist between configurations.
+
+        The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`.
+        Components of cells are computed at the first call and cached; a tiled map caches them in
+        its folder.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Metres, and radians; broadcast against each other.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1)
+            if known is not None:
+                return known[0]
+        write = partial(self._write_connections, False)
+        joined: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return joined
+
+    @overload
+    def is_disconnected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if configurations are proven disconnected.
+
+        No collision-free path between them exists then. The proof is that no chain of FREE and
+        MIXED cells joins them. If this and :meth:`is_connected` are both False, the map is too
+        coarse to decide; plan with ``exact=True``, or build with a finer spacing.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Metres, and radians; broadcast against each other.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1)
+            if known is not None:
+                return known[1]
+        write = partial(self._write_connections, True)
+        apart: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return apart
+
+    def _connection_of_one(
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
+    ) -> tuple[bool, bool] | None:
+        """Return whether two configurations are proven connected, or disconnected.
+
+        None if only the look-up of arrays can answer or refuse.
+        """
+        return None
+
+    def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write which pairs are proven connected, or with ``apart`` disconnected.
+
+        Returns the index of the first unusable pair, or -1.
+        """
+        return self._at_one_moment(partial(self._find_connections, apart, starts, ends, out))
+
+    def _find_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Do the work of :meth:`_write_connections` while no update changes the cells."""
+        highest = np.zeros(len(out), dtype=np.uint8)
+        for rows in (starts, ends):
+            states = np.empty(len(out), dtype=np.uint8)
+            bad = self._write_states(rows, states)
+            if bad >= 0:
+                return bad
+            np.maximum(highest, states, out=highest)
+        cells = self._cells_of(starts), self._cells_of(ends)
+
+        def find_joined(candidates: Bools, mixed: bool) -> Bools:
+            """Return which candidate pairs share a component; without any, compute no component."""
+            if not candidates.any():
+                return candidates
+            first, second = (self._components.of(each, mixed) for each in cells)
+            return np.asarray(candidates & (first == second) & (first != -1))
+
+        joined = find_joined(np.asarray(highest == FREE), mixed=False)
+        if apart:
+            joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
+        np.not_equal(joined, apart, out=out)
+        return -1
+
+    @overload
+    def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
+        """Return True if all near configurations are proven free.
+
+        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at
+        most ``distance`` away along each axis, and rotated by at most ``angle``. They are proven if
+        every closed cell that meets the box is FREE. Use it to prove curves piece by piece.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+        distance : float
+            Metres, zero or above.
+        angle : float
+            Radians, zero or above; ignored if the robot does not rotate.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        reach = check_not_negative(distance, "distance")
+        turn = check_not_negative(angle, "angle", "pass it in radians")
+        write = partial(self._write_free_around, reach, turn)
+        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        return free
+
+    @overload
+    def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
+    @overload
+    def clearance(self, q: ArrayLike) -> Floats: ...
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Return a lower bound of the distance to configurations that are not FREE.
+
+        The distance is in the translation, to the nearest one. The bound is proven. At the center
+        of a cell, it is the distance but for rounding. Elsewhere in the grid, it is less than 1.42
+        cells below in the plane and 1.74 in space; a few hundredths of a cell on average, a tenth
+        where all is near obstacles. Outside the grid, it is at least the distance to the box around
+        the grid and all cells that are not FREE. It is zero if the configuration is not FREE, and
+        infinite if every configuration at its rotation is FREE.
+
+        The first query at a rotation computes the distances of all cells there, 4 bytes each, and
+        so does the first one after an update: some 20 ms for a million cells.
+
+        Clearances in a tiled map are at most the width of the halo of a tile, less two cells,
+        because all farther away is unknown there.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Metres.
+        """
+        metres: float | Floats = evaluate(
+            q, self.size, self._write_clearances, np.float64, self._angles
+        )
+        return metres
+
+    # ---- for planners ----------------------------------------------------------------------------
+
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
+        """Return :meth:`is_connected`, or False if :meth:`is_disconnected`; None if undecided."""
+        if self.is_connected(q0, q1):
+            return True
+        return False if self.is_disconnected(q0, q1) else None
+
+    def clearance_along(self, split: Split) -> float:
+        """Bound the clearance along a path from below, metres.
+
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
+        """
+        pieces = split(self.resolution, MAX_RADIANS_PER_PIECE)
+        rows, cells = self.rotations.find_cells_within(
+            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        )
+        q = pieces.centers[rows]
+        q[:, self.dim :] = self.rotations.centers[cells]  # constant in a rotation cell
+        return max(0.0, float(np.min(self.clearance(q) - 0.5 * pieces.lengths[rows])))
+
+    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+        """Return a start or goal in canonical form.
+
+        Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
+        there is proven free; the error names the nearest FREE configuration.
+        """
+        given = self._check_one(q, name)
+        point: Endpoint = tuple(self.rotations.make_canonical(given, name).tolist())
+        warn_of_degrees(given, angle_axes(self.axes, self.periodic_axes), name)
+        inside = self.grid.contains(np.array(point[: self.dim]))
+        if inside and self.edge_checker(exact=exact)(*point, *point):
+            return point
+        raise self._make_endpoint_error(point, name, bool(inside), exact)
+
+    def _make_endpoint_error(
+        self, point: Endpoint, name: str, inside: bool, exact: bool
+    ) -> ConfigurationError:
+        """Make the error for a refused start or goal."""
+        state = self.classify(point)
+        if not inside:
+            lower, upper = (
+                ", ".join(f"{x:.6g}" for x in corner)
+                for corner in (self.grid.lower, self.grid.upper)
+            )
+            problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
+            rule = "a path stays within the map"
+        elif exact and state != BLOCKED:
+            problem = "is in collision or too close to decide"
+            rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+        elif state != FREE:
+            problem = f"lies in a {STATE_NAMES[state].upper()} cell"
+            rule = f"the {name} must be FREE, that is proven collision-free"
+        else:
+            problem = "is FREE but lies on the border of a cell that is not"
+            rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
+        nearest: Endpoint | None = None
+        try:
+            nearest = tuple(self.nearest_free(point).tolist())
+            hint = f"the nearest is {format_configuration(nearest)}"
+        except ConfigurationError:
+            where = "at all" if self.in_memory else "near there"
+            hint = f"the map has no FREE configuration {where}"
+            hint += "; use a smaller robot, margin or spacing"
+        if state == MIXED and not exact and not self.rotations.preserve(self.robot.shape):
+            hint = f"build the map with more rotations; {hint}"
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
+
+    # ---- what differs ----------------------------------------------------------------------------
+
+    @abstractmethod
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """Return the center of the nearest FREE cell; raise ConfigurationError if none is."""
+
+    @property
+    @abstractmethod
+    def _summary(self) -> str:
+        """End of the repr."""
+
+    @property
+    @abstractmethod
+    def _facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map, except its grid."""
+
+    @abstractmethod
+    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Run ``work`` on a consistent state of the map."""
+
+    @abstractmethod
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        """Write whether all near configurations are free; return as :meth:`_write_states`."""
+
+    @abstractmethod
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        """Write clearances; return as :meth:`_write_states`."""
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        states = out.view(np.uint8)
+        bad = self._write_states(rows, states)
+        np.equal(states, FREE, out=out)
+        return bad
+
+    @property
+    @abstractmethod
+    def _exact(self) -> ExactQueries:
+        """Queries that decide MIXED cells by the geometry."""
+
+    @property
+    @abstractmethod
+    def _components(self) -> Components:
+        """Connected components of cells that share sides."""
+
+    def _cells_of(self, points: Floats) -> Ints:
+        """Return the cells of configurations.
+
+        They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
+        """
+        cells = self.grid.cell_of(points[..., : self.grid.dim])
+        return np.concatenate([self.rotations.find_cells(points)[..., None], cells], axis=-1)

@@ -1,0 +1,161 @@
+"""Queries of one configuration or many, by one route over rows of an array."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.rotations import Rotations
+from cspace.rotations.base import warn_of_degrees
+from cspace.support.arrays import Bools, Floats
+from cspace.support.check import check_rows
+from cspace.support.threads import MIN_ITEMS_PER_THREAD, in_chunks
+
+Write = Callable[..., int]
+"""``write(*rows, out)`` fills ``out``, shape (n,), from rows of shape (n, size).
+
+It returns the index of the first unusable row, or -1.
+"""
+
+Entry = TypeVar("Entry", bound=np.generic)
+
+Configuration = tuple[float, ...] | list[float]
+"""Type of one configuration, shape (size,); a query of it returns a Python value.
+
+A query of an array, also of one of shape (size,), returns what numpy has for it.
+"""
+
+NO_ANGLES: Final[Mapping[int, str]] = {}
+
+MIN_EDGES_PER_THREAD: Final = 2_000
+"""Edges below which a second thread costs more than it saves."""
+
+
+def evaluate(
+    q: ArrayLike,
+    size: int,
+    write: Write,
+    kind: type[Entry],
+    angles: Mapping[int, str] = NO_ANGLES,
+    name: str = "q",
+) -> Any:
+    """Evaluate a query on one configuration or many.
+
+    Parameters
+    ----------
+    q : array-like, shape (d,) or (..., d)
+        One configuration, or a batch.
+    size : int
+        Length d of a configuration.
+    write : callable
+        Writes the answers of rows.
+    kind : numpy scalar type
+        Type of an answer.
+    angles : mapping of int to str
+        Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a
+        single configuration is checked.
+    name : str
+        Name of the configurations in error messages.
+
+    Returns
+    -------
+    number or ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        If the last axis is not d long, or a value is not finite.
+    """
+    points = check_rows(q, name, size)
+    rows = as_contiguous(points.reshape(-1, size))
+    out = np.empty(len(rows), dtype=kind)
+    bad = write(rows, out)
+    if bad >= 0:
+        raise _unusable_error(rows[bad], name, bad)
+    if angles and points.ndim == 1:
+        warn_of_degrees(points, angles, name)
+    return _shape_answers(out, points.shape[:-1], isinstance(q, np.ndarray))
+
+
+def evaluate_edges(
+    q0: ArrayLike,
+    q1: ArrayLike,
+    size: int,
+    write: Write,
+    angles: Mapping[int, str] = NO_ANGLES,
+) -> Any:
+    """Evaluate a query on straight edges between configurations, which broadcast.
+
+    Raises InputError as :func:`evaluate` does.
+    """
+    starts, ends = check_rows(q0, "q0", size), check_rows(q1, "q1", size)
+    try:
+        shape = np.broadcast_shapes(starts.shape, ends.shape)
+    except ValueError as error:
+        problem = f"has shape {starts.shape} and q1 {ends.shape}"
+        hint = "pass batches of equal shape"
+        raise InputError("q0", problem, "they must broadcast", hint, value=q0) from error
+    first = as_contiguous(np.broadcast_to(starts, shape).reshape(-1, size))
+    second = as_contiguous(np.broadcast_to(ends, shape).reshape(-1, size))
+    out = np.empty(len(first), dtype=np.bool_)
+    bad = write(first, second, out)
+    if bad >= 0:
+        raise _unusable_error(np.concatenate([first[bad], second[bad]]), "edge", bad)
+    for rows, name in ((starts, "q0"), (ends, "q1")):
+        if angles and rows.ndim == 1:
+            warn_of_degrees(rows, angles, name)
+    has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
+    return _shape_answers(out, shape[:-1], has_array)
+
+
+def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
+    """Evaluate a query on edges between rows, shape (n, size).
+
+    Raises InputError, with the index of the edge, if a row is not usable.
+    """
+    out = np.empty(len(starts), dtype=np.bool_)
+    bad = write(as_contiguous(starts), as_contiguous(ends), out)
+    if bad >= 0:
+        raise _unusable_error(np.concatenate([starts[bad], ends[bad]]), "edge", bad)
+    return out
+
+
+def write_in_threads(
+    kernel: Write, *arrays: NDArray[Any], min_items: int = MIN_ITEMS_PER_THREAD
+) -> int:
+    """Call ``kernel(*arrays)`` on parts of the arrays in threads.
+
+    Returns the index of the first unusable row, or -1. Each thread gets at least ``min_items``.
+    """
+
+    def write(start: int, stop: int) -> int:
+        return int(kernel(*(array[start:stop] for array in arrays)))
+
+    return in_chunks(write, len(arrays[0]), min_items)
+
+
+def as_contiguous(rows: NDArray[Any]) -> Floats:
+    """Return rows as a contiguous, writeable float64 array.
+
+    Kernels accept no other type.
+    """
+    floats = np.ascontiguousarray(rows, dtype=np.float64)
+    return floats if floats.flags.writeable else floats.copy()
+
+
+def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool) -> Any:
+    """Return answers in a shape; a Python value for a single one that no array asked for."""
+    shaped = answers.reshape(shape)[()]
+    return shaped if shape or is_array else shaped.item()
+
+
+def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
+    """Return the error for an unusable row of a batch."""
+    numbers = tuple(values.astype(np.float64).tolist())
+    problem = f"number {index} is {numbers}"
+    hint = "correct or remove such configurations first"
+    return InputError(name, problem, Rotations.all_limits(), hint, value=numbers)

@@ -1,0 +1,149 @@
+"""Look-ups of one configuration, given by its numbers, without arrays or errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+import numba
+
+from cspace.queries.edges import edge_is_free
+from cspace.queries.points import cell_of, is_in_grid, is_usable, position_in_plane, state_at
+from cspace.record.cells import Map
+from cspace.rotations.lookup import rotation_cell
+from cspace.support.arrays import FREE, MIXED, Floats, Numbers, Row
+from cspace.support.compiling import inlined, kernel
+
+NOT_USABLE: Final = 255
+"""Answer for numbers that are not finite, or no rotation."""
+
+MAX_SIZE: Final = 7
+"""Largest length of a configuration, in SE(3)."""
+
+
+def state_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the state of a configuration, or NOT_USABLE."""
+    return bind_numbers(state_of, (map_,), size)
+
+
+def place_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the index of a cell over all rotation cells.
+
+    -1 if it is not in the grid.
+    """
+    return bind_numbers(place_of, (map_,), size)
+
+
+def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q0, *q1)``: FREE, MIXED if the motion is not proven, or NOT_USABLE."""
+    return bind_numbers(motion_of, (map_, size), 2 * size, 2 * MAX_SIZE)
+
+
+def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
+    """Return ``check(*q0, *q1)``, True if an edge is FREE."""
+    look_up = motion_lookup(map_, size)
+    return lambda *both: look_up(*both) == FREE
+
+
+def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
+    """Bind a kernel to its first arguments.
+
+    Calls skip numba's dispatch, so that all other arguments must have the types of ``others``.
+    """
+    argument_types = tuple(map(numba.typeof, (*fixed, *others)))
+    kernel.compile(argument_types)
+    return partial(kernel.get_overload(argument_types), *fixed)
+
+
+def bind_numbers(
+    kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
+) -> Callable[..., Any]:
+    """Bind a kernel of ``fixed`` and ``total`` numbers; calls give the last ``given``."""
+    look_up = bind_kernel(kernel, fixed, *[0.0] * total)
+    return partial(look_up, *[0.0] * (total - given))
+
+
+@inlined
+def position_before(map_: Map, numbers: Numbers, end: int) -> Row:
+    """Return the position of the configuration whose numbers end before ``end``."""
+    borders = map_.rotations.borders
+    first = end - map_.dim
+    if borders.ndim == 2:
+        first -= 4
+    elif borders.shape[0] > 0:
+        first -= 1
+    if map_.dim == 2:
+        return position_in_plane(map_, numbers[first], numbers[first + 1])
+    return numbers[first], numbers[first + 1], numbers[first + 2]
+
+
+@inlined
+def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
+    """Return the rotation of the configuration whose numbers end before ``end``."""
+    if borders.ndim == 2:
+        return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
+    return (numbers[end - 1] if borders.shape[0] > 0 else 0.0,)
+
+
+@inlined
+def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of the configuration whose numbers end before ``end``."""
+    rotation = rotation_before(map_.rotations.borders, numbers, end)
+    return position_before(map_, numbers, end), rotation
+
+
+@kernel
+def state_of(
+    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+) -> int:
+    """Return the state of a configuration, or NOT_USABLE."""
+    numbers = a, b, c, d, e, f, g
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    return state_at(map_, position, rotation) if is_usable(position, rotation) else NOT_USABLE
+
+
+@kernel
+def place_of(
+    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
+) -> int:
+    """Return the index of the cell over all rotation cells, or -1."""
+    numbers = a, b, c, d, e, f, g
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    cell = cell_of(map_, position)
+    if not (is_usable(position, rotation) and is_in_grid(map_, cell)):
+        return -1
+    _, nx, ny, nz = map_.states.shape
+    return int(
+        ((rotation_cell(map_.rotations.borders, rotation) * nx + cell[0]) * ny + cell[1]) * nz
+        + cell[2]
+    )
+
+
+@kernel
+def motion_of(
+    map_: Map,
+    size: int,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    g: float,
+    h: float,
+    i: float,
+    j: float,
+    k: float,
+    m: float,
+    n: float,
+    o: float,
+) -> int:
+    """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+    numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
+    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
+    p0, r0 = configuration_before(map_, numbers, middle)
+    p1, r1 = configuration_before(map_, numbers, end)
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+        return NOT_USABLE
+    return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

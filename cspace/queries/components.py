@@ -1,0 +1,219 @@
+"""Connected components of FREE cells, and of cells that are not BLOCKED.
+
+Each slice is labelled by :func:`scipy.ndimage.label`. Labels of neighbouring rotation cells are
+joined where their cells overlap, as a graph whose components :mod:`scipy.sparse.csgraph` finds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from cspace.support.arrays import FREE, MIXED, Bools, Ints, States
+
+MAX_SHORT_LABEL: Final = np.iinfo(np.uint16).max
+"""Largest label that takes two bytes a cell."""
+
+Labels = NDArray[np.uint16] | NDArray[np.int32]
+
+
+class Components:
+    """Connected components of FREE cells, and of cells that are not BLOCKED.
+
+    Either kind is computed at its first use. Cells that share a side are joined. Between FREE cells
+    of one component a path exists. Between components of cells that are not BLOCKED no path exists:
+    if a path crosses an edge or a corner, all cells around it are not BLOCKED, and they are joined
+    by their sides.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    exterior_open : ndarray of bool, shape (slices,)
+        True where a configuration outside the grid is not BLOCKED.
+    """
+
+    def __init__(
+        self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools
+    ) -> None:
+        self._states, self._slice_of, self._exterior_open = states, slice_of, exterior_open
+        rotation, column = np.nonzero(neighbors >= 0)
+        pairs = np.sort(np.stack([rotation, neighbors[rotation, column]], axis=1), axis=1)
+        self._rotation_pairs = np.unique(pairs, axis=0)
+
+    @cached_property
+    def _free(self) -> LabelledCells:
+        """Components of FREE cells; no exterior counts as FREE."""
+        nowhere = np.zeros(len(self._states), dtype=np.bool_)
+        return LabelledCells.of(self._states <= FREE, self._slice_of, self._rotation_pairs, nowhere)
+
+    @cached_property
+    def _passable(self) -> LabelledCells:
+        """Components of FREE and MIXED cells."""
+        return LabelledCells.of(
+            self._states <= MIXED, self._slice_of, self._rotation_pairs, self._exterior_open
+        )
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Return the component of each cell, or -1.
+
+        Components join FREE cells, or FREE and MIXED cells if ``mixed``. Cells are ``(rotation, x,
+        y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). A cell outside the grid counts as MIXED
+        if any configuration there is not BLOCKED.
+        """
+        labelled = self._passable if mixed else self._free
+        return labelled.component_of(cells)
+
+    def count(self, mixed: bool = False) -> int:
+        """Return a number above all components of :meth:`of`."""
+        labelled = self._passable if mixed else self._free
+        return int(labelled.components.max(initial=-1)) + 1
+
+    def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
+        """Return True if two cells of the grid are in one component, as of :meth:`of`.
+
+        A cell is given by its index over all rotation cells.
+        """
+        labelled = self._passable if mixed else self._free
+        component = labelled.component_at(place)
+        return component != -1 and component == labelled.component_at(other)
+
+    def box(self, cell: Ints) -> Ints:
+        """Return the first and last cell of a FREE component's box.
+
+        ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
+        """
+        boxes: Ints = self._free.boxes[int(self.of(cell))]
+        return boxes
+
+
+@dataclass(frozen=True)
+class LabelledCells:
+    """Cells of one kind with their components.
+
+    Attributes
+    ----------
+    labels : ndarray of uint16 or int32, shape (slices, ...)
+        Label of each cell within its slice, from 1 on; 0 for all other cells.
+    slice_of : ndarray of int64, shape (rotations,)
+    first_node : ndarray of int64, shape (rotations,)
+        Node of label 0 at each rotation cell, which stands for the outside of the grid.
+    components : ndarray of int64, shape (nodes,)
+        Component of each node; -1 if no cell outside the grid is of this kind.
+    """
+
+    labels: Labels
+    slice_of: Ints
+    first_node: Ints
+    components: Ints
+
+    @classmethod
+    def of(
+        cls, members: Bools, slice_of: Ints, rotation_pairs: Ints, exterior_open: Bools
+    ) -> LabelledCells:
+        """Label the True cells of slices, and join them across rotation cells.
+
+        ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells.
+        """
+        labels, counts = _label_slices(members)
+        n_nodes = counts[slice_of] + 1
+        first_node = np.cumsum(n_nodes) - n_nodes
+        links = [np.empty((2, 0), dtype=np.int64)]
+        for rotation in np.flatnonzero(exterior_open[slice_of]).tolist():
+            at_border = _labels_at_border(labels[slice_of[rotation]])
+            links.append(first_node[rotation] + np.stack([at_border, np.zeros_like(at_border)]))
+        for pair in rotation_pairs:
+            links.append(first_node[pair, np.newaxis] + _shared_labels(labels, slice_of[pair]))
+            if exterior_open[slice_of[pair]].all():
+                links.append(first_node[pair, np.newaxis])
+        first, second = np.concatenate(links, axis=1)
+        shape = int(n_nodes.sum()), int(n_nodes.sum())
+        graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape)
+        components = csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
+        components[first_node[~exterior_open[slice_of]]] = -1
+        return cls(labels, slice_of, first_node, components)
+
+    def component_at(self, place: int) -> int:
+        """Return the component of a cell of the grid by its index over all rotation cells.
+
+        -1 without one.
+        """
+        rotation, position = divmod(place, self.labels[0].size)
+        label = int(
+            self.labels.reshape(-1)[self.slice_of[rotation] * self.labels[0].size + position]
+        )
+        return int(self.components[self.first_node[rotation] + label]) if label else -1
+
+    def component_of(self, cells: Ints) -> Ints:
+        """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
+        rotations, positions = cells[..., 0], cells[..., 1:]
+        shape = np.array(self.labels.shape[1:])
+        inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
+        within = np.clip(positions, 0, shape - 1)
+        labels = self.labels[(self.slice_of[rotations], *np.moveaxis(within, -1, 0))]
+        # Label 0 stands for the outside, so that other cells of the grid have no component.
+        nodes = self.first_node[rotations] + np.where(inside, labels, 0)
+        return np.where(inside & (labels == 0), -1, self.components[nodes])
+
+    @cached_property
+    def boxes(self) -> Ints:
+        """First and last cell of each component, shape (components, 2, d)."""
+        dim = self.labels.ndim - 1
+        boxes = np.empty((int(self.components.max(initial=-1)) + 1, 2, dim), dtype=np.int64)
+        boxes[:, 0] = max(self.labels.shape)
+        boxes[:, 1] = -1
+        corners = [_label_corners(part) for part in self.labels]
+        for number, first in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
+            low, high = corners[number]
+            components = self.components[first + 1 : first + 1 + len(low)]
+            np.minimum.at(boxes[:, 0], components, low)
+            np.maximum.at(boxes[:, 1], components, high)
+        return boxes
+
+
+def _label_slices(members: Bools) -> tuple[Labels, Ints]:
+    """Label each slice from 1 on; return the labels and their number in each slice."""
+    labels: Labels = np.empty(members.shape, dtype=np.uint16)
+    counts = np.empty(len(members), dtype=np.int64)
+    for number, part in enumerate(members):
+        slice_labels, counts[number] = ndimage.label(part)
+        if counts[number] > MAX_SHORT_LABEL and labels.dtype == np.uint16:
+            labels = labels.astype(np.int32)
+        labels[number] = slice_labels
+    return labels, counts
+
+
+def _label_corners(labels: Labels) -> tuple[Ints, Ints]:
+    """Return the first and the last cell of each label's box, shape (labels, d) each."""
+    boxes = ndimage.find_objects(labels)
+    low = [[side.start for side in box] for box in boxes]
+    high = [[side.stop - 1 for side in box] for box in boxes]
+    shape = len(boxes), labels.ndim
+    return np.array(low, dtype=np.int64).reshape(shape), np.array(high, np.int64).reshape(shape)
+
+
+def _labels_at_border(labels: Labels) -> Ints:
+    """Return the labels of cells at the border of a slice."""
+    faces = [labels.take(side, axis).ravel() for axis in range(labels.ndim) for side in (0, -1)]
+    found = np.unique(np.concatenate(faces)).astype(np.int64)
+    return found[found > 0]
+
+
+def _shared_labels(labels: Labels, slices: Ints) -> Ints:
+    """Return the pairs of labels that share a cell of two slices, shape (2, n)."""
+    first, second = labels[slices[0]].ravel(), labels[slices[1]].ravel()
+    # A pair that equals that of the cell before is left out, before the rest is sorted.
+    is_new = np.ones(len(first), dtype=np.bool_)
+    is_new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
+    is_new &= (first > 0) & (second > 0)
+    codes = first[is_new].astype(np.int64) * 2**32 + second[is_new]
+    return np.stack(np.divmod(np.unique(codes), 2**32))

@@ -1,0 +1,371 @@
+"""Distances to cells that are not FREE, and clearance.
+
+The *distance* of a cell is that from its center c to the nearest point of a closed cell that is
+not FREE, in its slice, in the grid or outside. The table of a slice is computed when it is first
+needed, axis by axis: the lowest sum of squares along one axis is a lower envelope of parabolas (A.
+Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms in
+linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms of sampled functions",
+2012). The nearest point of another cell lies on its borders, so parabolas stand on the
+borders between cells.
+
+*Clearance* D(p) is the distance from position p to the same cells. The largest of three lower
+bounds is taken; c are the centers of the 2^d cells around p:
+
+* D(c) - |p - c| for each c, because D changes by at most the length of a move.
+* D^2(p) - |p|^2 is concave, because it is the least of affine functions: |x|^2 - 2 p x for all
+  points x of the cells. So if p is the mean of the c with weights w, D^2(p) is at least the mean
+  of D^2(c) - |p - c|^2. The weights are those of linear interpolation along each axis, for which
+  the mean of |p - c|^2 is the sum of w (1 - w) over the axes. Beyond the outermost centers, the
+  bound is that of the nearest position among centers, less the distance to it.
+* the distance from p to the box that contains all cells that are not FREE, for p outside the grid.
+
+In the grid, one c is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So by the first
+bound alone, the result is less than sqrt(d) cells below D(p).
+
+Rounding: the table rounds a square at most three times and its root once, by 2^-24 of each, so a
+distance by at most 2.5 * 2^-24 of it. A look-up rounds by 2^-50. Distances are multiplied by
+1 - 2^-22 before they are used, which covers both. The rounding of a position is below SLACK along
+each axis in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the
+distance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.grid import SLACK
+from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace.queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
+from cspace.record.cells import Map
+from cspace.support.arrays import FREE, Floats, Ints, Numbers, Row, States
+from cspace.support.compiling import kernel
+from cspace.support.threads import cores, in_chunks, in_threads
+
+Distances = NDArray[np.float32]
+"""Distances of cells, or their squares, in cells."""
+
+BYTES_PER_CELL: Final = 4
+"""Memory of the table for each cell of each slice, bytes."""
+
+ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
+"""Factor of a distance that must not be above the true one despite rounding."""
+
+MIN_LINES_PER_THREAD: Final = 64
+"""Lines of cells below which a further thread costs more time than it saves."""
+
+
+class DistanceTable(NamedTuple):
+    """Distances of a map's cells, for kernels.
+
+    Attributes
+    ----------
+    cells : ndarray of float32, shape (slices * cells,)
+        Distance of each cell of all slices in a row, in cells; zero if the cell is not FREE.
+    boxes : ndarray of float64, shape (slices, 2, d)
+        Corners of the box that contains all cells that are not FREE, in the grid and outside, in
+        cells. Without such cells, the lower corner is infinite and the upper one minus infinite.
+    """
+
+    cells: Distances
+    boxes: Floats
+
+
+class DistanceMap:
+    """Distances of a map, computed slice by slice when needed.
+
+    The states and the exterior table are shared, not copied. The lock is held while they change,
+    and while distances are computed.
+
+    Attributes
+    ----------
+    known : DistanceTable or None
+        The table, once it has the distances of all slices after the last change.
+    """
+
+    def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+        self._states, self._exterior, self._lock = states, exterior, lock
+        self._table: DistanceTable | None = None
+        self._ready = np.zeros(len(states), dtype=np.bool_)
+        self.known: DistanceTable | None = None
+
+    def drop(self) -> None:
+        """Drop all distances, because states changed.
+
+        Tables returned earlier stay as they are.
+        """
+        self._table = self.known = None
+        self._ready[:] = False
+
+    def whole(self) -> DistanceTable:
+        """Return the table with the distances of all slices."""
+        return self.known or self.of_slices(range(len(self._states)))
+
+    def array(self) -> Distances:
+        """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
+        return self.whole().cells.reshape(self._states.shape)
+
+    def array_of(self, number: int) -> Distances:
+        """Return the distances of one slice, shape (x, y) or (x, y, z)."""
+        distances: Distances = self.of_slices([number]).cells.reshape(self._states.shape)[number]
+        return distances
+
+    def of_slices(self, slices: Iterable[int]) -> DistanceTable:
+        """Return a table with the distances of at least the given slices."""
+        with self._lock:
+            if self._table is None:
+                dim = self._states.ndim - 1
+                cells = np.empty(self._states.size, dtype=np.float32)
+                self._table = DistanceTable(cells, np.empty((len(self._states), 2, dim)))
+            table = self._table
+            missing = [s for s in slices if not self._ready[s]]
+            in_threads(lambda s: self._fill(table, s), missing, cores())
+            self._ready[missing] = True
+            if self._ready.all():
+                self.known = table
+            return table
+
+    def _fill(self, table: DistanceTable, s: int) -> None:
+        """Compute the distances and the box of a slice."""
+        states, exterior = self._states[s], self._exterior[s]
+        table.boxes[s] = find_box(states, exterior)
+        compute_distances(states, exterior, table.cells.reshape(self._states.shape)[s])
+
+
+# ---- the table -----------------------------------------------------------------------------------
+
+
+def find_box(states: States, exterior: Ints) -> Floats:
+    """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
+
+    ``exterior`` is a row of :attr:`cspace.record.exterior.Exterior.table`.
+    """
+    dim = states.ndim
+    if exterior[-1] != FREE:
+        return np.repeat([[-math.inf], [math.inf]], dim, axis=1)
+    box = np.repeat([[math.inf], [-math.inf]], dim, axis=1)
+    first, last = exterior[:dim], exterior[dim:-1]
+    if (first <= last).all():
+        box[:] = first, last + 1.0
+    taken = states != FREE
+    for axis in range(dim):
+        others = tuple(other for other in range(dim) if other != axis)
+        layers = np.flatnonzero(taken.any(axis=others))
+        if len(layers):
+            box[0, axis] = min(box[0, axis], layers[0])
+            box[1, axis] = max(box[1, axis], layers[-1] + 1.0)
+    return box
+
+
+def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
+    """Write the distances of the cells of a slice.
+
+    ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
+    """
+    out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
+    for axis, count in enumerate(out.shape):
+        _spread_along(out.reshape(math.prod(out.shape[:axis]), count, -1))
+    for low, high in boxes_outside(exterior, out.shape):
+        np.minimum(out, measure_squares(low, high, out.shape), out=out)
+    np.sqrt(out, out=out)
+
+
+def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, Floats]]:
+    """List the boxes of cells outside the grid that are not FREE, as corners in cells.
+
+    There is at most one box beyond each side of the grid.
+    """
+    dim = len(shape)
+    low, high = exterior[:dim].astype(np.float64), exterior[dim:-1].astype(np.float64) + 1.0
+    if exterior[-1] != FREE:
+        low, high = np.full(dim, -math.inf), np.full(dim, math.inf)
+    boxes = list[tuple[Floats, Floats]]()
+    for axis, count in enumerate(shape):
+        below, above = high.copy(), low.copy()
+        below[axis] = min(high[axis], 0.0)
+        above[axis] = max(low[axis], count)
+        boxes += [(low, below), (above, high)]
+    return [(first, stop) for first, stop in boxes if (first < stop).all()]
+
+
+def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
+    """Return the squared distances from the centers of cells to a box.
+
+    ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
+    """
+    squares = np.zeros(1, dtype=np.float32)
+    for axis, count in enumerate(shape):
+        centers = np.arange(count) + 0.5
+        gaps = np.maximum(np.maximum(low[axis] - centers, centers - high[axis]), 0.0)
+        squares = squares[..., np.newaxis] + (gaps * gaps).astype(np.float32)
+    return squares.reshape(shape)
+
+
+def _spread_along(squares: Distances) -> None:
+    """Lower squared distances to those by way of other cells along the middle axis, in place."""
+    count = squares.shape[1] + 1
+
+    def spread(start: int, stop: int) -> int:
+        borders, firsts = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        spread_squares(squares, borders, np.empty(count), firsts, start, stop)
+        return -1
+
+    in_chunks(spread, squares.shape[0] * squares.shape[2], MIN_LINES_PER_THREAD)
+
+
+@kernel
+def spread_squares(
+    squares: Distances,
+    borders: Ints,
+    heights: Floats,
+    firsts: Ints,
+    start: int,
+    stop: int,
+) -> None:
+    """Lower squared distances of lines [start, stop) along the middle axis.
+
+    Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
+    stands on it, as high as the lower square of the two cells. The scratch arrays have the
+    parabolas of the lower envelope: border, height, and the first cell whose center is nearer to
+    this parabola than to the one before.
+    """
+    _, count, depth = squares.shape
+    for line in range(start, stop):
+        a, b = line // depth, line % depth
+        top, before = -1, math.inf
+        for border in range(count + 1):
+            after = float(squares[a, border, b]) if border < count else math.inf
+            height = min(before, after)
+            before = after
+            if height == math.inf:
+                continue
+            first = 0
+            while top >= 0:
+                width = border - borders[top]
+                crossing = 0.5 * ((height - heights[top]) / width + width)
+                first = borders[top] + math.floor(crossing + 0.5)
+                if first > firsts[top]:
+                    break
+                top -= 1
+                first = 0
+            if first < count:
+                top += 1
+                borders[top] = border
+                heights[top] = height
+                firsts[top] = first
+        if top < 0:
+            continue
+        for k in range(count - 1, -1, -1):
+            while firsts[top] > k:
+                top -= 1
+            gap = k + 0.5 - borders[top]
+            square = heights[top] + gap * gap
+            if square < squares[a, k, b]:
+                squares[a, k, b] = square
+
+
+# ---- look-ups ------------------------------------------------------------------------------------
+
+
+@kernel
+def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbers) -> float:
+    """Return a lower bound of the clearance of a configuration, in metres.
+
+    The table has the distances of its slice.
+    """
+    if state_at(map_, position, rotation) != FREE:
+        return 0.0
+    s, skipped = slice_of(map_, rotation), 3 - map_.dim
+    box_square = beyond_square = spread = 0.0
+    for axis in range(skipped, 3):
+        u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+        low, high = table.boxes[s, 0, axis - skipped], table.boxes[s, 1, axis - skipped]
+        box_gap = max(0.0, low - u, u - high)
+        box_square += box_gap * box_gap
+        beyond = u - 0.5 - v
+        beyond_square += beyond * beyond
+        share = v - math.floor(v)
+        spread += share * (1.0 - share)
+    best = math.sqrt(box_square) * ROUNDING_FACTOR
+    mean_square = 0.0
+    for corner in range(1 << map_.dim):
+        cell, weight, gap_square = s, 1.0, 0.0
+        for axis in range(skipped, 3):
+            u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+            k, count = math.floor(v), map_.states.shape[axis + 1]
+            share = v - k
+            if (corner >> (axis - skipped)) & 1:
+                k = min(k + 1, count - 1)
+            else:
+                share = 1.0 - share
+            weight *= share
+            gap = u - 0.5 - k
+            gap_square += gap * gap
+            cell = cell * count + k
+        distance = table.cells[cell] * ROUNDING_FACTOR
+        best = max(best, distance - math.sqrt(gap_square))
+        mean_square += weight * distance * distance
+    # False for NaN, which a weight of zero makes of an infinite distance.
+    if mean_square > spread:
+        best = max(best, math.sqrt(mean_square - spread) - math.sqrt(beyond_square))
+    return max(0.0, best - 4.0 * SLACK) * map_.spacing
+
+
+@kernel
+def coordinate(map_: Map, position: Row, axis: int) -> float:
+    """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
+    return min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+
+
+@kernel
+def coordinate_among_centers(map_: Map, position: Row, axis: int) -> float:
+    """Return a coordinate in cells from the first center, at most at the last one."""
+    last = float(map_.states.shape[axis + 1] - 1)
+    return min(max(coordinate(map_, position, axis) - 0.5, 0.0), last)
+
+
+@kernel
+def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
+    """Compute clearances of configurations, shape (n, size), in metres.
+
+    Return the index of the first unusable configuration, or -1.
+    """
+    for n in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, n)
+        if not is_usable(position, rotation):
+            return n
+        out[n] = clearance_at(map_, table, position, rotation)
+    return -1
+
+
+@kernel
+def clearance_of(
+    map_: Map,
+    table: DistanceTable,
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    g: float,
+) -> float:
+    """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
+    numbers = a, b, c, d, e, f, g
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    return clearance_at(map_, table, position, rotation)
+
+
+def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[..., float]:
+    """Return ``check(*q)``, the clearance of one configuration in metres.
+
+    It follows all changes of the map.
+    """
+    padding = (0.0,) * (MAX_SIZE - size)
+    evaluate = bind_kernel(clearance_of, (map_,), distances.whole(), *[0.0] * MAX_SIZE)
+    return lambda *q: evaluate(distances.whole(), *padding, *q)

@@ -1,0 +1,219 @@
+"""Compiled tests whether an edge is FREE.
+
+An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is
+walked slab by slab. Positions and rotations are as in :mod:`cspace.queries.points`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from cspace.grid import SLACK
+from cspace.queries.points import (
+    MAX_POSITION,
+    configuration_in,
+    grid_box,
+    is_usable,
+    outer_box,
+    run_in_grid_is_free,
+    run_is_free,
+)
+from cspace.record.cells import Map
+from cspace.rotations.quaternion import count_arcs, find_arc, next_part, time_on_arc
+from cspace.rotations.yaw import (
+    clip_parameters,
+    count_yaw_arcs,
+    first_widened_cell,
+    signed_angle,
+    widened_bounds,
+    wrap_to_cells,
+)
+from cspace.support.arrays import FREE, Bools, Floats, Numbers, Row
+from cspace.support.compiling import inlined, kernel
+
+MIN_EXTENT_CELLS: Final = 2.0**-500
+"""Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by
+it would overflow."""
+
+
+@kernel
+def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
+    """Test whether edges are FREE.
+
+    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index
+    of the first unusable edge, or -1.
+    """
+    for k in range(starts.shape[0]):
+        p0, r0 = configuration_in(map_, starts, k)
+        p1, r1 = configuration_in(map_, ends, k)
+        if not (is_usable(p0, r0) and is_usable(p1, r1)):
+            return k
+        out[k] = edge_is_free(map_, p0, r0, p1, r1)
+    return -1
+
+
+@kernel
+def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
+    """Return True if an edge is FREE.
+
+    All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and
+    the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must be
+    FREE.
+    """
+    if len(r0) == 4:
+        return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+    borders, yaw0, yaw1 = map_.rotations.borders, r0[0], r1[0]
+    if borders.shape[0] == 0:
+        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
+    start = wrap_to_cells(borders, yaw0)
+    for arc in range(count_yaw_arcs(yaw0, yaw1)):
+        angle = signed_angle(yaw0, yaw1, arc)
+        cell = first_widened_cell(borders, min(start, start + angle))
+        k, low, high = widened_bounds(borders, cell)
+        while not low > max(
+            start, start + angle
+        ):  # also for NaN, which the test of the segment refuses
+            begin, stop = clip_parameters(low, high, start, angle)
+            s = int(map_.rotations.slice_of[k])
+            if not segment_is_free(
+                map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)
+            ):
+                return False
+            cell += 1
+            k, low, high = widened_bounds(borders, cell)
+    return True
+
+
+@kernel
+def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
+    """Return the answer of :func:`edge_is_free` for quaternions."""
+    borders = map_.rotations.borders[0]
+    for number in range(count_arcs(r0, r1)):
+        arc = find_arc(r0, r1, number)
+        if not arc.tangent < 2.0:  # NaN
+            return False
+        done, begin, more = 0.0, 0.0, True
+        while more:
+            cell, done, more = next_part(borders, arc, done)
+            stop = max(time_on_arc(arc, done), begin) if more else 1.0
+            s = int(map_.rotations.slice_of[cell])
+            # Where OMPL's rotation may jump, each part must be FREE along the whole edge.
+            first = p0 if arc.is_tiny else position_along(p0, p1, begin)
+            last = p1 if arc.is_tiny else position_along(p0, p1, stop)
+            if not segment_is_free(map_, s, first, last):
+                return False
+            begin = stop
+    return True
+
+
+@inlined
+def position_along(p0: Row, p1: Row, t: float) -> Row:
+    """Return the position at t, from 0 to 1, between two positions."""
+    return between(p0[0], p1[0], t), between(p0[1], p1[1], t), between(p0[2], p1[2], t)
+
+
+@inlined
+def between(first: float, second: float, t: float) -> float:
+    """Interpolate between two numbers at t in [0, 1].
+
+    Rounding does not lead beyond them.
+    """
+    if t == 0.0:
+        return first
+    if t == 1.0:
+        return second
+    value = first + t * (second - first)
+    return min(max(value, min(first, second)), max(first, second))
+
+
+@kernel
+def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
+    """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
+    lower, upper, spacing = map_.lower, map_.upper, map_.spacing
+    p = (
+        (first[0] - lower[0]) / spacing,
+        (first[1] - lower[1]) / spacing,
+        (first[2] - lower[2]) / spacing,
+    )
+    q = (
+        (last[0] - lower[0]) / spacing,
+        (last[1] - lower[1]) / spacing,
+        (last[2] - lower[2]) / spacing,
+    )
+    inside, total = True, 0.0
+    for axis in range(3):
+        inside &= (
+            min(first[axis], last[axis]) >= lower[axis]
+            and max(first[axis], last[axis]) <= upper[axis]
+        )
+        total += abs(p[axis]) + abs(q[axis])
+    if not total <= MAX_POSITION:  # True for NaN
+        return False
+    if inside:  # then the closed cells of the grid contain all of it
+        return walk_is_free(map_, s, p, q, True)
+    # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
+    return bool(map_.exterior[s, 2 * map_.dim] == FREE and walk_is_free(map_, s, p, q, False))
+
+
+@inlined
+def walk_is_free(map_: Map, s: int, p: Row, q: Row, inside: bool) -> bool:
+    """Return True if a segment from `p` to `q`, in cells, touches only FREE cells.
+
+    It lies in the grid if it is `inside`. Otherwise all cells beyond the grid, except those of the
+    exterior box, must be known to be FREE.
+    """
+    low, high = grid_box(map_) if inside else outer_box(map_, s)
+    # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
+    # along z.
+    x_rate, y_rate = time_per_cell(p[0], q[0]), time_per_cell(p[1], q[1])
+    first, last = cells_between(p[0], q[0], 0.0, 1.0)
+    for i in range(max(low[0], first), min(high[0], last) + 1):
+        start, stop = slab_times(p[0], x_rate, i)
+        if start > stop:
+            continue
+        left, right = cells_between(p[1], q[1], start, stop)
+        for j in range(max(low[1], left), min(high[1], right) + 1):
+            enter, leave = slab_times(p[1], y_rate, j)
+            enter, leave = max(enter, start), min(leave, stop)
+            if enter > leave:
+                continue
+            bottom, top = cells_between(p[2], q[2], enter, leave)
+            bottom, top = max(low[2], bottom), min(high[2], top)
+            if inside:
+                if not run_in_grid_is_free(map_, s, i, j, bottom, top):
+                    return False
+            elif not run_is_free(map_, s, i, j, bottom, top):
+                return False
+    return True
+
+
+@inlined
+def time_per_cell(p: float, q: float) -> float:
+    """Return the change of t for a cell of p + t (q - p), or 0 if that hardly changes."""
+    return 0.0 if abs(q - p) < MIN_EXTENT_CELLS else 1.0 / (q - p)
+
+
+@inlined
+def slab_times(p: float, rate: float, cell: int) -> tuple[float, float]:
+    """Return the range of t in a slab of cells.
+
+    A segment has the coordinates p + t / rate, in cells; all of it is in the slab if the rate is 0.
+    The range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab.
+    SLACK covers rounding, which grows with the length of the segment.
+    """
+    if rate == 0.0:
+        return 0.0, 1.0
+    enter, leave = (cell - SLACK - p) * rate, (cell + 1 + SLACK - p) * rate
+    return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
+
+
+@inlined
+def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
+    """Return the range of cells in a range of t.
+
+    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in
+    cells, for t from ``start`` to ``stop``.
+    """
+    begin, end = p + start * (q - p), p + stop * (q - p)
+    return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)

@@ -1,0 +1,180 @@
+"""Lower bounds of the length of every collision-free path in the plane.
+
+Let U be the union of the closed cells through which a path may lead; other cells are closed, too,
+so that no path leads through a *pinch*, a corner where just two opposite cells are in U. A shortest
+path in U is a polyline that bends at corners of cells only, and never at a pinch. So let G be the
+graph of all other corners, with moves along a side (1, 0), across a cell (1, 1), and across two
+cells (2, 1), and their mirror images. A move is in G if the cells that it crosses are in U; along a
+side, one of the two cells beside it.
+
+Claim: if a segment in U leads from corner A to corner B, the distance of A and B in G is at most
+STRETCH times its length. Proof: cut the segment where it passes a corner; let it rise from (0, 0)
+to (a, b) with 0 <= b <= a (the rest by symmetry), with height y(x), and cross no corner between.
+Every cell that it crosses is in U. The corners (x, floor of y(x)) that follow are no pinches, as
+the segment crosses the cells to their upper left and upper right.
+
+* b = 0, or a = b, or a = 2 b: the segment is one move.
+* 0 < 2 b < a. In each column k from k to k + 1 in which the floor of y rises from f to f + 1,
+  y(k) > f + 1/2, so y(k - 1) > f, and the cells (k - 1, f) and (k, f) are crossed: the move from
+  (k - 1, f) to (k + 1, f + 1) is in G. Such columns are at least two apart, so that these moves
+  do not overlap; moves along sides of crossed cells join them.
+* b < a < 2 b. In each column k in which the floor f of y stays, y(k + 1) is in (f, f + 1) and
+  y(k + 2) > f + 1: the cells (k, f) and (k + 1, f) are crossed, and the move from (k, f) to
+  (k + 2, f + 1) is in G. Such moves do not overlap; moves across crossed cells join them.
+
+Either way, the moves have two neighbouring directions, at most atan(1/2) apart, and sum up to (a,
+b). Their total length is at most the distance divided by the cosine of half that angle.
+
+A path from p to q, extended by the segments to corners A and B of their cells, leads from A to B.
+So its length is at least d(A, B) / STRETCH - |pA| - |qB|, with d the distance in G.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from functools import cache
+from typing import Final
+
+import numpy as np
+from scipy import ndimage
+
+from cspace.queries.search import NO_FACTORS, Estimate, Graph, Moves, search
+from cspace.record.states import read_only
+from cspace.support.arrays import BLOCKED, FREE, Bools, Floats, Ints
+
+STRETCH: Final = 1.0 / math.cos(0.5 * math.atan(0.5))
+"""Largest distance of two corners in the graph, over the length of a segment that joins them."""
+
+ROUNDING_SHARE: Final = 1e-5
+"""Share by which sums in single precision may exceed the exact distance."""
+
+STRAIGHT_ROUNDING_SHARE: Final = 1e-12
+"""Share by which a distance in double precision may exceed the exact one."""
+
+
+def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
+    """Bound the length of paths through passable cells from below, in cells.
+
+    In space, it is the largest bound of the three projections along an axis, with the difference
+    along that axis.
+
+    Parameters
+    ----------
+    passable : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
+        Cells through which paths may lead.
+    is_open : bool
+        Whether paths may leave the grid.
+    start, goal : ndarray of float64, shape (d,)
+        Positions in cells, in the grid.
+
+    Returns
+    -------
+    float
+        Infinite if no path exists.
+    """
+    if passable.ndim == 2:
+        return _min_length_in_plane(passable, is_open, start, goal)
+    bounds = []
+    for axis in range(3):
+        projected = np.asarray(passable.any(axis=axis))
+        ends = np.delete(start, axis), np.delete(goal, axis)
+        across = _min_length_in_plane(projected, is_open, *ends)
+        bounds.append(math.hypot(across, goal[axis] - start[axis]))
+    return max(bounds)
+
+
+def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
+    """Bound the length of paths in the plane from below, in cells."""
+    if is_open:
+        # A shortest path outside leads along the border of the grid, through these cells.
+        passable = np.pad(passable, 1, constant_values=True)
+        start, goal = start + 1.0, goal + 1.0
+    last = np.array(passable.shape) - 1
+    cells = [np.clip(np.floor(q), 0, last).astype(np.int64) for q in (start, goal)]
+    if not all(passable[tuple(cell)] for cell in cells):
+        return math.inf
+    labels, _ = ndimage.label(passable)
+    if labels[tuple(cells[0])] != labels[tuple(cells[1])]:
+        return math.inf
+    straight = float(np.linalg.norm(goal - start)) * (1.0 - STRAIGHT_ROUNDING_SHARE)
+    pinches = _find_pinches(passable)
+    corners = [
+        _nearest_corner(q, cell, pinches) for q, cell in zip((start, goal), cells, strict=True)
+    ]
+    if corners[0] is None or corners[1] is None:
+        return straight
+    distance = _distance_of_corners(passable, pinches, corners[0], corners[1])
+    to_corners = float(np.linalg.norm(start - corners[0]) + np.linalg.norm(goal - corners[1]))
+    return max(straight, distance * (1.0 - ROUNDING_SHARE) / STRETCH - to_corners)
+
+
+def _find_pinches(passable: Bools) -> Bools:
+    """Return the corners where just two opposite cells are passable, shape (nx + 1, ny + 1)."""
+    around = np.pad(passable, 1)
+    low_low, low_high = around[:-1, :-1], around[:-1, 1:]
+    high_low, high_high = around[1:, :-1], around[1:, 1:]
+    return np.asarray((low_low == high_high) & (low_high == high_low) & (low_low != low_high))
+
+
+def _nearest_corner(q: Floats, cell: Ints, pinches: Bools) -> Ints | None:
+    """Return the nearest corner of a position's cell that is no pinch; None if all are."""
+    corners = [cell + offset for offset in itertools.product((0, 1), repeat=2)]
+    usable = [corner for corner in corners if not pinches[tuple(corner)]]
+    return min(usable, key=lambda corner: float(np.linalg.norm(q - corner)), default=None)
+
+
+def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Ints) -> float:
+    """Return the distance of two corners in the graph, in cells; infinite without a path."""
+    states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))[np.newaxis, np.newaxis]
+    shape = passable.shape[0] + 1, passable.shape[1] + 1
+    no_rotations = np.empty((1, 0), dtype=np.int64)
+    graph = Graph(
+        read_only(states),
+        np.zeros(1, dtype=np.int64),
+        no_rotations,
+        no_rotations.astype(np.float64),
+        _list_moves(),
+        math.inf,
+        NO_FACTORS,
+    )
+    x, y = np.ogrid[: shape[0], : shape[1]]
+    straight = np.hypot(x - goal[0], y - goal[1], dtype=np.float32)
+    estimate = Estimate(1.0, straight[np.newaxis], np.zeros(1))
+    first, last = (int(np.ravel_multi_index(tuple(corner), shape)) for corner in (start, goal))
+    progress = search(graph, estimate, first, last, math.inf, pinches.ravel())
+    return float(progress.cost[last]) if progress.closed[last] else math.inf
+
+
+@cache
+def _list_moves() -> Moves:
+    """List the moves between corners of cells, and the cells that each needs."""
+    near_cells = list(itertools.product((-2, -1, 0, 1), repeat=2))
+    steps, needed = [], []
+    for step in itertools.product((-2, -1, 0, 1, 2), repeat=2):
+        if math.gcd(*step) != 1:
+            continue
+        crossed = [cell for cell in near_cells if _crosses(step, cell)]
+        # A move along a side is listed twice, with the cell on either side of it.
+        ways = [[cell] for cell in crossed] if 0 in step else [crossed]
+        for way in ways:
+            steps.append((0, *step))
+            needed.append(sum(1 << near_cells.index(cell) for cell in way))
+    in_space = np.array([(0, *cell) for cell in near_cells])
+    return Moves(np.array(steps), np.linalg.norm(steps, axis=1), in_space, np.array(needed))
+
+
+def _crosses(step: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+    """Return True if a segment crosses a cell or is one of its sides.
+
+    The segment leads from corner (0, 0) to ``step``.
+    """
+    enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the closed cell
+    for along, low in zip(step, cell, strict=True):
+        if along == 0:
+            if low not in (-1, 0):
+                return False
+        else:
+            sides = low / along, (low + 1) / along
+            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+    return enter < leave

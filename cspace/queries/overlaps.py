@@ -1,0 +1,100 @@
+"""Overlaps without stored counts, from rows of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.queries.points import cell_of, configuration_in, is_usable, slice_of
+from cspace.raster import Raster, extract_runs
+from cspace.record.cells import Map
+from cspace.support.arrays import Bools, Floats, Ints, Numbers, Row
+from cspace.support.compiling import kernel
+
+
+class RobotRows(NamedTuple):
+    """Rows of the robot's raster cells in each slice.
+
+    Attributes
+    ----------
+    rows : ndarray of int64, shape (n, 4)
+        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two
+        axes.
+    stops : ndarray of int64, shape (slices,)
+        End of the rows of each slice.
+    """
+
+    rows: Ints
+    stops: Ints
+
+    @classmethod
+    def of(cls, rasters: Sequence[Raster]) -> RobotRows:
+        """Extract the rows of rasters, one for each slice."""
+        rows, owner = extract_runs(rasters)
+        return cls(rows, np.searchsorted(owner, np.arange(len(rasters)), side="right"))
+
+
+def sum_columns(cells: Bools) -> NDArray[np.int32]:
+    """Count obstacle cells along the last axis.
+
+    Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
+    In the plane, nx is 1, and j and k are the two axes.
+    """
+    spatial = cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
+    counts = np.zeros((*spatial.shape[:2], spatial.shape[2] + 1), dtype=np.int32)
+    np.cumsum(spatial, axis=-1, dtype=np.int32, out=counts[..., 1:])
+    return counts
+
+
+@kernel
+def count_overlaps(
+    map_: Map,
+    counts: NDArray[np.int32],
+    robot: RobotRows,
+    outside: int,
+    points: Floats,
+    out: Ints,
+) -> int:
+    """Compute overlaps; return the first unusable row, or -1.
+
+    ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
+    """
+    for k in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, k)
+        if not is_usable(position, rotation):
+            return k
+        out[k] = overlap_at(map_, counts, robot, outside, position, rotation)
+    return -1
+
+
+@kernel
+def overlap_at(
+    map_: Map,
+    counts: NDArray[np.int32],
+    robot: RobotRows,
+    outside: int,
+    position: Row,
+    rotation: Numbers,
+) -> int:
+    """Return the overlap at one configuration."""
+    nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
+    i, j, k = cell_of(map_, position)
+    slice_index = slice_of(map_, rotation)
+    start = robot.stops[slice_index - 1] if slice_index > 0 else 0
+    total = 0
+    for row in range(start, robot.stops[slice_index]):
+        x = i + robot.rows[row, 0]
+        y = j + robot.rows[row, 1]
+        first = k + robot.rows[row, 2]
+        length = robot.rows[row, 3]
+        inside = 0
+        if 0 <= x < nx and 0 <= y < ny:
+            begin = min(max(first, 0), nz)
+            end = min(max(first + length, 0), nz)
+            total += counts[x, y, end] - counts[x, y, begin]
+            inside = end - begin
+        total += (length - inside) * outside
+    return total

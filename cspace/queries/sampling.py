@@ -1,0 +1,133 @@
+"""Sampling of FREE cells, and the nearest one."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from cspace.grid import Grid
+from cspace.rotations import Rotations
+from cspace.support.arrays import FREE, Floats, Ints, States
+
+BORDER_MARGIN: Final = 2.0**-20
+"""Share of a cell, along its border, without samples, so that rounding never moves one into the
+next cell."""
+
+FIRST_REACH_CELLS: Final = 16.0
+"""Distance, in cells, within which the nearest FREE cell is searched first."""
+
+
+class FreeCells:
+    """FREE cells of each slice, for sampling.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (slices,)
+        Number of FREE cells of each slice.
+    """
+
+    def __init__(self, states: States) -> None:
+        self._states = states
+        self._indices: dict[int, Ints] = {}
+        cells = states[0].size
+        self.counts = np.array([cells - np.count_nonzero(part) for part in states], dtype=np.int64)
+
+    def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
+        """Return flat indices of uniformly drawn FREE cells, one of each slice.
+
+        Each slice must have a FREE cell.
+        """
+        drawn = np.empty(len(slices), dtype=np.int64)
+        ranks = rng.integers(0, self.counts[slices])
+        for number in np.unique(slices).tolist():
+            if number not in self._indices:
+                self._indices[number] = np.flatnonzero(self._states[number] == FREE)
+            chosen = slices == number
+            drawn[chosen] = self._indices[number][ranks[chosen]]
+        return drawn
+
+
+def sample(
+    free: FreeCells,
+    slice_of: Ints,
+    rotations: Rotations,
+    grid: Grid,
+    n: int,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return uniform configurations from all FREE cells.
+
+    There must be at least one FREE cell.
+    """
+    rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
+    cells = np.unravel_index(free.draw(slice_of[rotation_cells], rng), grid.shape)
+    within = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
+    positions = grid.lower + grid.spacing * (np.stack(cells, axis=1) + within)
+    return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
+
+
+def nearest(
+    states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats
+) -> Floats | None:
+    """Return the center of the FREE cell nearest to a configuration, or None.
+
+    A radian counts as half a metre.
+    """
+    angular = rotations.angles_to_centers(q) / 2.0
+    best, min_distance = None, math.inf
+    seen = set[int]()
+    for rotation in np.argsort(angular, kind="stable").tolist():
+        number = int(slice_of[rotation])
+        if angular[rotation] >= min_distance:
+            break
+        if number in seen:  # the nearest rotation cell of this slice was tested
+            continue
+        seen.add(number)
+        center = _nearest_center(states[number], grid, q[: grid.dim])
+        if center is not None:
+            distance = math.hypot(*(center - q[: grid.dim])) + angular[rotation]
+            if distance < min_distance:
+                best, min_distance = np.array([*center, *rotations.centers[rotation]]), distance
+    return best
+
+
+def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
+    """Return the center of the FREE cell of a slice nearest to a position, or None.
+
+    The search looks at cells within a distance of the grid's point nearest to the position, and
+    doubles it until it finds one. Each cell nearer to the position is within that distance of this
+    point, because the grid is convex.
+    """
+    shape = np.array(states.shape)
+    nearest_point = np.clip(position, grid.lower, grid.upper)
+    inside = grid.cell_of(nearest_point)
+    farthest = float(np.linalg.norm(shape))
+    reach = FIRST_REACH_CELLS
+    while True:
+        first = np.clip(np.floor(inside - reach), 0, shape).astype(np.int64)
+        stop = np.clip(np.ceil(inside + reach) + 1.0, 0, shape).astype(np.int64)
+        cells = np.argwhere(states[tuple(map(slice, first, stop))] == FREE) + first
+        if len(cells):
+            centers = grid.center_of(cells)
+            center = centers[np.argmin(_order_by_distance(centers, nearest_point, position))]
+            enough = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
+            if enough <= reach or reach >= farthest:
+                return np.asarray(center)
+            reach = min(enough, farthest)
+        elif reach >= farthest:
+            return None
+        else:
+            reach = min(2.0 * reach, farthest)
+
+
+def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
+    """Return numbers in the order of the distances of centers from a position.
+
+    They are squared distances less the one of ``nearest_point``, and scaled, because squares of far
+    positions would lose the difference, or overflow.
+    """
+    offsets, beyond = centers - nearest_point, nearest_point - position
+    scale = max(1.0, float(np.abs(beyond).max()))
+    return np.asarray((offsets**2).sum(axis=1) / scale + 2.0 * (offsets @ (beyond / scale)))

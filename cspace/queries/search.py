@@ -1,0 +1,479 @@
+"""Search for short chains of cells: A* over the cells of a map.
+
+A chain is a sequence of cells, each next to the one before. Within a slice, a chain moves from the
+center of a cell to that of a near cell, and all closed cells that the move touches are passable. At
+one position, a chain rotates between neighbouring rotation cells.
+
+The estimate of the remaining cost is the length of the shortest chain over positions that are
+passable at any rotation, and the cost of rotating to the goal's rotation cell (P. Hart, N. Nilsson
+and B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968).
+
+Kernels see three axes: a map of the plane has one layer of cells along the first.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.record.states import read_only
+from cspace.rotations import Rotations
+from cspace.rotations.base import METRES_PER_RADIAN
+from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints, States
+from cspace.support.compiling import clock, kernel
+
+Costs = NDArray[np.float32]
+
+EXACT_WEIGHT: Final = 1.0
+"""Weight of the estimate in searches for shortest chains."""
+
+SHORT_WEIGHT: Final = 1.2
+"""Weight of the estimate in searches for short chains, which expand far fewer cells."""
+
+POPS_PER_CLOCK_CHECK: Final = 2**14
+"""Cells taken from the queue between two checks of the time limit, about 10 ms."""
+
+INITIAL_QUEUE_LENGTH: Final = 2**14
+"""Entries that the queue of a search can hold at first; the length doubles as needed."""
+
+NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
+"""Stands for cells that all cost their length."""
+
+
+class Moves(NamedTuple):
+    """Moves from a node to near nodes of its slice.
+
+    Attributes
+    ----------
+    steps : ndarray of int64, shape (m, 3)
+        Offset of the node that each move leads to.
+    lengths : ndarray of float64, shape (m,)
+        Length of each move, in cells.
+    near_cells : ndarray of int64, shape (n, 3)
+        Offsets from the node to the cells that its moves may touch.
+    needed : ndarray of int64, shape (m,)
+        Bit mask of the near cells that must be passable for each move.
+    """
+
+    steps: Ints
+    lengths: Floats
+    near_cells: Ints
+    needed: Ints
+
+
+class Graph(NamedTuple):
+    """Nodes of a map and the moves between them, for kernels.
+
+    A node is a cell, or in :mod:`cspace.queries.lower_bound` a corner of cells.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    turns : ndarray of float64, shape (rotations, n)
+        Cost of rotating to each neighbor, in cells.
+    moves : Moves
+    mixed_cost : float
+        Cost of entering a MIXED cell, in cells; infinite if only FREE cells are passable.
+    factors : ndarray of float32, shape (slices, nx, ny, nz), or empty
+        Factor of the cost of moves in each cell.
+    """
+
+    states: States
+    slice_of: Ints
+    neighbors: Ints
+    turns: Floats
+    moves: Moves
+    mixed_cost: float
+    factors: Costs
+
+
+class Estimate(NamedTuple):
+    """Estimate of the remaining cost: that of positions, and that of rotations, in cells.
+
+    Attributes
+    ----------
+    weight : float
+        Factor of the estimate.
+    positions : ndarray of float32, shape (nx, ny, nz)
+    rotations : ndarray of float64, shape (rotations,)
+    """
+
+    weight: float
+    positions: Costs
+    rotations: Floats
+
+
+class Progress(NamedTuple):
+    """State of a search, which kernels change.
+
+    Attributes
+    ----------
+    cost : ndarray of float32, shape (cells,)
+        Cost of the best chain found to each reached cell, in cells.
+    previous : ndarray of int64, shape (cells,)
+        The cell before each reached cell of its best chain, plus 1; 0 for cells not reached, so
+        that a large map takes memory only where the search leads.
+    closed : ndarray of bool, shape (cells,)
+        True for cells that were expanded.
+    keys, queue : ndarray of float64 and int64, shape (n,)
+        Binary heap of cells by their expected cost.
+    length : ndarray of int64, shape (1,)
+        Number of entries of the heap.
+    """
+
+    cost: Costs
+    previous: Ints
+    closed: Bools
+    keys: Floats
+    queue: Ints
+    length: Ints
+
+
+def find_chain(
+    states: States,
+    slice_of: Ints,
+    rotations: tuple[Ints, Floats],
+    start: Ints,
+    goal: Ints,
+    until: float,
+    *,
+    weight: float = SHORT_WEIGHT,
+    mixed_cost: float = math.inf,
+    factors: Costs = NO_FACTORS,
+    by_sides: bool = False,
+) -> Ints:
+    """Find a short chain of passable cells from start to goal.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    rotations : tuple of ndarray, shape (rotations, n)
+        Adjacent rotation cells, padded with -1, and the cost of rotating to them, in cells.
+    start, goal : ndarray of int64, shape (1 + d,)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
+    until : float
+        Reading of :data:`cspace.support.compiling.clock` at which the search ends.
+    weight : float
+        Weight of the estimated cost; at 1, the chain is a shortest one, above 1 the search is
+        faster.
+    mixed_cost : float
+        Cost of entering a MIXED cell, in cells; by default, only FREE cells are passable.
+    factors : ndarray of float32, the shape of states, optional
+        Factor, 1 or above, of the cost of moves in each cell.
+    by_sides : bool
+        Whether each cell of the chain shares a side with the next.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        Cells from start to goal; n is 0 if no chain exists.
+
+    Raises
+    ------
+    TimeoutError
+        If time runs out.
+    """
+    neighbors, turns = rotations
+    dim = states.ndim - 1
+    shape = (1,) * (3 - dim) + states.shape[1:]
+    graph = Graph(
+        read_only(states.reshape(-1, *shape)),
+        slice_of,
+        neighbors,
+        turns,
+        _list_moves(_reach(dim, by_sides)),
+        mixed_cost,
+        factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
+    )
+    size = math.prod(shape)
+    start_cell = int(start[0]) * size + int(
+        np.ravel_multi_index(tuple(start[1:]), states.shape[1:])
+    )
+    goal_cell = int(goal[0]) * size + int(np.ravel_multi_index(tuple(goal[1:]), states.shape[1:]))
+    estimate = _estimate_cost(graph, start_cell, goal_cell, weight, until)
+    progress = search(graph, estimate, start_cell, goal_cell, until)
+    if not progress.closed[goal_cell]:
+        return np.empty((0, 1 + dim), dtype=np.int64)
+    cells = [goal_cell]
+    while cells[-1] != start_cell:
+        cells.append(int(progress.previous[cells[-1]]) - 1)
+    return np.stack(np.unravel_index(cells[::-1], (len(slice_of), *states.shape[1:])), axis=1)
+
+
+def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
+    """Return the cost of rotating to neighbouring rotation cells.
+
+    Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
+    in metres.
+    """
+    centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
+    steps = rotations.steps_between(centers[:, None], centers[rotations.neighbors])
+    return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
+
+
+def check_deadline(until: float) -> None:
+    """Raise TimeoutError after ``until``, in seconds of :data:`cspace.support.compiling.clock`."""
+    if clock() > until:
+        raise TimeoutError
+
+
+def _reach(dim: int, by_sides: bool) -> tuple[int, int, int, int]:
+    """Return the largest offset of moves along each of three axes, and their largest sum."""
+    if by_sides:
+        return (0, 1, 1, 1) if dim == 2 else (1, 1, 1, 1)
+    return (0, 2, 2, 3) if dim == 2 else (1, 1, 1, 3)
+
+
+@cache
+def _list_moves(reach: tuple[int, int, int, int]) -> Moves:
+    """List the moves between centers of cells, shortest first.
+
+    ``reach`` are the largest offset along each axis, and the largest sum of offsets. The offsets of
+    a move have no common divisor.
+    """
+    *largest, largest_sum = reach
+    offsets = product(*(range(-each, each + 1) for each in largest))
+    steps = [
+        each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= largest_sum
+    ]
+    steps.sort(key=lambda step: math.hypot(*step))
+    needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
+    return Moves(np.array(steps), np.linalg.norm(steps, axis=1), np.array(steps), np.array(needed))
+
+
+def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
+    """Return True if a move between centers of cells touches a cell.
+
+    The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
+    cell is closed.
+    """
+    enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the cell
+    for step, offset in zip(move, cell, strict=True):
+        if step == 0 and offset != 0:
+            return False
+        if step != 0:
+            sides = (offset - 0.5) / step, (offset + 0.5) / step
+            enter = max(enter, min(sides))
+            leave = min(leave, max(sides))
+    return enter <= leave
+
+
+def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:
+    """Compute the estimate of the cost from each cell to the goal."""
+    shape = graph.states.shape[1:]
+    size = math.prod(shape)
+    goal_rotation, goal_position = divmod(goal, size)
+    if len(graph.slice_of) == 1:
+        axes = np.ogrid[tuple(slice(n) for n in shape)]
+        at_goal = np.unravel_index(goal_position, shape)
+        squares = sum((axis - at) ** 2 for axis, at in zip(axes, at_goal, strict=True))
+        return Estimate(weight, np.sqrt(squares, dtype=np.float32), np.zeros(1))
+    rotation_costs = _rotation_costs(graph, goal_rotation)
+    lowest = graph.states.min(axis=0, keepdims=True)
+    factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
+    positions = graph._replace(
+        states=read_only(lowest),
+        slice_of=np.zeros(1, dtype=np.int64),
+        neighbors=graph.neighbors[:1, :0],
+        turns=graph.turns[:1, :0],
+        factors=factors,
+    )
+    nothing = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
+    reached = search(positions, nothing, goal_position, start % size, until)
+    # Positions that were not expanded are at least as far away as the start.
+    farthest = reached.cost[reached.closed].max()
+    costs = np.where(reached.closed, reached.cost, farthest)
+    return Estimate(weight, costs.reshape(shape), rotation_costs)
+
+
+def _rotation_costs(graph: Graph, goal: int) -> Floats:
+    """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells."""
+    costs, previous = np.full(len(graph.slice_of), np.inf), np.empty(0)
+    costs[goal] = 0.0
+    while not np.array_equal(costs, previous):
+        previous = costs
+        of_neighbors = np.where(graph.neighbors < 0, np.inf, costs[graph.neighbors] + graph.turns)
+        costs = np.minimum(costs, of_neighbors.min(axis=1))
+    return costs
+
+
+def search(
+    graph: Graph,
+    estimate: Estimate,
+    start: int,
+    goal: int,
+    until: float,
+    excluded: Bools | None = None,
+) -> Progress:
+    """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
+
+    ``excluded``, shape (nodes,), are nodes that no chain may pass. Raises TimeoutError after
+    ``until``.
+    """
+    n_cells = len(graph.slice_of) * estimate.positions.size
+    length = INITIAL_QUEUE_LENGTH
+    progress = Progress(
+        np.zeros(n_cells, dtype=np.float32),
+        np.zeros(n_cells, dtype=np.int64),
+        np.zeros(n_cells, dtype=np.bool_) if excluded is None else excluded,
+        np.empty(length),
+        np.empty(length, dtype=np.int64),
+        np.ones(1, dtype=np.int64),
+    )
+    progress.previous[start] = start + 1
+    progress.keys[0], progress.queue[0] = 0.0, start
+    degree = len(graph.moves.steps) + graph.neighbors.shape[1]
+    while not expand_cells(graph, estimate, progress, goal):
+        check_deadline(until)
+        if progress.length[0] + degree >= len(progress.queue):
+            keys, queue = (np.concatenate([part, np.empty_like(part)]) for part in progress[3:5])
+            progress = progress._replace(keys=keys, queue=queue)
+    return progress
+
+
+@kernel
+def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> bool:
+    """Expand queued nodes; return True if the goal was expanded or no node is left.
+
+    Return False after many cells, or if the queue is nearly full; the next call goes on.
+    """
+    nx, ny, nz = estimate.positions.shape
+    steps, near_cells = graph.moves.steps, graph.moves.near_cells
+    n_moves, n_neighbors = steps.shape[0], graph.neighbors.shape[1]
+    for _ in range(POPS_PER_CLOCK_CHECK):
+        if progress.length[0] == 0:
+            return True
+        if progress.length[0] + n_moves + n_neighbors >= progress.keys.shape[0]:
+            return False
+        cell = pop_first(progress)
+        if progress.closed[cell]:
+            continue
+        progress.closed[cell] = True
+        if cell == goal:
+            return True
+        k = cell % nz
+        j = cell // nz % ny
+        i = cell // (nz * ny) % nx
+        rotation = cell // (nz * ny * nx)
+        here = graph.slice_of[rotation]
+        passable = 0
+        for near in range(near_cells.shape[0]):
+            u, v, w = i + near_cells[near, 0], j + near_cells[near, 1], k + near_cells[near, 2]
+            passable |= is_passable(graph, here, u, v, w) << near
+        for move in range(n_moves):
+            needed = graph.moves.needed[move]
+            if passable & needed == needed:
+                u, v, w = i + steps[move, 0], j + steps[move, 1], k + steps[move, 2]
+                cost = step_cost(graph, graph.moves.lengths[move], here, i, j, k, here, u, v, w)
+                reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
+        for column in range(n_neighbors):
+            other = graph.neighbors[rotation, column]
+            if other >= 0 and is_passable(graph, graph.slice_of[other], i, j, k):
+                there, turn = graph.slice_of[other], graph.turns[rotation, column]
+                cost = step_cost(graph, turn, here, i, j, k, there, i, j, k)
+                reach_cell(estimate, progress, cell, other, i, j, k, cost)
+    return False
+
+
+@kernel
+def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
+    """Return True if a chain may pass a cell of a slice; outside the grid it may not."""
+    _, nx, ny, nz = graph.states.shape
+    if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+        return False
+    state = graph.states[number, i, j, k]
+    return state == FREE or (state == MIXED and graph.mixed_cost < math.inf)
+
+
+@kernel
+def step_cost(
+    graph: Graph,
+    length: float,
+    here: int,
+    i: int,
+    j: int,
+    k: int,
+    there: int,
+    u: int,
+    v: int,
+    w: int,
+) -> float:
+    """Return the cost of a step from cell (i, j, k) of a slice to (u, v, w) of another."""
+    cost = length
+    if graph.factors.shape[0] > 0:
+        cost *= 0.5 * (graph.factors[here, i, j, k] + graph.factors[there, u, v, w])
+    if graph.mixed_cost < math.inf and graph.states[there, u, v, w] == MIXED:
+        cost += graph.mixed_cost
+    return cost
+
+
+@kernel
+def reach_cell(
+    estimate: Estimate,
+    progress: Progress,
+    cell: int,
+    rotation: int,
+    u: int,
+    v: int,
+    w: int,
+    step: float,
+) -> None:
+    """Record a step of a cost from a cell to (u, v, w) at a rotation, if its chain is the best."""
+    nx, ny, nz = estimate.positions.shape
+    reached = ((rotation * nx + u) * ny + v) * nz + w
+    cost = progress.cost[cell] + step
+    if progress.closed[reached]:
+        return
+    if progress.previous[reached] == 0 or np.float32(cost) < progress.cost[reached]:
+        progress.cost[reached] = cost
+        progress.previous[reached] = cell + 1
+        remaining = estimate.positions[u, v, w] + estimate.rotations[rotation]
+        push(progress, cost + estimate.weight * remaining, reached)
+
+
+@kernel
+def push(progress: Progress, key: float, cell: int) -> None:
+    """Add a cell to the heap."""
+    keys, queue = progress.keys, progress.queue
+    at = progress.length[0]
+    progress.length[0] += 1
+    while at > 0 and keys[(at - 1) // 2] > key:
+        keys[at] = keys[(at - 1) // 2]
+        queue[at] = queue[(at - 1) // 2]
+        at = (at - 1) // 2
+    keys[at] = key
+    queue[at] = cell
+
+
+@kernel
+def pop_first(progress: Progress) -> int:
+    """Remove the cell of the lowest key from the heap, and return it."""
+    keys, queue = progress.keys, progress.queue
+    first: int = queue[0]
+    progress.length[0] -= 1
+    count = progress.length[0]
+    # The last entry sinks from the root.
+    key, cell = keys[count], queue[count]
+    at, child = 0, 1
+    while child < count:
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[at] = keys[child]
+        queue[at] = queue[child]
+        at, child = child, 2 * child + 1
+    keys[at] = key
+    queue[at] = cell
+    return first

@@ -1,0 +1,270 @@
+"""Paths of maximum bottleneck clearance, then minimum length.
+
+The *width* of a cell is its distance (:mod:`cspace.queries.distance`). The *bottleneck* of two
+cells is the largest width at which cells of that width or above connect them, found in 64ths of a
+cell. Among these cells, the shortest chain is searched.
+
+If the start or the goal is the narrowest place, for example beside a wall, every path is that
+narrow. So the path first climbs steeply from both, and the bottleneck connects the two local
+maxima. The result is still among the widest paths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace.grid import Grid
+from cspace.queries.callbacks import edge_checker
+from cspace.queries.distance import Distances
+from cspace.queries.paths import in_time, pulled_straight, waypoints
+from cspace.queries.search import EXACT_WEIGHT, check_deadline, find_chain
+from cspace.record.cells import Map, make_record
+from cspace.record.states import read_only
+from cspace.rotations import Rotations
+from cspace.support.arrays import Bools, Bytes, Floats, Ints
+from cspace.support.compiling import kernel
+
+LEVELS_PER_CELL: Final = 64
+"""Levels of width per cell."""
+
+MAX_LEVEL: Final = 65535
+"""Highest level, which is 1024 cells; larger widths count as this."""
+
+SEARCH_BYTES_PER_CELL: Final = 20
+"""Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
+
+CELLS_PER_CLOCK_CHECK: Final = 2**14
+"""Cells expanded between two checks of the time limit: about a millisecond."""
+
+SIDE_STEPS: Final = 6
+"""Number of steps to cells that share a side; steps from this number on rotate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WidthMap:
+    """Widths of the cells of a map, and moves between rotation cells.
+
+    Attributes
+    ----------
+    widths : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Width of each cell, in cells.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    rotations : Rotations
+        Rotation cells.
+    turns : ndarray of float64, shape (rotations, n)
+        Cost of rotating to each neighbor, in cells.
+    """
+
+    widths: Distances
+    slice_of: Ints
+    rotations: Rotations
+    turns: Floats
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rotation cells, and cells along each axis."""
+        return (len(self.slice_of), *self.widths.shape[1:])
+
+    def width(self, cell: Sequence[int] | Ints) -> float:
+        """Return the width of a cell ``(rotation, x, ...)``, in cells."""
+        return float(self.widths[self.slice_of[cell[0]], *cell[1:]])
+
+    def climb(self, cell: Ints) -> Ints:
+        """Follow the steepest ascent of width.
+
+        Return the cells, from ``cell`` on. Ties go to the larger cell index.
+        """
+        path = [tuple(cell.tolist())]
+        while True:
+            rotation, *position = path[-1]
+            others = self.rotations.neighbors[rotation].tolist()
+            candidates = [(other, *position) for other in others if other >= 0]
+            for axis, step in product(range(len(position)), (-1, 1)):
+                moved = position.copy()
+                moved[axis] += step
+                if 0 <= moved[axis] < self.shape[axis + 1]:
+                    candidates.append((rotation, *moved))
+            best = max([path[-1], *candidates], key=lambda each: (self.width(each), each))
+            if best == path[-1]:
+                return np.array(path)
+            path.append(best)
+
+    def bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
+        """Return the largest minimum width of a chain, rounded down to a 64th of a cell.
+
+        The result is 0 if no chain exists. Raises TimeoutError after ``until``.
+        """
+        first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
+        queue = Queue.of(math.prod(self.shape), first, find_level(self.width(start)))
+        missing_axes = (1,) * (4 - self.widths.ndim)
+        layered = self.widths.reshape(len(self.widths), *missing_axes, *self.shape[1:])
+        is_done = False
+        while not is_done:
+            check_deadline(until)
+            is_done = flood(layered, self.slice_of, self.rotations.neighbors, last, queue)
+        return float(queue.level[0]) / LEVELS_PER_CELL
+
+    def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
+        """Return the shortest chain of cells with ``min_width`` or above, shape (n, 1 + d).
+
+        Raises TimeoutError after ``until``.
+        """
+        states = narrow_states(self.widths, min_width)
+        turns = self.rotations.neighbors, self.turns
+        return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
+
+
+def narrow_states(widths: Distances, min_width: float) -> Bytes:
+    """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
+    return read_only((widths < np.float32(min_width)).view(np.uint8))  # FREE is 0, and MIXED 1
+
+
+# ---- the bottleneck ------------------------------------------------------------------------------
+
+
+class Queue(NamedTuple):
+    """Queue of cells by level, widest first.
+
+    Attributes
+    ----------
+    level : ndarray of int64, shape (1,)
+        Lowest level of the cells taken from the queue so far.
+    first : ndarray of int64, shape (MAX_LEVEL + 1,)
+        First waiting cell of each level; -1 if there is none.
+    following : ndarray of int64, shape (cells,)
+        Next waiting cell of the same level, for waiting cells; -1 at the end.
+    reached : ndarray of bool, shape (cells,)
+        Whether a cell was queued. Like ``following``, it takes memory only where written.
+    """
+
+    level: Ints
+    first: Ints
+    following: Ints
+    reached: Bools
+
+    @classmethod
+    def of(cls, cells: int, start: int, level: int) -> Queue:
+        """Create a queue with one cell."""
+        queue = cls(
+            np.array([level]),
+            np.full(MAX_LEVEL + 1, -1),
+            np.empty(cells, dtype=np.int64),
+            np.zeros(cells, dtype=np.bool_),
+        )
+        queue.first[level] = start
+        queue.following[start] = -1
+        queue.reached[start] = True
+        return queue
+
+
+@kernel
+def find_level(width: float) -> int:
+    """Return the level of a width in cells."""
+    return int(min(LEVELS_PER_CELL * width, MAX_LEVEL))
+
+
+@kernel
+def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: Queue) -> bool:
+    """Take cells from the queue, widest first; return True at the goal, or at the end.
+
+    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return
+    False if a clock check is due; the next call goes on from there. ``widths`` has shape
+    (slices, nx, ny, nz).
+    """
+    _, nx, ny, nz = widths.shape
+    level = queue.level[0]
+    for _ in range(CELLS_PER_CLOCK_CHECK):
+        while level > 0 and queue.first[level] < 0:
+            level -= 1
+        queue.level[0] = level
+        cell = queue.first[level]
+        if level == 0 or cell == goal:
+            return True
+        queue.first[level] = queue.following[cell]
+        rotation, x = cell // (nx * ny * nz), cell // (ny * nz) % nx
+        y, z = cell // nz % ny, cell % nz
+        for step in range(SIDE_STEPS + neighbors.shape[1]):
+            r, i, j, k = rotation, x, y, z
+            axis, sign = step // 2, 2 * (step % 2) - 1
+            if step >= SIDE_STEPS:
+                r = neighbors[rotation, step - SIDE_STEPS]
+            elif axis == 0:
+                i += sign
+            elif axis == 1:
+                j += sign
+            else:
+                k += sign
+            if r < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+                continue
+            near = ((r * nx + i) * ny + j) * nz + k
+            if queue.reached[near]:
+                continue
+            queue.reached[near] = True
+            near_level = min(level, find_level(widths[slice_of[r], i, j, k]))
+            queue.following[near] = queue.first[near_level]
+            queue.first[near_level] = near
+    return False
+
+
+# ---- paths ---------------------------------------------------------------------------------------
+
+
+def find_widest_path(
+    widths: WidthMap,
+    map_: Map,
+    grid: Grid,
+    endpoints: tuple[Floats, Ints],
+    straight: bool,
+    until: float,
+) -> Floats:
+    """Return waypoints of the widest path between two configurations.
+
+    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The
+    result has length 0 if no path exists. If not ``straight``, waypoints are the centers of the
+    cells passed. Raises TimeoutError after ``until``.
+    """
+    rotations, ends = widths.rotations, endpoints[1]
+    q = rotations.make_canonical(endpoints[0])
+    up, down = (widths.climb(cell) for cell in ends)
+    width = widths.bottleneck(up[-1], down[-1], until)
+    if not width:
+        return np.empty((0, q.shape[1]))
+    ascent = up[[widths.width(cell) < width for cell in up]]
+    descent = down[[widths.width(cell) < width for cell in down]]
+    chain = widths.shortest(up[len(ascent)], down[len(descent)], width, until)
+    cells = np.concatenate([ascent, chain, descent[::-1]])
+    path = waypoints(grid, rotations, q, cells)
+    if not straight:
+        return path
+    # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
+    first = len(ascent) + 1 if len(ascent) else 0
+    last = len(ascent) + len(chain) if len(descent) else len(path) - 1
+    low, high = map(widths.width, ends)
+    parts = (0, first, low), (first, last, width), (last, len(path) - 1, high)
+    pieces = [path[:1]]
+    for begin, end, min_width in parts:
+        if begin < end:
+            positions = cells[max(begin - 1, 0) : end, 1:]
+            wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
+            is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
+            pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
+    return np.concatenate(pieces)
+
+
+def _cut_wide_map(
+    widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
+) -> Map:
+    """Return a map around positions in which cells of ``min_width`` or above are FREE."""
+    first = np.maximum(positions.min(axis=0) - 1, 0)
+    stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
+    states = narrow_states(widths[(slice(None), *map(slice, first, stop))], min_width)
+    lower = tuple((grid.lower + grid.spacing * first).tolist())
+    part = Grid(lower, grid.spacing, states.shape[1:])
+    return make_record(states, part, map_.exterior, map_.rotations)

@@ -1,0 +1,51 @@
+"""The record of a map that kernels take."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cspace.grid import Grid
+from cspace.record.states import read_only
+from cspace.rotations.base import RotationTable
+from cspace.support.arrays import Ints, Row, States
+
+
+class Map(NamedTuple):
+    """Cells of a map, of one type for all kinds of maps.
+
+    The plane is space with one layer of cells along the first axis; a position in it is in the
+    middle of that layer. The arrays are views of the map's own arrays, so updates are visible here.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED; read-only. In the plane nx is 1, and ny and nz count the cells along
+        x and y.
+    dim : int
+        2 in the plane, 3 in space.
+    lower, upper : tuple of float, length 3
+        Corners of the grid, metres.
+    spacing : float
+        Side of a cell, metres.
+    exterior : ndarray of int64, shape (slices, 2 dim + 1)
+        States outside the grid: :attr:`cspace.record.exterior.Exterior.table`.
+    rotations : RotationTable
+        Rotation cells and their slices.
+    """
+
+    states: States
+    dim: int
+    lower: Row
+    upper: Row
+    spacing: float
+    exterior: Ints
+    rotations: RotationTable
+
+
+def make_record(states: States, grid: Grid, exterior: Ints, rotations: RotationTable) -> Map:
+    """Make the record of states, shape (slices, x, y) or (slices, x, y, z)."""
+    if grid.dim == 2:
+        states = states[:, None]
+    a, b, c = (0.0, *grid.lower)[-3:]
+    x, y, z = (grid.spacing, *grid.upper)[-3:]
+    return Map(read_only(states), grid.dim, (a, b, c), (x, y, z), grid.spacing, exterior, rotations)

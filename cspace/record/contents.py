@@ -1,0 +1,117 @@
+"""Contents of a map, for builds, files and pickles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.record.exterior import OUTSIDES, UNKNOWN, Exterior
+from cspace.rotations import Rotations
+from cspace.support.arrays import Ints, States
+from cspace.support.check import check_word
+
+if TYPE_CHECKING:
+    from cspace.robot import Robot
+    from cspace.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """All data of a map that queries derive from.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    robot : Robot
+    rotations : Rotations
+    slice_of : ndarray of int64, shape (rotations,)
+        The slice of each rotation cell.
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not
+        copied, unless it is read-only: updates write into it.
+    outside : {"blocked", "free", "unknown"}
+        State of the world outside the grid; "unknown" for a part of a larger map.
+    margin : float
+        Metres by which the robot was grown to prove FREE.
+    overlap_counts : ndarray of int32, the shape of states, or None
+        Overlap of each cell; taken over like ``states``.
+    exterior : Exterior or None
+        States outside the grid; if None, computed from the robot's rasters when needed.
+    proves_blocked : bool
+        True if updates prove BLOCKED, as the build did.
+
+    Raises InputError if an array has another shape or type than stated, or ``outside`` is another
+    word.
+    """
+
+    workspace: Workspace
+    robot: Robot
+    rotations: Rotations
+    slice_of: Ints
+    states: States
+    outside: str = "blocked"
+    margin: float = 0.0
+    overlap_counts: NDArray[np.int32] | None = None
+    exterior: Exterior | None = None
+    proves_blocked: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
+        for name, array, kind in (
+            ("states", self.states, np.uint8),
+            ("overlap_counts", self.overlap_counts, np.int32),
+        ):
+            if array is not None and (array.shape != shape or array.dtype != kind):
+                rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
+                raise InputError(
+                    name,
+                    f"has shape {array.shape} and type {array.dtype}",
+                    rule,
+                    "use cspace.build",
+                    value=array,
+                )
+            if isinstance(array, np.ndarray):
+                object.__setattr__(self, name, _writable(array))
+        if self.outside != UNKNOWN:
+            check_word(self.outside, "outside", OUTSIDES)
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of positions, which is the workspace's grid."""
+        return self.workspace.grid
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates of a configuration."""
+        return (*self.grid.axes, *self.rotations.names)
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        """Return the shape of n slices of cells.
+
+        If the robot does not rotate, it is the shape of the cells alone.
+        """
+        return (*self.rotations.leading_axes(n), *self.grid.shape)
+
+    def copy(self) -> Contents:
+        """Return a copy that shares only constant arrays."""
+        from cspace.workspace import copy_workspace
+
+        return replace(
+            self,
+            workspace=copy_workspace(self.workspace),
+            states=self.states.copy(),
+            overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
+            exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
+        )
+
+
+def _writable(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array contiguous and writeable, copied if necessary."""
+    array = np.ascontiguousarray(array)
+    return array if array.flags.writeable else array.copy()

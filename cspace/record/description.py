@@ -1,0 +1,233 @@
+"""Names, types, axes and units of a map's arrays."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace.grid import Grid
+from cspace.record.contents import Contents
+from cspace.record.states import read_only
+from cspace.rotations import Rotations
+from cspace.shapes import Shape, shape_from_spec
+from cspace.support.arrays import STATE_NAMES
+
+FORMAT: Final = "cspace-map"
+VERSION: Final = 6
+"""Version of the format; a reader refuses all others."""
+
+AXES: Final = ("x", "y", "z")
+
+STACKED: Final = ("cell_states", "overlap_counts")
+"""Arrays with one entry for each slice."""
+
+
+class Stored(NamedTuple):
+    """Type, axes and attributes of a stored array.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the axes; "cells" stands for the axes of the grid.
+    dtype : str
+    lost : number
+        Value of lost entries, which never makes a cell FREE.
+    about : mapping
+        Attributes, after the CF conventions.
+    sizes : mapping of str to int
+        Lengths of axes that all maps share.
+    """
+
+    axes: tuple[str, ...]
+    dtype: str
+    lost: Any
+    about: Mapping[str, Any]
+    sizes: Mapping[str, int] = {}
+
+
+def _stored(axes: str, dtype: str, lost: Any, name: str, **about: Any) -> Stored:
+    return Stored(tuple(axes.split()), dtype, lost, {"long_name": name, **about})
+
+
+def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
+    return _stored(axes, "float64", math.nan, name, units=units, **about)
+
+
+ARRAYS: Final[dict[str, Stored]] = {
+    "cell_states": _stored(
+        "slice cells",
+        "uint8",
+        255,
+        "state of the configurations in a cell",
+        flag_values=list(range(len(STATE_NAMES))),
+        flag_meanings=" ".join(STATE_NAMES),
+    ),
+    "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
+    "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
+    "overlap_counts": _stored(
+        "slice cells",
+        "int32",
+        -1,
+        "number of coinciding pairs of obstacle cell and robot offset",
+        units="1",
+    ),
+    "slice_of": _stored(
+        "rotation",
+        "int64",
+        np.iinfo(np.int64).max,
+        "slice that serves a rotation cell",
+        comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the "
+        "axis rotation",
+    ),
+    "exterior": _stored(
+        "slice corner",
+        "int64",
+        np.iinfo(np.int64).max,
+        "first and last cell of the box of cells that are MIXED outside the grid, and the state "
+        "of those beyond it",
+    ),
+    "shapes": _stored(
+        "byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"
+    ),
+    **{
+        axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper())
+        for axis in AXES
+    },
+}
+"""Every array that a map may hold, except those that describe its rotation cells."""
+
+
+def stored() -> Mapping[str, Stored]:
+    """Every array that a map may hold."""
+    return _stored_of(tuple(Rotations.KINDS.values()))
+
+
+@cache
+def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
+    arrays = dict(ARRAYS)
+    for name, each in (item for kind in kinds for item in kind.COORDINATES.items()):
+        bounds = {"bounds": each.bounds} if each.bounds else {}
+        array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+        arrays[name] = array._replace(sizes=each.axes)
+    return arrays
+
+
+def axes_of(name: str, dim: int) -> tuple[str, ...]:
+    """Return the axes of an array on a grid."""
+    groups = {"cells": AXES[:dim]}
+    return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
+
+
+def grid_of(metadata: Mapping[str, Any]) -> Grid:
+    """Return the grid of a map, from its metadata."""
+    shape = tuple(metadata["shape"])
+    axes, units = metadata.get("axes", "").split()[: len(shape)], metadata.get("units", "").split()
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes or None, units or None)
+
+
+def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
+    """Return the attributes of an array on a grid.
+
+    They include its unit if that depends on the axes.
+    """
+    about = dict(stored()[name].about)
+    if name in AXES:
+        number = AXES.index(name)
+        about |= {
+            "long_name": f"{grid.axes[number]} of the middle of a cell",
+            "units": grid.units[number],
+        }
+    return about
+
+
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory.
+
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
+    configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
+    ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0.
+    """
+    grid = contents.grid
+    return {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "library_version": __version__,
+        "lower": list(grid.lower),
+        "spacing": grid.spacing,
+        "shape": list(grid.shape),
+        "axes": " ".join(contents.axes),
+        "units": " ".join(grid.units),
+        "outside": contents.outside,
+        "margin_m": float(contents.margin),
+        "rotations": len(contents.rotations),
+        "slices": len(contents.states),
+        "robot": contents.robot._definition,
+        "workspace_source": contents.workspace.source,
+        "inner": int(contents.proves_blocked),
+    }
+
+
+def arrays_of(contents: Contents) -> dict[str, Any]:
+    """Return the arrays of a map, by the names of :func:`stored`.
+
+    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if
+    there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if
+    the robot rotates, and ``shapes`` if the obstacles have shapes.
+    """
+    workspace, grid = contents.workspace, contents.grid
+    arrays: dict[str, Any] = {
+        "cell_states": read_only(contents.states),
+        "outer": workspace.outer,
+        "slice_of": contents.slice_of,
+    }
+    if workspace.inner is not workspace.outer:
+        arrays["inner"] = workspace.inner
+    if workspace.unknown is not None:
+        arrays["unknown"] = workspace.unknown
+    if contents.exterior is not None:
+        arrays["exterior"] = contents.exterior.table
+    if contents.overlap_counts is not None:
+        arrays["overlap_counts"] = read_only(contents.overlap_counts)
+    arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
+    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
+
+
+def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
+    """Return the array ``shapes`` if the obstacles have shapes."""
+    if shapes is None:
+        return {}
+    specs = json.dumps([shape.spec for shape in shapes])
+    return {
+        "shapes": np.frombuffer(specs.encode(), dtype=np.int8)
+    }  # netCDF 3 knows no unsigned bytes
+
+
+def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
+    """Return the obstacles that an array ``shapes`` describes.
+
+    Raises ValueError if it describes none.
+    """
+    try:
+        return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
+    except Exception as error:  # shapely and the shapes raise any error for invalid data
+        raise ValueError(
+            f"'shapes' tells of no obstacles ({type(error).__name__}: {error})"
+        ) from error
+
+
+def turns_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of all arrays of rotation cells.
+
+    There are none if the robot does not rotate.
+    """
+    there = set(names)
+    kinds = (tuple(kind.COORDINATES) for kind in Rotations.KINDS.values())
+    return next((kind for kind in kinds if there.intersection(kind[:1])), ())

@@ -1,0 +1,107 @@
+"""Proven states of configurations outside the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, get_args
+
+import numpy as np
+
+from cspace.raster import Raster
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Ints
+from cspace.support.words import Outside
+
+OUTSIDES: Final[tuple[Outside, ...]] = get_args(Outside)
+"""Assumptions about the workspace outside its grid."""
+
+FARTHEST_CELL: Final = 2**62
+"""Largest cell of a look-up; a box up to it has no end."""
+
+UNKNOWN: Final = "unknown"
+"""Outside a part of a larger map nothing is known, so all cells there are MIXED."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exterior:
+    """States of configuration cells outside the grid, for each slice.
+
+    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle,
+    if the space outside the workspace is free, or may fit into the workspace, if that space is
+    blocked.
+
+    Attributes
+    ----------
+    table : ndarray of int64, shape (slices, 2 d + 1)
+        First cell of the box, its last cell, and the state of cells outside both grid and box. A
+        box is empty if first > last along an axis. Workspace updates change the table in place.
+    """
+
+    table: Ints
+
+    @classmethod
+    def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+        """Compute the exterior from outer cells and rasters.
+
+        ``rasters`` belong to the slices. ``policy`` is the space outside the workspace: "blocked",
+        "free" or "unknown".
+        """
+        box = np.zeros((2, occupied.ndim), dtype=np.int64)
+        if policy == "free":
+            cells = Raster.from_bitmap(occupied, (0,) * occupied.ndim)
+            box = np.array([cells.lower, cells.upper])
+        return cls.around(occupied.shape, box, rasters, policy)
+
+    @classmethod
+    def around(
+        cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
+    ) -> Exterior:
+        """Compute the exterior from a shape and an obstacle box.
+
+        ``box`` has the first and last obstacle cell; only policy "free" reads it.
+        """
+        if policy == UNKNOWN:
+            nowhere = np.repeat([0, -1], len(shape))
+            return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
+        if policy == "free":
+            return cls(
+                np.array(
+                    [[*reached_box(box.ravel(), outer), FREE] for outer, _ in rasters],
+                    dtype=np.int64,
+                )
+            )
+        # BLOCKED is proven if an inner offset falls outside the workspace.
+        last = np.asarray(shape) - 1
+        rows = [
+            [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
+            for _, inner in rasters
+        ]
+        return cls(np.array(rows, dtype=np.int64))
+
+    @property
+    def boxes(self) -> Ints:
+        """First and last cells of boxes, shape (slices, 2 d)."""
+        return self.table[:, :-1]
+
+    def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
+        """Return True for each slice whose cells outside the grid are all BLOCKED.
+
+        ``shape`` is that of the grid; the result has shape (slices,).
+        """
+        first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
+        # A box that is empty or within the grid has no MIXED cell outside the grid.
+        box_in_grid = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
+        return np.asarray((self.table[:, -1] == BLOCKED) & box_in_grid)
+
+
+def reached_box(obstacles: Ints, outer: Raster) -> Ints:
+    """Return the cells from which offsets may reach obstacles.
+
+    Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2
+    d,); a box is empty if first > last.
+    """
+    dim = len(obstacles) // 2
+    low, high = obstacles[:dim], obstacles[dim:]
+    if (low > high).any():
+        return np.repeat([0, -1], dim)
+    return np.array([*(low - outer.upper), *(high - outer.lower)])

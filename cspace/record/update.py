@@ -1,0 +1,397 @@
+"""Updates: a map that follows changes of its workspace without a rebuild."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.engines.dilation import ClippedRuns, to_three_axes
+from cspace.engines.slices import Correlation, RasterGroups, group_rasters
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
+from cspace.raster import Raster
+from cspace.record.contents import Contents
+from cspace.record.exterior import Exterior
+from cspace.shapes import Shape
+from cspace.support.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
+from cspace.support.check import check_cells
+from cspace.workspace import Workspace, copy_workspace
+
+_NEVER: Final = 2**62
+"""Minimum offset of a raster without cells; its negative is the maximum."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """Result of :meth:`cspace.CSpace.update`.
+
+    Attributes
+    ----------
+    occupied : int
+        Number of workspace cells that changed.
+    lower, upper : tuple of int
+        Box of configuration cells that were computed again: its first cell, and the cell after its
+        last one along each axis. They are equal if none was.
+    changed : int
+        Number of configuration cells, over all rotation cells, whose state changed.
+    """
+
+    occupied: int
+    lower: tuple[int, ...]
+    upper: tuple[int, ...]
+    changed: int
+
+    @classmethod
+    def combine(cls, updates: Sequence[Update], dim: int) -> Update:
+        """Combine updates of disjoint sets of workspace cells.
+
+        The box is that around the boxes of all updates, and numbers are added.
+        """
+        computed = [each for each in updates if each.lower != each.upper]
+        nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
+        lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
+        upper = np.max([each.upper for each in computed or updates or nowhere], axis=0)
+        occupied, changed = (
+            sum(getattr(each, name) for each in updates) for name in ("occupied", "changed")
+        )
+        return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """New cells of a box of the workspace.
+
+    Attributes
+    ----------
+    lower : tuple of int
+        First cell of the box.
+    outer, inner : ndarray of bool
+        Cells that meet an obstacle, and cells that lie in obstacles; one object if they are equal.
+    unknown : ndarray of bool, or False
+        Unknown cells.
+    """
+
+    lower: tuple[int, ...]
+    outer: Bools
+    inner: Bools
+    unknown: Bools | bool = False
+
+    @property
+    def window(self) -> tuple[slice, ...]:
+        """The box as slices."""
+        return tuple(
+            slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True)
+        )
+
+    @classmethod
+    def of(
+        cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None
+    ) -> Patch:
+        """Check and copy the arguments of :meth:`cspace.CSpace.update`.
+
+        Raises InputError if the cells or the position of the box are invalid.
+        """
+        outer = _copy_cells(cells, "cells")
+        first = _check_first_cell(lower, grid.dim)
+        if outer.ndim != grid.dim:
+            problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
+            raise InputError(
+                "cells", problem, "they must agree", "pass one entry per cell of a box", value=cells
+            )
+        for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
+            if low < 0 or low + count > size:
+                problem = (
+                    f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
+                )
+                raise InputError(
+                    "cells",
+                    problem,
+                    "the box must lie in the grid",
+                    "clip it to the grid",
+                    value=cells,
+                )
+        if inner is None:
+            return cls(first, outer, outer)
+        within = _copy_cells(inner, "inner")
+        if within.shape != outer.shape:
+            problem = f"has shape {within.shape} but cells has {outer.shape}"
+            raise InputError(
+                "inner",
+                problem,
+                "they must be equal",
+                "pass one entry per cell of the box",
+                value=inner,
+            )
+        if (within > outer).any():
+            lost = tuple(np.argwhere(within & ~outer)[0].tolist())
+            problem, rule = (
+                f"has entry {lost}, which is not in cells",
+                "it must be a subset of cells",
+            )
+            raise InputError("inner", problem, rule, "add it to cells", value=lost)
+        return cls(first, outer, within)
+
+
+def _copy_cells(values: ArrayLike, name: str) -> Bools:
+    """Return a contiguous writable copy of cells.
+
+    It holds only the bytes 0 and 1.
+    """
+    if (
+        type(values) is np.ndarray
+        and values.dtype == np.bool_
+        and values.size
+        and values.ndim in (2, 3)
+    ):
+        return np.not_equal(
+            values, 0, order="C"
+        )  # a view as bool may hold other bytes than 0 and 1
+    return np.array(check_cells(values, name))
+
+
+def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
+    """Return the index of a box's first cell as integers."""
+    values: object = lower
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    try:
+        first = (
+            tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
+        )
+    except TypeError:
+        first = ()
+    if len(first) != dim:
+        rule = f"it must be {dim} integers, the index of the first cell"
+        raise InputError(
+            "lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower
+        )
+    return first
+
+
+class Updater:
+    """Update a map in place when cells of its workspace change.
+
+    The state of a cell depends on the workspace cells under the robot's rasters. So the cells that
+    a changed box can reach form a window around it, in all slices. The engine computes the window
+    from the part of the workspace around it. Only then the window, the workspace and the states
+    outside the grid are written.
+
+    Parameters
+    ----------
+    contents : Contents
+        The map. Updates write into its states, and into a copy of its workspace.
+    layers : ObstacleLayers or None
+        Named obstacles that the cells of the workspace come from.
+    rasters : sequence of (outer, inner) Raster
+        The robot's rasters, for each slice.
+    exterior : Exterior
+        Updates write into its boxes.
+    drop_derived : callable
+        Called with the workspace and the layers of obstacles, before the map changes; it drops all
+        data of the map that depend on its cells.
+    """
+
+    def __init__(
+        self,
+        contents: Contents,
+        layers: ObstacleLayers | None,
+        rasters: Sequence[tuple[Raster, Raster]],
+        exterior: Exterior,
+        drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
+    ) -> None:
+        self._grid, self._layers, self._states = contents.grid, layers, contents.states
+        self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
+        self._drop_derived = drop_derived
+        self._sides = group_rasters(rasters, contents.proves_blocked)
+        self._engine = Correlation.create("direct", self._sides, contents.outside, None)
+        self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
+        self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
+        self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
+        self._workspace = copy_workspace(contents.workspace, live=True)
+
+    def update(self, patch: Patch) -> Update:
+        """Write a box of known cells into the base, and update the map.
+
+        The *base* is the workspace without named obstacles. Its outer cells meet an obstacle, its
+        inner cells lie in obstacles.
+        """
+        base = self._workspace if self._layers is None else self._layers
+        pairs = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
+        were_known = base.unknown is None or not base.unknown[patch.window].any()
+        if were_known and all((old[patch.window] == new).all() for old, new in pairs):
+            # Nothing changes, so the workspace keeps its shapes.
+            return Update(0, patch.lower, patch.lower, 0)
+        if self._layers is None:
+            # Without named obstacles, the base is the workspace. Its shapes no longer describe its
+            # cells.
+            self._set_shapes(None)
+            return self._write_all([patch])
+        # Named obstacles lie over the base, so the map gets the union of both.
+        self._layers.write(patch.window, patch.outer, patch.inner)
+        first = np.array(patch.lower)
+        return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
+
+    def set_obstacle(self, name: str, shape: Shape | None) -> Update:
+        """Add, replace or remove a named obstacle, and update the map."""
+        obstacle = None if shape is None else Obstacle.of(shape, self._grid)
+        if self._layers is None:
+            self._layers = _layers_of(self._workspace)
+        boxes = self._layers.set_obstacle(name, obstacle)
+        if len(boxes) == 2 and not self._are_apart(*boxes):
+            (first, stop), (other_first, other_stop) = boxes
+            boxes = [(np.minimum(first, other_first), np.maximum(stop, other_stop))]
+        return self._copy_layers(self._layers, boxes)
+
+    def _are_apart(self, box: CellBox, other: CellBox) -> bool:
+        """Return True if two boxes are best changed separately.
+
+        No configuration can touch both boxes, so that two changes cost less than one.
+        """
+        return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
+
+    def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
+        """Copy boxes of cells from the layers to the map, with all shapes."""
+        self._set_shapes(layers.obstacles)
+        return self._write_all(
+            [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
+        )
+
+    def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
+        """Replace the shapes of the workspace."""
+        object.__setattr__(self._workspace, "shapes", shapes)
+
+    def _write_all(self, patches: Sequence[Patch]) -> Update:
+        """Write patches into the workspace, and update the map.
+
+        If it is interrupted, also by Ctrl-C, all patches are written before the error goes on.
+        """
+        try:
+            updates = [self._write(patch) for patch in patches]
+        except BaseException:
+            for patch in patches:
+                self._write(patch)
+            raise
+        finally:
+            self._drop_derived(self._workspace, self._layers)
+        return Update.combine(updates, self._grid.dim)
+
+    def _write(self, patch: Patch) -> Update:
+        """Write a patch into the workspace, and update the map."""
+        dim = self._grid.dim
+        outer_differs = self._workspace.outer[patch.window] != patch.outer
+        differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
+        occupied = int(np.count_nonzero(differs))
+        nothing = Update(occupied, patch.lower, patch.lower, 0)
+        if not occupied:
+            self._write_cells(patch)  # unknown cells may change
+            return nothing
+        where = np.argwhere(differs)
+        box = where.min(axis=0) + patch.lower, where.max(axis=0) + patch.lower
+        # Cell k depends on the cells k + m, where m is an offset of the robot.
+        first = np.maximum(box[0] - self._reach[1], 0)
+        stop = np.minimum(box[1] - self._reach[0] + 1, self._grid.shape)
+        if (first >= stop).any():
+            self._write_cells(patch)
+            return nothing
+        window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
+        states = self._compute(patch, first, stop)
+        changes = np.count_nonzero(states != self._states[window], axis=tuple(range(1, dim + 1)))
+        # From here on the map changes. Each step may be repeated.
+        self._drop_derived(self._workspace, self._layers)
+        self._states[window] = states
+        self._write_cells(patch)
+        if self._outside == "free":
+            self._exterior.table[...] = Exterior.of(
+                self._workspace.outer, self._rasters, "free"
+            ).table
+        return Update(
+            occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes)
+        )
+
+    def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
+        """Return the states of the cells from ``first`` to ``stop``, with the patch."""
+        begin = np.maximum(first + self._reach[0], 0)
+        end = np.minimum(stop + self._reach[1], self._grid.shape)
+        outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
+        shift = (first - begin).tolist()
+        sides = [[raster.translate(shift) for raster in side] for side in self._sides]
+        states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
+        self._engine.fill(outer, inner, sides, states, None)
+        return states
+
+    def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
+        """Return a window of the workspace with the patch.
+
+        Inner and outer cells are one array if they are equal.
+        """
+        here, there = intersect_boxes(window, patch.window)
+        outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
+        inner = outer if self._are_same(patch) else inner[window].copy()
+        inner[here] = patch.inner[there]
+        outer[here] = patch.outer[there]
+        return outer, inner
+
+    def _are_same(self, patch: Patch) -> bool:
+        """Return True if inner and outer cells stay equal.
+
+        They are one array, and the patch does not change that.
+        """
+        return self._workspace.inner is self._workspace.outer and (
+            patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
+        )
+
+    def _write_cells(self, patch: Patch) -> None:
+        """Write a patch into the workspace.
+
+        Inner and outer cells become two arrays when they first differ.
+        """
+        old, window = self._workspace, patch.window
+        if old.inner is old.outer and not self._are_same(patch):
+            outer, inner = old.outer.copy(), old.outer.copy()
+            outer[window], inner[window] = patch.outer, patch.inner
+            parts = frozen(outer), frozen(inner), old.source, old.unknown, old.shapes
+            self._workspace = Workspace(old.grid, *parts, live=True)
+        else:
+            _overwrite(old.outer, window, patch.outer)
+            if old.inner is not old.outer:
+                _overwrite(old.inner, window, patch.inner)
+        if self._workspace.unknown is not None:
+            _overwrite(self._workspace.unknown, window, patch.unknown)
+
+
+def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
+    """Write to an array that is read-only for users."""
+    array.setflags(write=True)
+    array[window] = values
+    array.setflags(write=False)
+
+
+def _layers_of(workspace: Workspace) -> ObstacleLayers:
+    """Return layers with the workspace as their base, without named obstacles."""
+    unknown = None if workspace.unknown is None else workspace.unknown.copy()
+    return ObstacleLayers(
+        workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes
+    )
+
+
+def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:
+    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d).
+
+    A robot that touches the blocked exterior from everywhere depends on no cell.
+    """
+    low, high = np.full(3, _NEVER), np.full(3, -_NEVER)
+    for side in sides:
+        for runs in ClippedRuns.of(side, to_three_axes(shape)):
+            if len(runs.table) and not (runs.clipped and exterior_blocked):
+                last = runs.table[:, :3].copy()
+                last[:, 2] += runs.table[:, 3] - 1
+                low = np.minimum(low, runs.table[:, :3].min(axis=0))
+                high = np.maximum(high, last.max(axis=0))
+    dim = len(shape)
+    return np.stack([low, high])[:, 3 - dim :]

@@ -1,0 +1,1 @@
+"""Foundations of all rooms: arrays, checks, compiling, threads and vectors."""

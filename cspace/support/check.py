@@ -1,0 +1,393 @@
+"""Validators of arguments: each returns the checked value, or raises InputError."""
+
+from __future__ import annotations
+
+import difflib
+import operator
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.errors import InputError
+from cspace.support.arrays import Bools, Floats, Ints, frozen, in_c_order
+
+MAX_COUNT: Final = 2**53
+"""Largest count: floats represent all whole numbers up to it."""
+
+_FLOATS_HINT: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
+"""Hint for values that are not numbers."""
+
+
+UNKNOWN_CELL: Final = -1
+"""Value of unknown cells in occupancy grids of ROS."""
+
+
+def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Return values as an array of real numbers.
+
+    Integers and booleans keep their type; other types become float64. Raises InputError if a value
+    is not a real number, or is too large for float64.
+    """
+    check_unmasked(values, name)
+    try:
+        array = np.asarray(values)
+        if values is None or array.dtype.kind in "US":
+            raise TypeError("texts and None are no numbers")
+        if array.dtype.kind not in "fiubc":
+            array = np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            name, f"is {values!r}", "it must be numeric", _FLOATS_HINT, value=values
+        ) from error
+    except OverflowError as error:
+        raise InputError(
+            name, "has too large an integer", "it must fit a float", _FLOATS_HINT, value=values
+        ) from error
+    if array.dtype.kind == "c":
+        raise InputError(
+            name, "has complex values", "it must be real", "pass array.real", value=values
+        )
+    return array
+
+
+def check_finite(values: ArrayLike, name: str) -> Floats:
+    """Return values as a float64 array.
+
+    Raises InputError if a value is not a real number, is NaN or is infinite.
+    """
+    array = np.asarray(check_real(values, name), dtype=np.float64)
+    usable = np.isfinite(array)
+    if not usable.all():
+        entry, value = _first_wrong_entry(array, name, ~usable)
+        raise InputError(
+            entry,
+            f"is {value}",
+            "it must be finite",
+            "drop or replace such values first",
+            value=value,
+        )
+    return array
+
+
+def _first_wrong_entry(array: NDArray[Any], name: str, wrong: Bools) -> tuple[str, Any]:
+    """Return the name of the first wrong entry, and its value.
+
+    The name is, for example, ``points[2, 0]``.
+    """
+    index = tuple(np.argwhere(wrong)[0].tolist())
+    return f"{name}[{', '.join(map(str, index))}]" if index else name, array[index].item()
+
+
+def check_unmasked(values: Any, name: str) -> None:
+    """Refuse masked entries, because they are neither free nor occupied.
+
+    Raises InputError if ``values`` is a masked array with masked entries.
+    """
+    if isinstance(values, np.ma.MaskedArray) and (count := int(np.ma.getmaskarray(values).sum())):
+        hint = "fill them first, e.g. array.filled(True) for occupied cells"
+        raise InputError(
+            name, f"has {count} masked entries", "each must have a value", hint, value=values
+        )
+
+
+def check_positive(value: Any, name: str, unit: str = "metres") -> float:
+    """Return one number above zero.
+
+    Raises InputError if it is not one number, not finite, not above zero, or extreme.
+    """
+    array = check_finite(value, name)
+    if array.ndim or array <= 0.0:
+        hint = f"pass it in {unit}" + ", e.g. 0.05" * (unit == "metres")
+        raise InputError(
+            name, f"is {value!r}", "it must be one number above zero", hint, value=value
+        )
+    if not 1e-100 < array < 1e100:
+        raise InputError(
+            name,
+            f"is {value!r}",
+            "it must be in [1e-100, 1e100]",
+            f"check its unit ({unit})",
+            value=value,
+        )
+    return float(array)
+
+
+def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -> float:
+    """Return one number, zero or above.
+
+    Raises InputError if it is not one number, not finite, or negative.
+    """
+    array = check_finite(value, name)
+    if array.ndim or array < 0.0:
+        raise InputError(
+            name, f"is {value!r}", "it must be one number, zero or above", hint, value=value
+        )
+    return float(array)
+
+
+def check_count(
+    value: Any, name: str, minimum: int = 0, maximum: int | None = None, hint: str = "pass e.g. 100"
+) -> int:
+    """Return a whole number in [``minimum``, ``maximum``].
+
+    The default maximum is :data:`MAX_COUNT`.
+
+    Raises InputError if the value is no such number.
+    """
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is not None and number > MAX_COUNT and maximum is None:
+        maximum = MAX_COUNT
+    if number is None or number < minimum or (maximum is not None and number > maximum):
+        span = (
+            f"from {minimum} to {maximum}"
+            if maximum is not None
+            else ("above zero" if minimum == 1 else f"from {minimum} on")
+        )
+        raise InputError(
+            name, f"is {value!r}", f"it must be a whole number {span}", hint, value=value
+        )
+    return number
+
+
+def check_word(
+    value: Any, name: str, choices: Sequence[Any], hint: str = "pass one of them"
+) -> None:
+    """Refuse a value that is not among a few words or numbers.
+
+    Raises InputError if it is not, or if it has another type.
+    """
+    if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
+        *others, last = map(repr, choices)
+        raise InputError(
+            name, f"is {value!r}", f"it must be {', '.join(others)} or {last}", hint, value=value
+        )
+
+
+def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
+    """Return a name that is known; raise InputError with the nearest known name otherwise."""
+    if isinstance(value, str) and value in known:
+        return value
+    close = difflib.get_close_matches(str(value), known, n=1)
+    rule = f"there are {', '.join(known)}" if known else "there is none"
+    hint = (
+        f"did you mean {close[0]!r}?" if close else "name one of these" if known else "leave it out"
+    )
+    raise InputError(name, f"{verb} {value!r}", rule, hint, value=value)
+
+
+def check_names(values: Iterable[str], name: str) -> list[str]:
+    """Return names as a list; a string is one name.
+
+    Raises InputError if they are no sequence.
+    """
+    try:
+        return [values] if isinstance(values, str) else list(values)
+    except TypeError as error:
+        rule = "it must be a list of names"
+        raise InputError(
+            name, f"is {values!r}", rule, "pass a list of strings", value=values
+        ) from error
+
+
+def check_text(value: object, name: str, example: str) -> str:
+    """Return a string that is not empty; raise InputError, with an example, otherwise."""
+    if not isinstance(value, str) or not value:
+        rule = "it must be a non-empty string"
+        raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}", value=value)
+    return value
+
+
+def check_flag(value: bool, name: str) -> None:
+    """Refuse a value that is neither True nor False.
+
+    Raises InputError for it.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(
+            name, f"is {value!r}", "it must be True or False", "pass one of them", value=value
+        )
+
+
+def check_rng(rng: object) -> np.random.Generator:
+    """Return `rng`, or a freshly seeded generator if it is None.
+
+    Raises InputError if it is anything else.
+    """
+    if rng is None:
+        return np.random.default_rng()
+    if not isinstance(rng, np.random.Generator):
+        rule = "it must be a numpy.random.Generator or None"
+        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)", value=rng)
+    return rng
+
+
+def check_rows(values: ArrayLike, name: str, length: int) -> NDArray[Any]:
+    """Return real numbers, shape (..., length), of any real type.
+
+    They may be NaN or infinite. Raises InputError if a value is not a real number, or the last axis
+    has another length.
+    """
+    array = check_real(values, name)
+    if array.ndim == 0 or array.shape[-1] != length:
+        rule = f"its last axis must be {length} long, one entry for each coordinate"
+        raise InputError(
+            name, f"has shape {array.shape}", rule, "pass one or a batch", value=values
+        )
+    return array
+
+
+def check_points(values: ArrayLike, name: str, dim: int) -> Floats:
+    """Return finite points as float64, shape (..., dim).
+
+    Raises InputError if the last axis has another length, or a value is not finite.
+    """
+    return check_finite(check_rows(values, name, dim), name)
+
+
+def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
+    """Return a copy of the coordinates of one point, shape (dim,).
+
+    Raises InputError if the shape differs, or a value is not finite.
+    """
+    point = check_finite(value, name)
+    if point.shape != (dim,):
+        hint = f"pass e.g. {(0.5,) * dim}"
+        raise InputError(
+            name,
+            f"has shape {point.shape}",
+            f"it must be {dim} numbers in metres",
+            hint,
+            value=value,
+        )
+    return point.copy()
+
+
+def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
+    """Return the corners of a map as an array.
+
+    The lower and the upper corner have shape (2, dim). ``bounds`` has that shape, or is ``xmin,
+    ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError if it has another shape, or an upper value
+    is not above the lower value.
+    """
+    box = check_finite(bounds, "bounds")
+    names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
+    hint = f"pass ({', '.join(names)}) in metres"
+    if box.shape not in ((2 * dim,), (2, dim)):
+        rule = f"it must have {('four', 'six')[dim - 2]} numbers"
+        raise InputError(
+            "bounds",
+            f"is {bounds!r}",
+            rule,
+            f"{hint}, or the lower and the upper corner",
+            value=bounds,
+        )
+    corners = box.reshape(2, dim)
+    if (corners[1] <= corners[0]).any():
+        rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
+        raise InputError("bounds", f"is {box.tolist()}", rule, hint, value=bounds)
+    return corners
+
+
+def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
+    """Return edges as pairs of vertex indices, shape (m, 2).
+
+    Raises InputError if they are no such pairs.
+    """
+    check_unmasked(edges, "edges")
+    try:
+        pairs = np.asarray(edges)
+    except ValueError as error:
+        rule = "it must be pairs of vertices"
+        raise InputError(
+            "edges", f"is {edges!r}", rule, "pass indices of shape (m, 2)", value=edges
+        ) from error
+    pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
+    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
+        problem = (
+            f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape "
+            f"{vertices.shape}"
+        )
+        rule = "each edge must be two whole numbers, and vertices a list of configurations"
+        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)", value=edges)
+    wrong = (pairs < 0) | (pairs >= len(vertices))
+    if wrong.any():
+        row = int(np.argwhere(wrong)[0, 0])
+        pair = tuple(pairs[row].tolist())
+        rule = f"there are {len(vertices)} vertices, counted from 0"
+        hint = f"pass indices from 0 to {len(vertices) - 1}"
+        raise InputError("edge", f"number {row} is {pair}", rule, hint, value=pair)
+    return pairs.astype(np.int64, copy=False)
+
+
+def check_dims(array: Any, name: str) -> None:
+    """Refuse an array with dimensions other than x, y (and z).
+
+    Dimensions are named as in xarray. Raises InputError if they are others, or in another order.
+    """
+    dims = getattr(array, "dims", None)
+    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+        rule = "they must be x, y (and z), in this order"
+        raise InputError(
+            name, f"has the dimensions {tuple(dims)}", rule, "rename or transpose it", value=array
+        )
+
+
+def check_cells(values: ArrayLike, name: str) -> Bools:
+    """Return a read-only boolean array of two or three axes.
+
+    It is a copy, unless the array itself can be used. Raises InputError if it has other axes, no
+    cells, or values other than 0 and 1.
+    """
+    check_dims(values, name)
+    check_unmasked(values, name)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(
+            name,
+            f"is ragged: {error}",
+            "its rows must have one length",
+            "pad or cut them",
+            value=values,
+        ) from error
+    if array.ndim not in (2, 3) or array.size == 0:
+        rule, hint = (
+            "it must have two or three axes and at least one cell",
+            "pass an array indexed [x, y] or [x, y, z]",
+        )
+        raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
+    if array.dtype.kind == "f":
+        check_finite(array, name)
+    if array.dtype.kind not in "biu":
+        hint = "compare with a threshold first, e.g. array > 0.5"
+        raise InputError(
+            name, f"has dtype {array.dtype}", "cells must be boolean", hint, value=values
+        )
+    if array.dtype.kind != "b" and (wrong := (array != 0) & (array != 1)).any():
+        entry, value = _first_wrong_entry(array, name, wrong)
+        hint = "compare with a threshold first, e.g. array >= 50"
+        if (array == UNKNOWN_CELL).any():
+            problem = f"is {value}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
+            rule = "whole numbers must be 0 or 1, and unknown cells may hide obstacles"
+            hint = (
+                "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you "
+                "pass unknown='free'"
+            )
+            raise InputError(entry, problem, rule, hint, value=value)
+        raise InputError(entry, f"is {value}", "whole numbers must be 0 or 1", hint, value=value)
+    # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
+    stored = array.view(np.uint8) if array.dtype.kind == "b" else array
+    is_ours = (
+        values is array
+        and array.base is None
+        and not array.flags.writeable
+        and array.flags.c_contiguous
+    )
+    if is_ours and array.dtype.kind == "b" and stored.max() <= 1:
+        return array
+    return frozen(in_c_order(stored != 0))

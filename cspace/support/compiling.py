@@ -1,0 +1,202 @@
+"""Compile functions with numba, and keep their machine code on disk."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import logging
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numba
+from numba.core import event
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+LOGGER: Final = logging.getLogger("cspace.compiling")
+"""Logger of one line a process about a long wait for the compiler."""
+
+LONG_WAIT: Final = (
+    "cspace: compiling for this machine, for up to half a minute, %s; "
+    "logging.getLogger('cspace.compiling').disabled = True hides this line"
+)
+"""The line; ``%s`` is how often to expect the wait."""
+
+LONG_WAIT_SECONDS: Final = 2.0
+"""Seconds of compiling after which the line is logged."""
+
+KEPT_SECONDS: Final = 7 * 24 * 3600.0
+"""Seconds for which the code of another version is kept after its last use."""
+
+FILES_WITHOUT_KERNELS: Final = (
+    "cspace/__init__.py",  # the version
+    "cspace/support/compiling.py",
+    "cspace/support/arrays.py",
+    "cspace/bodies/__init__.py",
+    "cspace/grid.py",
+    "cspace/rotations/base.py",
+)
+"""Files that kernels depend on; the last four have constants that are compiled into kernels."""
+
+_KERNELS: Final = re.compile(rb"^@(kernel|inlined|allocating)\b", re.MULTILINE)
+
+_CONFIG: Final[Any] = numba.config
+_CONFIG_LOCK: Final = threading.Lock()
+
+
+def kernel(function: F) -> F:
+    """Compile a function that allocates no arrays, at its first call.
+
+    The GIL is released while it runs. Division by zero gives infinity or NaN.
+    """
+    # Numba would count references to each array of a record at each call, which takes up to eight
+    # times as long as the work.
+    return _compile(function, _nrt=False)
+
+
+def inlined(function: F) -> F:
+    """Compile a short function into its callers, where a call would take as long as its body."""
+    return _compile(function, _nrt=False, forceinline=True)
+
+
+def allocating(function: F) -> F:
+    """Compile a function that allocates arrays; else like :func:`kernel`."""
+    return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
+
+
+def _compile(function: F, **options: Any) -> F:
+    """Compile a function with numba, and cache its code in our folder."""
+    folder = cache_folder()
+    options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
+    options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
+    with _CONFIG_LOCK:
+        user_folder = _CONFIG.CACHE_DIR
+        _CONFIG.CACHE_DIR = str(folder)
+        try:
+            return numba.njit(**options)(function)  # type: ignore[no-any-return]
+        finally:
+            _CONFIG.CACHE_DIR = user_folder
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder of this version's code, or None if no folder is safe to use."""
+    name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{_digest_sources()}"
+    temporary = f"{tempfile.gettempdir()}/cache-{os.geteuid()}"
+    places = (_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache", temporary)
+    for place in filter(None, places):
+        folder = Path(place).expanduser() / "cspace" / name
+        with suppress(OSError):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if is_private(folder):
+                (folder / "lock").touch()  # the time of the last use
+                _remove_unused(folder.parent)
+                return folder
+    return None
+
+
+def _digest_sources() -> str:
+    """Return a digest of all that is compiled into kernels."""
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    for package in ("cspace", "planners"):
+        for file in sorted((root / package).rglob("*.py")):
+            source = file.read_bytes()
+            if (
+                _KERNELS.search(source)
+                or file.relative_to(root).as_posix() in FILES_WITHOUT_KERNELS
+            ):
+                digest.update(source)
+    return digest.hexdigest()[:16]
+
+
+def is_private(folder: Path) -> bool:
+    """Return True if no other user can replace a folder's files, which are executed."""
+    folder = folder.resolve()
+    modes = [path.stat().st_mode for path in (folder, *folder.parents)]
+    is_own = folder.stat().st_uid == os.geteuid()
+    is_closed = not modes[0] & (stat.S_IWGRP | stat.S_IWOTH)
+    # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
+    return (
+        is_own
+        and is_closed
+        and all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in modes)
+    )
+
+
+def _remove_unused(parent: Path) -> None:
+    """Remove the code of versions that no process has used for a week."""
+    for lock in parent.glob("*/lock"):
+        with suppress(OSError):
+            if time.time() - lock.stat().st_mtime > KEPT_SECONDS:
+                shutil.rmtree(lock.parent)
+
+
+class _Clock(event.Listener):
+    """A clock in seconds that stops while functions are compiled, for time limits."""
+
+    # Nested compilations, start of the outermost, seconds stopped: threads read one tuple.
+    _state = 0, 0.0, 0.0
+    _is_told = False
+
+    def __call__(self) -> float:
+        depth, since, stopped = self._state
+        return (since if depth else time.perf_counter()) - stopped
+
+    def on_start(self, event: Any) -> None:
+        """Stop the clock, and tell the user once if it has stood for long."""
+        depth, since, stopped = self._state
+        self._state = depth + 1, since if depth else time.perf_counter(), stopped
+        module = event.data["dispatcher"].py_func.__module__
+        has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
+        if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
+            self._is_told = True
+            LOGGER.warning(
+                LONG_WAIT, "once" if cache_folder() else "at each start, as no cache is safe"
+            )
+
+    def on_end(self, event: Any) -> None:
+        """Let the clock go on after the outermost compilation."""
+        depth, since, stopped = self._state
+        now = time.perf_counter()
+        self._state = depth - 1, since, stopped if depth > 1 else stopped + now - since
+
+
+class _SaveLock(event.Listener):
+    """A lock between processes, held while numba saves code.
+
+    Numba saves an index and a file, so that two processes at once could exchange their files.
+    It does so after a compilation ends and before its own lock is released.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = os.open(file, os.O_RDWR)
+
+    def on_start(self, event: Any) -> None:
+        """Do nothing."""
+
+    def on_end(self, event: Any) -> None:
+        """Take the lock when a compilation ends, and leave it with numba's lock."""
+        action = fcntl.LOCK_EX if event.kind == "numba:compile" else fcntl.LOCK_UN
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._file, action)
+
+
+clock: Final = _Clock()
+event.register("numba:compile", clock)  # type: ignore[no-untyped-call]
+if (_folder := cache_folder()) is not None:
+    _save_lock = _SaveLock(_folder / "lock")
+    for _kind in ("numba:compile", "numba:compiler_lock"):
+        event.register(_kind, _save_lock)  # type: ignore[no-untyped-call]

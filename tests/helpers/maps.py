@@ -1,0 +1,137 @@
+"""Maps of every kind to save, and checks of opened maps."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+import cspace
+from cspace.errors import FileError
+from cspace.shapes import Balls, Mesh
+from tests.helpers.handmade import fill_boxes
+
+MAP_SUFFIXES = [".zarr", ""]
+
+
+def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
+    """Fail unless two maps are equal and give equal answers."""
+    one, two = a.to_xarray(), b.to_xarray()
+    assert one.identical(two)
+    assert all(one[name].dtype == two[name].dtype for name in one.variables)
+    assert (a.grid, a.robot.spec, a.robot.name, a.rotations) == (
+        b.grid,
+        b.robot.spec,
+        b.robot.name,
+        b.rotations,
+    )
+    assert (a.workspace.inner is a.workspace.outer) == (b.workspace.inner is b.workspace.outer)
+    low, high = (
+        [*np.add(corner, by), 9.0 * by][: a.size]
+        for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0))
+    )
+    q = np.random.default_rng(0).uniform(low, high, (64, len(low)))
+    if "qw" in a.axes:
+        q = np.hstack([q[:, :3], Rotation.random(64, rng=0).as_quat()])
+    np.testing.assert_array_equal(a.classify(q), b.classify(q))
+
+
+def proven_paths(space: Any, q0: ArrayLike, q1: ArrayLike) -> Any:
+    """Return True for a proven path, False for proven disconnection, else None.
+
+    For batches the result is an object array.
+    """
+    connected, disconnected = space.is_connected(q0, q1), space.is_disconnected(q0, q1)
+    if isinstance(connected, bool):
+        assert isinstance(disconnected, bool) and not (connected and disconnected)
+        return True if connected else False if disconnected else None
+    assert (
+        connected.dtype == disconnected.dtype == np.bool_ and not (connected & disconnected).any()
+    )
+    return np.array([None, False, True], dtype=object)[2 * connected + disconnected]
+
+
+def files(path: Path) -> Iterator[Path]:
+    return (entry for entry in sorted(path.rglob("*")) if entry.is_file())
+
+
+def refused(path: Path, *texts: str) -> None:
+    """Fail unless opening ``path`` raises FileError with the path and ``texts``."""
+    with pytest.raises(FileError) as caught:
+        cspace.open(path)
+    message = str(caught.value)
+    for text in (str(path), *texts):
+        assert text in message
+
+
+def plane() -> cspace.CSpace:
+    """Build a room of shapes with overlap counts."""
+    room = shapely.box(0, 0, 4, 3) - shapely.box(0.31, 0.32, 3.7, 2.68)
+    workspace = cspace.Workspace.from_polygons([room, shapely.Point(2, 1.5).buffer(0.4)], 0.1)
+    return cspace.build(workspace, cspace.Robot.disc(0.2), counts=True, margin=0.03)
+
+
+def grid() -> cspace.CSpace:
+    """Build a map from a bitmap with a free exterior, without shapes."""
+    workspace = cspace.Workspace.from_array(np.eye(9, 7, dtype=bool), 0.1, lower=(-0.3, 0.7))
+    return cspace.build(workspace, cspace.Robot.rectangle(0.25, 0.15), outside="free")
+
+
+def turning() -> cspace.CSpace:
+    """Build a map with rotation cells of different widths."""
+    workspace = cspace.Workspace.from_array(np.eye(12, 9, dtype=bool), 0.1)
+    borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
+    robot = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
+    return cspace.build(workspace, robot, rotations=borders, counts=True)
+
+
+def symmetric() -> cspace.CSpace:
+    """Build a map whose rotation cells share slices in pairs."""
+    workspace = cspace.Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, (-1, -1, 2, 2))
+    return cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.2), rotations=8)
+
+
+def round_() -> cspace.CSpace:
+    """Build a map whose rotation cells share one slice."""
+    workspace = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1)
+    return cspace.build(workspace, cspace.Robot.disc(0.1), rotations=8)
+
+
+def solid() -> cspace.CSpace:
+    """Build a map of meshes and balls in space."""
+    housing = Mesh.of(trimesh.creation.box((0.6, 0.5, 0.4)))
+    base = cspace.Workspace.from_mesh(housing, 0.1, (-1.0, -0.9, -0.8, 1.0, 0.9, 0.8))
+    shapes = (
+        Balls.of([(0.5, 0.5, 0.5)], 0.2),
+        housing,
+        Balls.of([(-0.8, 0.0, 0.1), (0.0, 0.0, 0.7)], [0.0, 0.1]),
+    )
+    workspace = cspace.Workspace(
+        base.grid, base.outer, base.inner, source=base.source, shapes=shapes
+    )
+    return cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), counts=True, margin=0.03)
+
+
+def solid_turning() -> cspace.CSpace:
+    """Build a map of a robot in space that rotates about z."""
+    workspace = cspace.Workspace.from_array(fill_boxes((9, 8, 7), np.s_[4, 4]), 0.1)
+    return cspace.build(workspace, cspace.Robot.box((0.4, 0.2, 0.1)), rotations=6)
+
+
+def solid_free() -> cspace.CSpace:
+    """Build a map of a freely rotating, symmetric robot."""
+    workspace = cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1)
+    return cspace.build(
+        workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2)
+    )
+
+
+MAP_BUILDERS: dict[str, Callable[[], cspace.CSpace]] = {
+    make.__name__.strip("_"): make
+    for make in (plane, grid, turning, symmetric, round_, solid, solid_turning, solid_free)
+}

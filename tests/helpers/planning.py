@@ -1,0 +1,331 @@
+"""Maps to plan on in every space, and checks of plans."""
+
+import dataclasses
+import math
+import time
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core.event import trigger_event
+from ompl import base as ob
+from scipy import ndimage
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+import planners
+from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
+from planners.local_planner import CURVES
+from planners.states import kind_of
+from tests.helpers.handmade import fill_boxes, map_of
+
+SPACES = ("plane", "turning", "space", "yawing", "floating")
+ENDPOINTS: dict[str, tuple[Any, Any]] = {
+    "plane": ((1.0, 1.0), (9.0, 5.0)),
+    "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
+    "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
+    "yawing": ((0.5, 0.5, 0.5, 0.0), (2.4, 0.5, 0.6, 1.0)),
+    "floating": ((0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0), (1.9, 0.5, 0.6, 0.0, 0.6, 0.0, 0.8)),
+}
+"""Start and goal in each room."""
+
+CAR_OPTIONS: dict[str, Any] = {"turning_radius": 0.4}
+ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
+"""Planners that improve their path until the time limit."""
+
+SPACES_WITH_CURVES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
+"""Each space with straight edges, and the plane with the curves of cars."""
+
+FEW_ROTATIONS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
+"""A few rotation cells for each space with rotations."""
+
+ROOM_INPUTS: dict[str, Any] = {
+    "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
+    "turning": (
+        fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]),
+        Robot.rectangle(0.6, 0.3),
+        24,
+    ),
+    "yawing": (fill_boxes((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
+    "floating": (
+        fill_boxes((24, 16, 10), np.s_[11:13, :9]),
+        Robot.box((0.3, 0.1, 0.2)),
+        Rotations.quaternions(5),
+    ),
+    "space": (
+        fill_boxes((40, 20, 20), np.s_[13:15, :, :13], np.s_[26:28, :11]),
+        Robot.box((0.3, 0.3, 0.1)),
+        None,
+    ),
+}
+"""Obstacle cells of 0.1 m, robot and rotation cells of each room."""
+
+
+def options_for(drive: str | None) -> dict[str, Any]:
+    """Return the options of a drive, with a turning radius for cars."""
+    return ({} if drive is None else {"drive": drive}) | (CAR_OPTIONS if drive in CURVES else {})
+
+
+def build_three_rooms(dim: int) -> Workspace:
+    """Build three rooms with doors on alternate sides."""
+    doors = np.s_[12, 2:6], np.s_[26, 9:13]
+    return Workspace.from_array(fill_boxes((40, 16, 6)[:dim], [12, 26], but=doors), 0.1)
+
+
+def compile_for(seconds: float) -> None:
+    """Pretend to compile a function of the planners for some seconds."""
+    compiled = {"dispatcher": SimpleNamespace(py_func=planners.plan)}
+    with trigger_event("numba:compiler_lock"), trigger_event("numba:compile", compiled):
+        time.sleep(seconds)
+
+
+@cache
+def build_room(name: str) -> CSpace:
+    """Build the map of a room with walls across it."""
+    cells, robot, rotations = ROOM_INPUTS[name]
+    return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
+
+
+@cache
+def build_open_map(name: str) -> CSpace:
+    """Build a map without obstacles, with a free exterior."""
+    dim = 2 if name in ("plane", "turning") else 3
+    workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
+    robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
+    return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
+
+
+def build_from_states(
+    state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0
+) -> CSpace:
+    """Build a map of states (x, ...), or (rotation, x, ...) with ``turns``."""
+    return map_of(
+        state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED
+    )
+
+
+def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
+    """Build two FREE halves around a wall; return a configuration in each."""
+    turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
+    cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
+    state = np.full((len(Rotations.of(turns)), *cells), FREE, dtype=np.uint8)
+    state[:, 9] = between
+    rest = (
+        *(4.5,) * (len(cells) - 1),
+        *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(len(Rotations.of(turns).names), ()),
+    )
+    return (
+        build_from_states(state[0] if turns is None else state, turns),
+        (2.5, *rest),
+        (16.5, *rest),
+    )
+
+
+def make_state(space: CSpace, si: Any, q: Any) -> Any:
+    """Return the OMPL state of a configuration."""
+    state = si.allocState()
+    kind_of(space).write(state, *map(float, q))
+    return state
+
+
+def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
+    """Draw configurations in and around a map, some on corners of cells."""
+    rng = np.random.default_rng(seed)
+    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
+    corners = lower + space.grid.spacing * rng.integers(
+        0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim)
+    )
+    q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
+    angles = rng.uniform(-math.pi, math.pi, (len(q), space.size - space.grid.dim))
+    return wrap_rotations(space, np.column_stack([q, angles]))
+
+
+def draw_edges(
+    space: CSpace, n: int, seed: int, reach: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw FREE configurations, and a configuration near each."""
+    rng = np.random.default_rng(seed)
+    starts = space.sample_free(n, rng)
+    return wrap_rotations(space, starts), wrap_rotations(
+        space, starts + rng.uniform(-reach, reach, starts.shape)
+    )
+
+
+def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
+    """Wrap the yaws of configurations to [-pi, pi), and normalise their quaternions."""
+    turns = q[:, space.grid.dim :]
+    if "qw" in space.axes:
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.column_stack(
+        [q[:, : space.grid.dim], turns if "qw" in space.axes else turn_between(0.0, turns)]
+    )
+
+
+def sample_edge(
+    space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return configurations at ``shares`` of an edge, and its rotation in radians."""
+    points, angles = sample_edges(space, first[None], last[None], shares)
+    return points[0], float(angles[0])
+
+
+def sample_edges(
+    space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
+    dim = space.grid.dim
+    positions = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
+    if "qw" in space.axes:
+        one, other = (Rotation.from_quat(np.array(rows[:, dim:])) for rows in (firsts, lasts))
+        turns = one.inv() * other
+        parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
+        turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
+        return np.concatenate(
+            [positions, turned.as_quat().reshape(*positions.shape[:2], 4)], axis=-1
+        ), turns.magnitude()
+    turn = turn_between(firsts[:, dim:], lasts[:, dim:])
+    turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
+    return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
+
+
+def turn_between(first: Any, second: Any) -> Any:
+    """Return the signed angle between yaws along the shorter arc."""
+    return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
+
+
+@cache
+def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
+    """Return lower corners and a tree of centers of boundary cells that are not FREE."""
+    shut = space.cell_states != FREE
+    boundary = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(
+        -1, space.grid.dim
+    )
+    corners = np.array(space.grid.lower) + space.grid.spacing * boundary
+    return corners, cKDTree(corners + space.grid.spacing / 2.0)
+
+
+def min_distance(space: CSpace, points: np.ndarray) -> float:
+    """Return the distance of points to cells that are not FREE."""
+    lower, upper, (corners, tree) = (
+        np.array(space.grid.lower),
+        np.array(space.grid.upper),
+        boundary_corners(space),
+    )
+    least = float(np.minimum(points - lower, upper - points).min())
+    if len(corners):
+        # The center of a cell is at most half a diagonal farther than the cell.
+        reach = min(least, float(tree.query(points)[0].min())) + space.grid.spacing * math.sqrt(
+            space.grid.dim
+        )
+        near = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
+        first, at = corners[near.col], points[near.row]
+        apart = np.maximum(first - at, at - first - space.grid.spacing)
+        least = min(
+            least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min(initial=math.inf))
+        )
+    return least
+
+
+def sample_arc(
+    first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray
+) -> np.ndarray:
+    """Return configurations on the arc with a chord and an angle."""
+    angles = turn * along
+    yaw = first[2] + angles
+    if abs(turn) < 1e-9:
+        ahead = way * chord * along
+        offsets = np.stack([ahead * math.cos(first[2]), ahead * math.sin(first[2])], axis=-1)
+    else:
+        radius = way * chord / (2.0 * math.sin(abs(turn) / 2.0)) * math.copysign(1.0, turn)
+        offsets = radius * np.stack(
+            [np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1
+        )
+    return np.column_stack([first[:2] + offsets, yaw])
+
+
+def plan_patiently(
+    space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any
+) -> planners.Plan:
+    """Plan with growing time limits until a plan is solved."""
+    for seed, limit in enumerate(limits, 1):
+        plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
+        if plan.solved:
+            break
+    return plan
+
+
+def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
+    """Check a solved plan by look-ups of configurations."""
+    dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
+    assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
+    for rows in (path, waypoints):
+        assert (
+            rows.dtype == np.float64
+            and rows.shape[1:] == (space.size,)
+            and not rows.flags.writeable
+        )
+        both = np.array([start, goal], dtype=float)
+        assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
+        assert (sample_edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
+    assert plan.axes == space.axes
+    assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
+    known = {tuple(row) for row in path.tolist()}
+    assert all(tuple(row) in known for row in waypoints.tolist())
+    along = np.linspace(0.0, 1.0, 20 if space.size > dim else 200)
+    straight, angles = sample_edges(space, path[:-1], path[1:], along)
+    steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
+    if plan.turning_radius is None:
+        assert (plan.direction is None) == (
+            plan.drive == "holonomic"
+        ) and plan.length == pytest.approx(steps.sum())
+        assert plan.total_rotation == pytest.approx(angles.sum(), abs=1e-6)
+        dense = list(straight)
+    else:
+        assert plan.turning_radius is not None and plan.direction is not None
+        assert len(plan.direction) == len(path) and set(plan.direction.tolist()) <= {1, -1}
+        assert steps.sum() * (1 - 1e-9) <= plan.length <= steps.sum() * 1.01 + 1e-9
+        turns = turn_between(path[:-1, 2], path[1:, 2])
+        ahead = zip(path, steps, turns, plan.direction[1:], strict=False)
+        dense = [sample_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
+        # Curves are no tighter than the turning radius, and the robot moves along its heading.
+        assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
+        assert all(
+            np.abs(points[-1, :2] - b[:2]).max() < 1e-5
+            for b, points in zip(path[1:], dense, strict=True)
+        )
+    points = np.concatenate([path, *dense])
+    if space.size > dim:
+        assert (angles <= math.radians(5) + 1e-7).all()
+        assert (steps[angles > 1e-7] <= space.grid.spacing * (1 + 1e-9)).all()
+        assert (
+            0.0 <= plan.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
+        )
+    if not plan.exact:
+        assert space.is_free(points).all()
+        if space.size == dim:
+            least = min_distance(space, points)
+            assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
+    assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
+
+
+def check_failed(space: CSpace, plan: planners.Plan) -> None:
+    """Check a plan without a path."""
+    assert (
+        not plan.solved
+        and not plan.certified
+        and plan.path.shape == plan.waypoints.shape == (0, space.size)
+    )
+    assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
+
+
+def bounds_of(states: Any) -> list[float]:
+    """Return the bounds of a state space, all lower bounds first."""
+    part = (
+        states.getSubspace(0)
+        if isinstance(states, ob.CompoundStateSpace) and not hasattr(states, "getBounds")
+        else states
+    )
+    bounds, dim = part.getBounds(), part.getBounds().low
+    return [*(bounds.low[k] for k in range(len(dim))), *(bounds.high[k] for k in range(len(dim)))]

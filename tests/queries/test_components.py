@@ -1,0 +1,188 @@
+"""Components of maps against graphs of their cells."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.rotations import Rotations
+from tests.helpers import handmade
+from tests.helpers.maps import proven_paths
+from tests.helpers.strategies import seeds
+
+
+def test_maps_may_have_more_components_than_two_bytes_can_count():
+    chessboard = (np.indices((400, 400)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)
+    states = np.stack([chessboard, np.full_like(chessboard, BLOCKED)])
+    states[1, 3, :5] = FREE
+    space = handmade.make_map(states, "turning", outside="blocked")
+    cells = np.argwhere(states == FREE)[[0, 1, 40_000, 79_999]]
+    q = handmade.cell_centers(space, cells)
+    assert (proven_paths(space, q[:, None], q[None]) == np.eye(4, dtype=bool)).all()
+    lower, upper = space.reachable_bounds(handmade.cell_centers(space, np.array([[0, 3, 1]]))[0])
+    assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from(handmade.MAP_KINDS), st.sampled_from(["free", "blocked"]))
+def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
+    """Query all pairs of cells of a small map."""
+    states = handmade.random_states(
+        np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED)
+    )
+    space, cells = handmade.make_map(states, kind, outside), handmade.all_cells(states)
+    cells = np.random.default_rng(seed).permutation(cells)[:150]
+    q = handmade.cell_centers(space, cells)
+    away = np.array(q[0])
+    away[: space.grid.dim] = -99.0
+    exterior_open = space.classify(away) != BLOCKED
+    framed = np.pad(
+        states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=exterior_open
+    )
+    free = handmade.components(states == FREE, kind)[tuple(cells.T)]
+    passable = handmade.components(framed, kind)[(cells[:, 0], *(cells[:, 1:] + 1).T)]
+    joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
+    expected = np.where(joined, True, np.where(maybe, None, False))
+    assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
+    for one, other in itertools.pairwise(range(min(len(q), 6))):
+        assert proven_paths(space, q[one], q[other]) is expected[one, other]
+
+
+@settings(max_examples=10)
+@given(seeds, st.sampled_from(handmade.MAP_KINDS))
+def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
+    """Compare with the box of all connected cells."""
+    states = handmade.random_states(np.random.default_rng(seed), kind)
+    space = handmade.make_map(states, kind, spacing=1.0)
+    numbers = handmade.components(states == FREE, kind)
+    for cell in np.argwhere(states == FREE)[:8]:
+        joined = np.argwhere(numbers == numbers[tuple(cell)])[:, 1:]
+        lower, upper = space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
+        assert lower.tolist() == joined.min(axis=0).tolist()
+        assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
+    for cell in np.argwhere(states != FREE)[:1]:
+        with pytest.raises(ConfigurationError, match="FREE"):
+            space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
+
+
+TINY_BAR = Robot.rectangle(1e-6, 1e-7)
+
+
+@pytest.mark.parametrize(
+    ("robot", "rotations"),
+    [
+        (TINY_BAR, 2),
+        (TINY_BAR, 6),
+        (Robot.rectangle(1e-6, 1e-6), 8),
+        (Robot.disc(1e-6), 4),
+        (Robot.box((1e-6, 1e-7, 1e-7)), 6),
+        (Robot.box((1e-6, 1e-7, 1e-7)), Rotations.quaternions(2)),
+    ],
+)
+def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
+    cells, shape = Rotations.of(rotations), (4, 3, 2)[: robot.dim]
+    kind, slice_of = (
+        "turning any way" if len(cells.names) == 4 else "",
+        cells.assign_slices(robot.shape),
+    )
+    workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
+    for seed in range(6):
+        stack = np.random.default_rng(seed).choice(
+            np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape)
+        )
+        space, states = (
+            handmade.map_in(workspace, robot, stack, cells, outside="free"),
+            stack[slice_of],
+        )
+        assert len(stack) < len(cells) and (space.cell_states == states).all()
+        positions = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
+        q = handmade.cell_centers(space, positions)
+        free = handmade.components(states == FREE, kind)[tuple(positions.T)]
+        answers = proven_paths(space, q[:, None], q[None])
+        assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
+
+
+def build_wall(gap, outside="blocked"):
+    """Build a room with a wall and a gap."""
+    occupied = np.zeros((40, 20), dtype=bool)
+    occupied[20, gap:] = True
+    return cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25), outside=outside)
+
+
+def test_door_width_decides_connectivity():
+    assert build_wall(12).is_connected((1.0, 1.0), (3.0, 1.0))
+    assert build_wall(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert (
+        proven_paths(build_wall(5), (1.0, 1.0), (3.0, 1.0)) is None
+    )  # 0.5 m for a disc 0.5 m across
+
+
+def test_free_exterior_leaves_connectivity_undecided():
+    assert proven_paths(build_wall(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
+    assert build_wall(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"]
+)
+@pytest.mark.parametrize(
+    ("spacing", "beyond", "proven"),
+    [(0.1, 0.0, False), (0.1, 1e-3, True), (0.05, 0.0, True)],
+    ids=["to the bounds", "beyond the bounds", "finer cells"],
+)
+def test_walls_disconnect_small_robots_as_the_page_of_limits_says(robot, spacing, beyond, proven):
+    wall = shapely.box(2.0, -beyond, 2.4, 3.0 + beyond)
+    workspace = Workspace.from_polygons([wall], spacing, bounds=(0.0, 0.0, 4.0, 3.0))
+    assert cspace.build(workspace, robot).is_disconnected((0.5, 1.5), (3.5, 1.5)) == proven
+
+
+def test_blocked_configurations_are_disconnected():
+    space = build_wall(12)
+    assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
+    assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
+    assert space.is_connected((1.0, 1.0), (1.0, 1.0))
+
+
+def test_bar_passes_only_lengthwise():
+    """Put a bar into a narrow passage."""
+    occupied = np.zeros((160, 80), dtype=bool)
+    occupied[50:110, :34] = occupied[50:110, 46:] = True  # a passage 0.6 m wide and 3 m long
+    robot = Robot.rectangle(1.2, 0.2, (0.1, 0.0))
+    space = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
+    left, center, right = (1.2, 2.0), (4.0, 2.0), (6.8, 2.0)
+    assert space.is_connected((*left, 0.0), (*right, 0.0))
+    assert space.is_connected((*left, 0.0), (*right, math.pi))
+    assert space.is_connected((*center, 0.0), (*center, math.pi))
+    assert space.is_disconnected((*left, 0.0), (*center, math.pi / 2))
+    occupied[[50, 109]] = True
+    closed = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
+    assert closed.is_free([(*center, 0.0), (*center, math.pi)]).all()
+    assert closed.is_disconnected((*center, 0.0), (*center, math.pi))
+
+
+def test_rotations_in_place_wrap_around():
+    states = np.full((6, 1, 1), BLOCKED)
+    states[[0, 1, 5]] = FREE
+    space = handmade.make_map(states, "turning")
+    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, -1.0))
+    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0))
+    assert space.is_disconnected((0.1, 0.1, 0.0), (0.1, 0.1, math.pi))
+
+
+def test_connectivity_broadcasts_and_refuses_nan():
+    space = build_wall(12)
+    assert (
+        proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist()
+        == [[True] * 3] * 2
+    )
+    assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
+    with pytest.raises(InputError, match=r"edge number 0 is .*nan"):
+        space.is_connected((np.nan, 1.0), (1.0, 1.0))
+    with pytest.raises(InputError, match=r"edge number 2 is .*nan"):
+        space.is_disconnected(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])

@@ -1,0 +1,200 @@
+"""Paths found by the map itself."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse.csgraph import dijkstra
+from tests.map.test_widest import (
+    WIDEST_SPACES,
+    compute_length,
+    draw_map,
+    link_wide_cells,
+    list_cell_centers,
+)
+
+from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
+from cspace.queries.paths import pulled_straight
+from tests.helpers import handmade
+from tests.helpers.handmade import map_of, states
+from tests.helpers.oracles import path_length
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(handmade.MAP_KINDS))
+def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
+    """Accept quaternions of either sign."""
+    rng = np.random.default_rng(seed)
+    states = handmade.random_states(rng, kind, 9, (FREE, FREE, FREE, MIXED, BLOCKED))
+    free = np.argwhere(states == FREE)
+    if not len(free):
+        return
+    space, numbers = (
+        handmade.make_map(states, kind, "blocked"),
+        handmade.components(states == FREE, kind),
+    )
+    cells = rng.choice(free if rng.random() < 0.5 else free[free[:, 0] == rng.choice(free)[0]], 2)
+    q0, q1 = handmade.cell_centers(space, cells)
+    for q in (q0, q1):
+        q[: space.grid.dim] += space.grid.spacing * rng.uniform(-0.4, 0.4, space.grid.dim)
+        q[space.grid.dim :] *= rng.choice([-1.0, 1.0]) if len(space.rotations.names) == 4 else 1.0
+    joined = np.ptp(numbers[tuple(cells.T)]) == 0
+    for straight in (False, True):
+        path = space.find_path(q0, q1, straight=straight)
+        assert (len(path) > 0) == joined
+        if joined:
+            # A path that keeps the rotation keeps its numbers; a quaternion and its negative are
+            # one rotation.
+            turn = q0 if (path[:, space.grid.dim :] == q0[space.grid.dim :]).all() else q1
+            assert (path[0] == q0).all() and (
+                path[-1] == [*q1[: space.grid.dim], *turn[space.grid.dim :]]
+            ).all()
+            assert space.motion_is_free(path[:-1], path[1:]).all()
+            steps = space.rotations.steps_between(path[:-1], path[1:])
+            for share in np.linspace(0.0, 1.0, 50):
+                assert space.is_free(space.rotations.add_steps(path[:-1], share * steps)).all()
+    rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
+    if (rough[:, space.grid.dim :] == q0[space.grid.dim :]).all():
+        assert path_length(smooth[:, : space.grid.dim]) <= path_length(
+            rough[:, : space.grid.dim]
+        ) * (1 + 1e-12)
+    assert (space.find_path(q0, q1) == smooth).all()
+
+
+@settings(max_examples=60)
+@given(states(9), st.randoms(use_true_random=False))
+def test_steps_of_a_chain_touch_only_free_cells(state, random):
+    free = np.argwhere(state == FREE)
+    if not len(free):
+        return
+    space = handmade.map_of(state, outside="blocked", spacing=1.0)
+    start, goal = (free[random.randrange(len(free))] + 0.5 for _ in range(2))
+    path = space.find_path(start, goal, straight=False)
+    if len(path):
+        assert (path[0] == start).all() and (path[-1] == goal).all()
+    for a, b in itertools.pairwise(path - 0.5):
+        # Every closed cell that the segment touches must be FREE.
+        shares = np.linspace(0.0, 1.0, 241)[:, None]
+        points = a + shares * (b - a)
+        for side in itertools.product((-1e-6, 1e-6), repeat=state.ndim):
+            touched = np.unique(np.round(points + np.array(side)).astype(int), axis=0)
+            assert (state[tuple(touched.T)] == FREE).all()
+
+
+PLANE = Rotations.of(None)
+
+
+def test_find_path_solves_a_maze_and_straightens_the_path():
+    state = np.zeros((60, 40, 9), np.uint8)
+    for n, x in enumerate(range(6, 60, 8)):
+        state[x, 3:] = BLOCKED
+        if n % 2:
+            state[x, :-3], state[x, -3:] = BLOCKED, FREE
+    space = map_of(state, outside="blocked", spacing=0.1)
+    path = space.find_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
+    assert space.motion_is_free(path[:-1], path[1:]).all()
+    assert 7 * 3.5 < path_length(path) < 7 * 4.4
+    assert len(path) < 30
+
+
+def test_straightening_keeps_the_endpoints_and_never_lengthens():
+    turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
+    whole = pulled_straight(turns, PLANE, lambda *q: True)
+    assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
+    rough = pulled_straight(
+        turns, PLANE, lambda a, b, c, d: math.dist((a, b), (c, d)) < 4.5 and max(b, d) <= 3.0
+    )
+    assert rough[[0, -1]].tolist() == turns[[0, -1]].tolist() and path_length(rough) <= path_length(
+        turns
+    )
+
+
+def test_corners_are_cut_down_to_the_obstacle_between():
+    def is_free(
+        *q: float,
+    ) -> bool:  # a segment that does not enter the disc of radius 1 around (2, 0)
+        a, b, center = np.array(q[:2]), np.array(q[2:]), np.array([2.0, 0.0])
+        share = np.clip((center - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0.0, 1.0)
+        return bool(np.linalg.norm(a + share * (b - a) - center) >= 1.0)
+
+    path = pulled_straight(
+        np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)]), PLANE, is_free
+    )
+    assert all(is_free(*a, *b) for a, b in itertools.pairwise(path))
+    tangents_and_arc = 2.0 * math.sqrt(3.0) + math.pi / 3.0
+    assert tangents_and_arc <= path_length(path) <= 1.002 * tangents_and_arc
+
+
+def test_endpoints_on_the_boundary_of_a_mixed_cell_have_no_path():
+    state = np.zeros((4, 4), np.uint8)
+    state[2, :2] = MIXED
+    space = map_of(state, outside="blocked", spacing=1.0)
+    assert space.find_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)
+    assert len(space.find_path((2.5, 2.001), (3.5, 2.5)))
+
+
+SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
+
+
+@SEARCHES
+@refusals(
+    "q0, q1, options, message",
+    ((0.5, 0.5), (0.5, 1.5), {}, "q1 is .* FREE configuration"),
+    ((-3.0, 0.5), (0.5, 0.5), {}, "q0 is .* FREE configuration"),
+    ((0.5, 0.5), (np.nan, 1.5), {}, "q1\\[0\\] is nan"),
+    ((0.5, 0.5), (1.5, 0.5, 1.0), {}, "q1 has shape"),
+    ((0.5, 0.5), (1.5, 0.5), {"time_limit": 0.0}, r"time_limit is 0\.0"),
+)
+def test_searches_refuse(name, q0, q1, options, message):
+    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
+    with pytest.raises(InputError, match=message):
+        getattr(space, name)(q0, q1, **options)
+
+
+@SEARCHES
+def test_search_stops_at_its_time_limit(name):
+    states = np.zeros((1500, 1500), dtype=np.uint8)
+    states[700, 9:-9] = BLOCKED
+    search = getattr(map_of(states, outside="blocked", spacing=1.0), name)
+    endpoints = (1.5, 1.5), (1498.5, 1498.5)
+    assert len(search(*endpoints, time_limit=100.0))  # compiled
+    assert search(*endpoints, time_limit=1e-9).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("rotations", "start", "goal"),
+    [
+        (4, [-math.pi], [math.pi]),
+        (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [0.1, -0.5, 0.5, 0.7]),
+        (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [-0.1, 0.5, -0.5, -0.7]),
+    ],
+)
+def test_equal_rotations_in_other_numbers_need_no_turn(rotations, start, goal):
+    states = np.zeros((rotations if rotations == 4 else len(rotations), 30, 5, 5))
+    states[:, 12:15, :4] = MIXED  # an obstacle to go around
+    space = map_of(states, rotations, spacing=0.25)
+    assert space.is_connected([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
+    path = space.find_path([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
+    assert len(path) > 2 and (path[:, 3:] == start).all() and space.certify_path(path).all()
+
+
+@pytest.mark.parametrize("name", WIDEST_SPACES)
+@settings(max_examples=15)
+@given(seeds)
+def test_paths_are_hardly_longer_than_the_shortest_chain(name, seed):
+    rng = np.random.default_rng(seed)
+    space = draw_map(name, rng)
+    points = list_cell_centers(space)
+    is_free = np.asarray(space.classify(points)) == FREE
+    chains = dijkstra(link_wide_cells(space, is_free, True), indices=np.flatnonzero(is_free)[:3])
+    for start, lengths in zip(np.flatnonzero(is_free), chains, strict=False):
+        for goal in rng.choice(np.flatnonzero(is_free), 3):
+            path = space.find_path(points[start], points[goal])
+            assert (len(path) > 0) == np.isfinite(lengths[goal])
+            if len(path):
+                assert compute_length(space, path) <= 1.1 * lengths[goal] + 1e-9

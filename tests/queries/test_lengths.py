@@ -1,0 +1,135 @@
+"""Lengths of paths in the plane and their lower bounds, against visibility graphs."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+
+from cspace import BLOCKED, FREE, Workspace
+from tests.helpers.handmade import map_of
+from tests.helpers.oracles import path_length
+from tests.helpers.strategies import seeds
+
+NARROW = 1e-6
+"""Widening of free space in the oracle, and distance at which a segment touches a corner, in cells.
+"""
+
+
+def find_shortest_length(free, start, goal):
+    """Return the length of the shortest path by a visibility graph.
+
+    The path may not pass through a corner that only two cells share.
+    """
+    world = shapely.union_all([shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(free)])
+    walls = np.pad(~free, 1, constant_values=True)
+    around = np.stack([walls[:-1, :-1], walls[:-1, 1:], walls[1:, :-1], walls[1:, 1:]])
+    turning = np.argwhere(around.sum(axis=0) == 1)
+    squeezes = np.argwhere((around.sum(axis=0) == 2) & (around[0] == around[3]))
+    points = np.vstack([start, goal, turning])
+    pairs = np.array(list(itertools.combinations(range(len(points)), 2)))
+    segments = shapely.linestrings(points[pairs])
+    grown = world.buffer(NARROW / 10, join_style="mitre")
+    visible = shapely.covers(grown, segments)
+    if len(squeezes):
+        visible &= shapely.distance(segments, shapely.multipoints(squeezes)) > NARROW
+    first, last = pairs[visible].T
+    lengths = np.linalg.norm(points[first] - points[last], axis=1)
+    graph = sparse.coo_array((lengths, (first, last)), shape=(len(points),) * 2).tocsr()
+    return sparse.csgraph.dijkstra(graph, directed=False, indices=0)[1]
+
+
+@settings(max_examples=150)
+@given(seeds, st.floats(0.0, 0.5), st.sampled_from([1, 3]))
+def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
+    rng = np.random.default_rng(seed)
+    blocked = rng.random(rng.integers(2, 11, 2)) < share
+    blocked = np.kron(blocked, np.ones((block, block), dtype=bool))[:20, :20]
+    free = np.argwhere(~blocked)
+    if not len(free):
+        return
+    start, goal = free[rng.integers(len(free), size=2)] + rng.choice([0.5, 0.1, 0.999], (2, 2))
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=0.25
+    )
+    path = space.find_path(0.25 * start, 0.25 * goal) / 0.25
+    bound = space.min_path_length(0.25 * start, 0.25 * goal) / 0.25
+    expected = find_shortest_length(~blocked, start, goal)
+    assert bound <= expected * (1.0 + 1e-9)
+    assert math.isinf(expected) == math.isinf(bound) == (len(path) == 0)
+    if len(path):
+        assert bound >= expected / 1.03 - 3.0
+        assert path_length(path) <= 1.15 * expected + 0.5
+        assert (path[[0, -1]] == [start, goal]).all()
+        assert space.certify_path(0.25 * path).all()
+
+
+def test_bounds_of_long_paths_are_within_three_percent():
+    rng = np.random.default_rng(3)
+    for angle in np.linspace(0.0, math.pi / 2, 8):
+        blocked = rng.random((90, 90)) < 0.05
+        ends = 45.0 + 40.0 * np.array(
+            [[-math.cos(angle), -math.sin(angle)], [math.cos(angle), math.sin(angle)]]
+        )
+        blocked[tuple(ends.astype(int).T)] = False
+        space = map_of(
+            np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+        )
+        assert space.min_path_length(*ends) >= 80.0 / 1.0275 - 2.0
+
+
+def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
+    blocked = np.zeros((20, 20), dtype=bool)
+    blocked[np.arange(20), np.arange(20)] = True
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+    )
+    assert math.isinf(space.min_path_length((2.5, 8.5), (8.5, 2.5)))
+    blocked[19, 19] = False
+    space = map_of(
+        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
+    )
+    around = 2 * math.hypot(10.5, 16.5)
+    assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
+
+
+@pytest.mark.parametrize("rows", [1, 9])
+def test_find_path_slides_between_walls_on_both_sides(rows):
+    states = np.zeros((3 * rows, 12), np.uint8)
+    states[rows - 1, 3:5] = states[rows, 6:8] = states[rows - 1, 9] = BLOCKED
+    space = map_of(states, outside="blocked", spacing=1.0)
+    path = space.find_path((rows - 1e-3, 1.0), (rows + 1e-3, 11.0))
+    assert space.certify_path(path).all()
+    assert path_length(path) <= 10.5
+
+
+@pytest.mark.parametrize(("spacing", "turns"), [(0.1, False), (1.0, True)])
+def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
+    states = np.zeros((2, 9, 9), np.uint8)
+    states[0, 4, :8], states[1, 4, 1:] = BLOCKED, BLOCKED
+    space = map_of(states, 2, outside="blocked", spacing=spacing)
+    path = space.find_path((0.5 * spacing, 0.5 * spacing, 0.0), (8.5 * spacing, 0.5 * spacing, 0.0))
+    assert (np.ptp(path[:, 2]) > 0.0) == turns and space.certify_path(path).all()
+    if not turns:
+        assert path_length(path) <= 1.01 * spacing * (2 * math.hypot(3.5, 7.5) + 1.0)
+
+
+@pytest.mark.parametrize("name", ["arena", "random512-10-0"])
+def test_paths_are_at_most_as_long_as_grid_paths(data, name):
+    workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map", 1.0)
+    space = map_of(np.where(workspace.outer, BLOCKED, FREE), outside="blocked", spacing=1.0)
+    scenarios = [
+        line.split()
+        for line in (data / "movingai" / f"{name}.map.scen").read_text().splitlines()[1:]
+    ]
+    rows = workspace.grid.shape[1]
+    for _, _, _, _, *numbers in scenarios[:: max(1, len(scenarios) // 25)]:
+        u0, v0, u1, v1, grid_length = map(float, numbers)
+        q0, q1 = ((u + 0.5, rows - v - 0.5) for u, v in ((u0, v0), (u1, v1)))
+        path = space.find_path(q0, q1)
+        assert math.dist(q0, q1) * (1 - 1e-12) <= path_length(path) <= grid_length * 1.01
+        assert space.certify_path(path).all()

@@ -1,0 +1,155 @@
+"""Uniform samples of FREE cells, and the nearest FREE configuration."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.rotations import Rotations
+from cspace.rotations.base import TWO_PI
+from tests.helpers import handmade
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import rotation_cells, seeds
+
+BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
+
+
+@pytest.fixture(scope="module", params=[*handmade.MAP_KINDS, "shared"])
+def space(request):
+    """Build a random map, possibly with unequal rotation cells."""
+    rng = np.random.default_rng(3)
+    if request.param == "shared":
+        workspace = Workspace.from_array(np.zeros((5, 4), bool), 0.3, (-4.0, 7.0))
+        states = rng.integers(0, 3, (3, 5, 4)).astype(np.uint8)
+        return handmade.map_in(workspace, Robot.rectangle(1e-6, 1e-7), states, 6, outside="free")
+    shape = (5, 4, 6) if "space" in request.param else (12, 30)
+    shape = (
+        (108, 2, 3, 2)
+        if "any way" in request.param
+        else (5 if "turning" in request.param else 1, *shape)
+    )
+    states = rng.integers(0, 3, shape)
+    return handmade.make_map(states, request.param, spacing=0.3, rotations=BORDERS)
+
+
+def test_samples_are_uniform_over_the_free_volume(space):
+    """Test chi-squared at six standard deviations."""
+    n, dim = 200_000, space.grid.dim
+    samples = space.sample_free(n, np.random.default_rng(1))
+    assert space.is_free(samples).all()
+    positions = space.grid.cell_of(samples[:, :dim])
+    within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - positions
+    rotation, widths = space.rotations.find_cells(samples), space.rotations.volumes
+    if len(space.rotations.names) == 1:
+        above = samples[:, dim] - np.asarray(space.rotations.borders)[rotation]
+        within = np.column_stack(
+            [within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[rotation]]
+        )
+    states = space.cell_states.reshape(len(widths), *space.grid.shape)
+    parts = 2 ** within.shape[1]
+    part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
+    cell = np.ravel_multi_index((rotation, *positions.T), states.shape)
+    bins = np.bincount(cell * parts + part, minlength=states.size * parts)
+    volume = np.where(states == FREE, widths.reshape(-1, *[1] * dim), 0.0).ravel()
+    free = np.repeat(volume > 0, parts)
+    assert not bins[~free].any()
+    expected, freedom = n * np.repeat(volume / volume.sum() / parts, parts)[free], free.sum() - 1
+    statistic = (np.square(bins[free] - expected) / expected).sum()
+    assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
+
+
+def test_sample_free_repeats_with_the_seed(space):
+    samples = space.sample_free(500, np.random.default_rng(0))
+    assert samples.shape == (500, space.size)
+    assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
+    assert (samples != space.sample_free(500, np.random.default_rng(1))).any()
+    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.size,)
+    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
+
+
+def test_sample_free_without_rng_draws_new_configurations(space):
+    first, second = space.sample_free(50), space.sample_free(50, None)
+    assert np.asarray(space.is_free(first)).all() and np.asarray(space.is_free(second)).all()
+    assert (first != second).any()
+    assert space.sample_free().shape == space.sample_free(rng=None).shape == (space.size,)
+
+
+@pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
+def test_sample_free_draws_each_of_few_free_cells(free):
+    """Place FREE cells at the ends of blocks counted together."""
+    states = np.full((1, 25, 40), BLOCKED)
+    states.flat[free] = FREE
+    space = handmade.make_map(states, "plane", spacing=1.0)
+    drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
+    assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
+
+
+@settings(max_examples=60)
+@given(
+    seeds,
+    st.sampled_from(handmade.MAP_KINDS),
+    rotation_cells(8),
+    st.sampled_from([0.1, 0.5, 2.0]),
+    st.booleans(),
+)
+def test_nearest_free_returns_the_nearest_cell(seed, kind, rotations, spacing, dense):
+    """Compare with all FREE cells, from inside and outside."""
+    rng = np.random.default_rng(seed)
+    states = handmade.random_states(
+        rng, kind, 9, (FREE, BLOCKED) if dense else (MIXED,) * 30 + (FREE,)
+    )
+    if "turning" in kind and "any way" not in kind:
+        states = np.resize(states, (len(Rotations.of(rotations)), *states.shape[1:]))
+    states[tuple(rng.integers(0, states.shape))] = FREE
+    space = handmade.make_map(states, kind, spacing=spacing, rotations=rotations)
+    free, dim = handmade.cell_centers(space, np.argwhere(states == FREE)), space.grid.dim
+    for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
+        q = handmade.configurations(space, np.array([*one, *rng.uniform(-9, 9, space.size - dim)]))
+        nearest = space.nearest_free(q)
+        assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
+
+        def distance(to, q=q):
+            angle = np.abs((to[..., dim:] - q[dim:] + math.pi) % TWO_PI - math.pi).sum(axis=-1)
+            if len(space.rotations.names) == 4:
+                angle = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
+            return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + angle / 2
+
+        assert distance(nearest) == pytest.approx(distance(free).min())
+
+
+def test_nearest_free_leaves_a_large_obstacle():
+    states = np.zeros((1, 600, 600), dtype=np.uint8)
+    states[0, 200:230, 200:260] = BLOCKED
+    space = handmade.make_map(states, "plane", spacing=1.0)
+    assert space.nearest_free((210.2, 230.2)).tolist() == [199.5, 230.5]
+
+
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
+def test_a_map_without_free_cells_is_refused(kind):
+    space = handmade.make_map(handmade.full_states(kind, 3, BLOCKED), kind)
+    with pytest.raises(ConfigurationError, match="no FREE cell"):
+        space.sample_free(1, np.random.default_rng(0))
+    with pytest.raises(ConfigurationError, match="no FREE cell"):
+        space.nearest_free(handmade.configurations(space, np.full(space.size, 0.1)))
+
+
+@refusals(
+    "n, rng, message",
+    (3, 3, "rng is 3"),
+    (3, "seed", "rng is 'seed'"),
+    (3, np.random, "rng is <module"),
+    (-1, None, "n is -1"),
+    (2.5, None, "n is 2.5"),
+    ("3", None, "n is '3'"),
+)
+def test_sample_free_refuses(space, n, rng, message):
+    with pytest.raises(InputError, match=message):
+        space.sample_free(n, rng)
+
+
+def test_nearest_free_refuses_a_batch(space):
+    with pytest.raises(InputError, match="one configuration"):
+        space.nearest_free(handmade.configurations(space, np.ones((2, space.size))))

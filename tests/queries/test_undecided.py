@@ -1,0 +1,137 @@
+"""Paths through MIXED cells that exact geometry proves free."""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+import planners
+from cspace import MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace.queries.paths import path_length
+from tests.helpers.placements import collides
+from tests.helpers.planning import build_room, sample_edge
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+
+SIDE = 4.0
+"""Side of the drawn rooms in metres."""
+
+
+def build_gap(
+    width: float, robot: Robot, rotations: int | None = None
+) -> tuple[cspace.CSpace, list[shapely.Geometry]]:
+    """Build two halves of a room joined by a gap near a wall and a wide door far away; return the
+    walls too."""
+    walls = [shapely.box(1.9, 0.0, 2.1, 0.43), shapely.box(1.9, 0.43 + width, 2.1, 3.0)]
+    workspace = Workspace.from_polygons(walls, 0.1, bounds=(0.0, 0.0, SIDE, SIDE))
+    return cspace.build(workspace, robot, rotations=rotations, outside="free"), walls
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([None, 8]))
+def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(
+    seed: int, rotations: int | None
+) -> None:
+    rng = np.random.default_rng(seed)
+    corners, sides = rng.uniform(0.0, SIDE, (6, 2)), rng.uniform(0.1, 1.2, (6, 2))
+    obstacles = [
+        shapely.box(*corner, *(corner + side)) for corner, side in zip(corners, sides, strict=True)
+    ]
+    robot = Robot.rectangle(*rng.uniform(0.1, 0.5, 2))
+    workspace = Workspace.from_polygons(
+        obstacles, rng.uniform(0.08, 0.2), bounds=(0.0, 0.0, SIDE, SIDE)
+    )
+    space = cspace.build(workspace, robot, rotations=rotations)
+    start, goal = rng.uniform(space.grid.lower, space.grid.upper, (2, 2))
+    yaw = [0.3] if rotations else []
+    ends = np.array([(*start, *yaw), (*goal, *yaw)])
+    if not space.is_free(ends, exact=True).all():
+        return
+    path = space.find_path(*ends, exact=True)
+    chain = space.find_path(*ends, exact=True, straight=False)
+    if space.is_free(ends).all():
+        through_free = space.find_path(*ends)
+        assert len(path) >= min(2, len(through_free))
+        if len(through_free):
+            assert path_length(path, space.rotations) <= path_length(
+                through_free, space.rotations
+            ) * (1.0 + 1e-9)
+    for found in (path, chain):
+        for first, last in itertools.pairwise(found):
+            assert not collides(
+                space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 60))[0]
+            ).any()
+    if len(path):
+        assert (path[[0, -1], :2] == ends[:, :2]).all()
+        assert space.min_path_length(*ends) <= path_length(path, space.rotations) * (1.0 + 1e-6)
+    else:
+        assert not space.motion_is_free(*ends, exact=True)
+
+
+@pytest.mark.parametrize(
+    "robot", [Robot.disc(0.2), Robot.rectangle(0.4, 0.4)], ids=["disc", "square"]
+)
+def test_a_gap_of_mixed_cells_shortens_the_path(robot: Robot) -> None:
+    space, walls = build_gap(0.5, robot)
+    start, goal = (1.0, 1.2), (3.0, 1.2)
+    assert (space.classify([(2.0, 0.68), (2.0, 0.7)]) == MIXED).all()
+    plans = [planners.plan(space, start, goal, exact=exact) for exact in (False, True)]
+    assert all(plan.certified and plan.planner == "Grid" for plan in plans)
+    assert plans[0].length > 5.0 and plans[1].length < 2.3 and plans[1].gap < 0.15 < plans[0].gap
+    clearance = min(wall.distance(shapely.LineString(plans[1].waypoints)) for wall in walls)
+    assert clearance >= 0.2
+
+
+def test_exact_paths_turn_where_the_gap_demands_it() -> None:
+    space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
+    start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
+    assert len(space.find_path(start, goal)) and space.find_path(start, goal)[:, 1].max() > 3.0
+    path = space.find_path(start, goal, exact=True)
+    assert path[:, 1].max() < 1.1 and space.certify_path(path, exact=True).all()
+    for first, last in itertools.pairwise(path):
+        assert not collides(
+            space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 200))[0], walls
+        ).any()
+
+
+def test_start_and_goal_may_lie_in_mixed_cells() -> None:
+    space, _ = build_gap(0.5, Robot.disc(0.2))
+    start, goal = (2.0, 0.68), (2.0, 3.8)
+    assert space.classify(start) == MIXED and space.is_free(start, exact=True)
+    with pytest.raises(ConfigurationError, match=r"q0.*FREE"):
+        space.find_path(start, goal)
+    path = space.find_path(start, goal, exact=True)
+    assert (path[[0, -1]] == (start, goal)).all() and space.certify_path(path, exact=True).all()
+
+
+def test_a_gap_narrower_than_the_robot_is_not_passed() -> None:
+    space, _ = build_gap(0.39, Robot.disc(0.2))
+    path = space.find_path((1.0, 0.7), (3.0, 0.7), exact=True)
+    assert path_length(path, space.rotations) > 4.0
+
+
+def test_paths_in_space_are_shortened_by_geometry() -> None:
+    space = build_room("space")
+    ends = (0.5, 0.5, 0.4), (3.5, 1.4, 1.6)
+    exact, free = space.find_path(*ends, exact=True), space.find_path(*ends)
+    assert path_length(exact, space.rotations) < path_length(free, space.rotations)
+    assert space.certify_path(exact, exact=True).all()
+    assert math.dist(*ends) <= path_length(exact, space.rotations)
+
+
+@refusals(
+    "arguments, message",
+    ({"exact": 1}, "exact is 1.*True or False"),
+    ({"q0": (1.9, 0.2), "exact": True}, "q0.*free configuration"),
+    ({"time_limit": 0.0, "exact": True}, "time_limit is 0.0"),
+)
+def test_invalid_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
+    space, _ = build_gap(0.5, Robot.disc(0.2))
+    with pytest.raises(InputError, match=message):
+        space.find_path(**{"q0": (1.0, 0.7), "q1": (3.0, 0.7)} | arguments)

@@ -1,0 +1,301 @@
+"""Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
+
+import ast
+import fcntl
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cspace
+import planners
+from benchmarks.first_process import DEMO
+from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
+from cspace.support.compiling import FILES_WITHOUT_KERNELS, KEPT_SECONDS, clock, is_private, kernel
+
+ROOT = Path(cspace.__file__).parents[1]
+
+PROBE = """
+from cspace.support.compiling import kernel
+
+@kernel
+def helper(value):
+    return value + 2.0
+
+@kernel
+def answer(value):
+    return helper(value) + 1.0
+"""
+
+RUN_PROBE = """
+import cspace, cspace.support.compiling, os
+cspace.__path__.append(os.getcwd())
+cspace.support.compiling.LONG_WAIT_SECONDS = 0.0
+{before}
+from cspace.probe import answer
+print(answer(1.0), sum(answer.stats.cache_hits.values()))
+"""
+"""Script that prints the result of a compiled function of the package, and its hits of the cache.
+"""
+
+
+def start(folder: Path, code: str, **environment: str) -> subprocess.Popen[str]:
+    """Start a script in a folder, with a cache folder of its own."""
+    others = {
+        name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))
+    }
+    paths = os.pathsep.join([str(folder), str(ROOT)])
+    env = others | {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(folder / "cache")} | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.Popen(command, cwd=folder, env=env, stdout=-1, stderr=-1, text=True)
+
+
+def run(folder: Path, code: str, **environment: str) -> tuple[str, str]:
+    """Run a script in a folder; return what it prints."""
+    process = start(folder, code, **environment)
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    return out.strip(), err.strip()
+
+
+@pytest.fixture
+def probe(tmp_path: Path) -> Callable[..., tuple[str, str]]:
+    """Return a function that runs the probe; it returns what the probe prints."""
+    (tmp_path / "probe.py").write_text(PROBE)
+
+    def run_probe(before: str = "", **environment: str) -> tuple[str, str]:
+        return run(tmp_path, RUN_PROBE.format(before=before), **environment)
+
+    return run_probe
+
+
+# ---- the cache, and the line about a long wait ---------------------------------------------------
+
+
+def test_a_long_wait_is_told_once_unless_silenced(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    silence = "import logging; logging.getLogger('cspace.compiling').disabled = True"
+    silent = str(tmp_path / "silent")
+    assert probe(silence, NUMBA_CACHE_DIR=silent) == ("4.0 0", "")
+    cold, warm = probe(), probe()
+    assert cold[0] == "4.0 0" and warm == ("4.0 1", "")
+    (line,) = cold[1].splitlines()
+    assert line.startswith("cspace: ") and silence.split("; ")[1] in line
+
+
+def test_the_demo_compiles_few_functions(tmp_path: Path) -> None:
+    assert (
+        0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
+    )
+
+
+def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Path) -> None:
+    def folder() -> str:
+        return run(
+            tmp_path,
+            "import cspace.support.compiling as c; print(c.cache_folder())",
+            PYTHONPATH=str(tmp_path),
+        )[0]
+
+    for package in ("cspace", "planners"):
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    seen = [folder(), folder()]
+    assert seen[0] == seen[1] and seen[0].startswith(str(tmp_path / "cache" / "cspace"))
+    for file, is_compiled in (
+        ("cspace/grid.py", True),
+        ("cspace/support/vectors.py", True),
+        ("cspace/errors.py", False),
+    ):
+        with (tmp_path / file).open("a") as opened:
+            opened.write("\nMORE = 1\n")
+        seen.append(folder())
+        assert (seen[-1] != seen[-2]) is is_compiled, file
+
+
+def constants_in(code: ast.AST) -> set[str]:
+    """Return the constants that a piece of code reads."""
+    return {
+        node.id
+        for node in ast.walk(code)
+        if isinstance(node, ast.Name) and node.id.strip("_").isupper()
+    }
+
+
+def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
+    """Return where each name of a module is imported or assigned."""
+    found = dict[str, ast.AST]()
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {each.asname or each.name: node for each in node.names}
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
+            found[ast.unparse(node.target)] = node.value
+        elif isinstance(node, ast.Assign):
+            found |= {name: node.value for target in node.targets for name in constants_in(target)}
+    return found
+
+
+def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
+    # Otherwise a kernel would keep the old value of a constant.
+    decorators = {"kernel", "inlined", "allocating"}
+    modules, pending, known = (
+        dict[str, ast.Module](),
+        list[tuple[str, str]](),
+        set(FILES_WITHOUT_KERNELS),
+    )
+    for file in [
+        file
+        for package in (cspace, planners)
+        for file in Path(package.__file__).parent.rglob("*.py")
+    ]:
+        name = file.relative_to(ROOT).as_posix()
+        modules[name] = ast.parse(file.read_text(encoding="utf-8"))
+        for node in ast.walk(modules[name]):
+            if decorators & set(map(ast.unparse, getattr(node, "decorator_list", ()))):
+                known.add(name)
+                pending += [(name, constant) for constant in constants_in(node)]
+    seen = set[tuple[str, str]]()
+    while pending:
+        name, constant = pending.pop()
+        place = definitions_in(modules[name]).get(constant)
+        if (name, constant) in seen or place is None:
+            continue
+        seen.add((name, constant))
+        assert name in known, f"{constant} of {name} is compiled into a kernel"
+        if isinstance(place, ast.ImportFrom):
+            path = str(place.module).replace(".", "/")
+            pending += [
+                (file, constant)
+                for file in (f"{path}.py", f"{path}/__init__.py")
+                if file in modules
+            ]
+        else:
+            pending += [(name, each) for each in constants_in(place)]
+    assert len(seen) > 100
+
+
+def test_code_of_other_versions_is_removed_a_week_after_its_last_use(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    now = time.time()
+    for name, age in (("old", KEPT_SECONDS + 60.0), ("recent", KEPT_SECONDS - 3600.0)):
+        lock = tmp_path / "cache" / "cspace" / name / "lock"
+        lock.parent.mkdir(parents=True)
+        lock.touch()
+        os.utime(lock, (now - age, now - age))
+    assert probe()[0] == "4.0 0"
+    left = {folder.name for folder in (tmp_path / "cache" / "cspace").iterdir()}
+    assert "recent" in left and "old" not in left and len(left) == 2
+
+
+def test_processes_save_code_one_at_a_time(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    probe("answer = None; import cspace.probe, sys; print('4.0 0'); sys.exit()")  # makes the folder
+    (lock,) = (tmp_path / "cache").rglob("lock")
+    with lock.open() as opened:
+        fcntl.flock(opened, fcntl.LOCK_EX)
+        process = start(tmp_path, RUN_PROBE.format(before="print('begun', flush=True)"))
+        assert process.stdout is not None and process.stdout.readline() == "begun\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(2.0)
+        assert not list((tmp_path / "cache").rglob("*.nbc"))
+        fcntl.flock(opened, fcntl.LOCK_UN)
+        assert process.communicate()[0] == "4.0 0\n"
+
+
+# ---- privacy -------------------------------------------------------------------------------------
+
+
+class Harm:
+    """Payload that creates a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.path,)
+
+
+def test_cache_folders_that_others_may_write_are_not_read(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    cache, harm = tmp_path / "cache", tmp_path / "harm"
+    elsewhere = {"XDG_CACHE_HOME": str(tmp_path / "elsewhere")}
+    assert probe(**elsewhere)[0] == "4.0 0"
+    assert probe(**elsewhere)[0] == "4.0 1"
+    for index in cache.rglob("*.nbi"):
+        index.write_bytes(pickle.dumps("version") + pickle.dumps(Harm(harm)))
+    (folder,) = (cache / "cspace").iterdir()
+    for hits, (path, mode) in enumerate([(folder, 0o1757), (folder, 0o770), (cache, 0o777)]):
+        before = path.stat().st_mode
+        path.chmod(mode)
+        assert (
+            probe(**elsewhere)[0] == f"4.0 {min(hits, 1)}"
+        )  # in the other folder, which is used from then on
+        assert not harm.exists()
+        path.chmod(before)
+
+
+def test_a_folder_of_another_user_is_not_private(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir(mode=0o700)
+    assert is_private(inner)
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    assert not is_private(inner)
+
+
+def test_without_a_folder_that_can_be_written_code_is_kept_in_the_temporary_one_or_not_at_all(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), os.devnull)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    assert [probe(**nowhere, TMPDIR=str(temporary))[0] for _ in range(2)] == ["4.0 0", "4.0 1"]
+    temporary.chmod(0o777)
+    out, err = probe(**nowhere, TMPDIR=str(temporary))
+    assert out == "4.0 0" and "at each start" in err
+
+
+# ---- the clock -----------------------------------------------------------------------------------
+
+
+def double(value: float) -> float:
+    return 2 * value
+
+
+def test_the_clock_stops_while_a_function_is_compiled_or_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from numba import TypingError
+
+    monkeypatch.setattr(
+        "cspace.support.compiling.cache_folder", lambda: None
+    )  # nothing is compiled yet
+
+    def good(x: float) -> float:
+        return 2.0 * x + 1.0
+
+    def bad(x: float) -> object:
+        return x + "no number"  # type: ignore[operator]
+
+    kernel(double)(1)  # numba imports all that it can compile
+    for number, function in enumerate((double, good, bad)):
+        made: Any = kernel(function)
+        began = clock(), time.perf_counter()
+        with suppress(TypingError):
+            made(number * 1.5)
+        assert clock() - began[0] < 0.5 * (time.perf_counter() - began[1])
+    assert clock() < clock()
