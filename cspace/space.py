@@ -666,8 +666,8 @@ class CSpace(ConfigurationMap, MapExport):
         A point that is BLOCKED at all rotations is on no path, within the grid or outside. The
         bound is that of ``cspace/queries/lower_bound.py``: in the plane, within 3 % and two cells
         of the shortest path among the other points. In space, it is the largest of three such
-        bounds, of projections along each axis, extended by the difference along that axis. Rotations count
-        nothing.
+        bounds, of projections along each axis, extended by the difference along that axis.
+        Rotations count nothing.
 
         Parameters
         ----------

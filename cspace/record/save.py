@@ -3,8 +3,8 @@
 The attributes of the folder describe the grid, the robot and the rest of the map; see
 :func:`cspace.record.description.metadata_of`. Four more serve the reader: ``arrays`` names the
 arrays, ``compressed`` is true if their chunks are compressed by zstd, ``shapes_bytes`` is the
-length of the array ``shapes``, and ``digest`` is a SHA-256 digest. It covers the attributes and every file of the
-arrays, in the order of ``arrays``.
+length of the array ``shapes``, and ``digest`` is a SHA-256 digest. It
+covers the attributes and every file of the arrays, in the order of ``arrays``.
 
 The attributes determine the shape, type and chunks of each array. So a reader knows every size
 before it unpacks anything, and refuses arrays that differ. Fill values are no state and no free
