@@ -260,7 +260,7 @@ def picture(
         options = drop_none(view=view, zoom=zoom, surface=surface, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
-            options["rotation"] = parse_rotation(rotation, "rotation", axes)
+            options["rotation"] = parse_rotation(rotation, "rotation", space)
         if center is not None:
             options["center"] = parse_configuration(center, "center", axes[:dim], units[:dim])
         if path is not None:
@@ -311,7 +311,7 @@ def export(
         space = select_window(open_map(file), box)
         options = {}
         if rotation is not None:
-            options["rotation"] = parse_rotation(rotation, "rotation", space.axes)
+            options["rotation"] = parse_rotation(rotation, "rotation", space)
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

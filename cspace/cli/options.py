@@ -13,6 +13,7 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.arms import Arm
+    from cspace.maps import ConfigurationMap
     from cspace.robot import Robot
     from cspace.rotations import Rotations
 
@@ -171,14 +172,12 @@ def parse_configuration(
     ``units`` has "m", "rad" or "1" for each axis. Angles may be in degrees: ``90deg``. Raises
     InputError if the text does not have one number for each axis, separated by commas.
     """
-    rule = (
-        f"the map's configurations are {','.join(axes)}, in "
-        f"{'metres' if 'm' in units else 'radians or degrees'}"
-    )
+    rule = f"the map's configurations are {','.join(axes)}, in "
     if "m" in units:
-        rule += "".join(
-            f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad"
-        )
+        angles = [axis for axis, unit in zip(axes, units, strict=True) if unit == "rad"]
+        rule += "".join(["metres", *(f", {axis} an angle" for axis in angles)])
+    else:
+        rule += "radians or degrees"
     return _parse_numbers(text, argument, axes, units, rule)
 
 
@@ -191,14 +190,6 @@ def read_marks(
     """
     ends = drop_none(start=start, goal=goal)
     return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
-
-
-def _axis_units(axes: Sequence[str]) -> list[str]:
-    """Return the units of the axes of a rigid robot's configurations."""
-    from cspace.rotations import Rotations
-
-    known = Rotations.all_units()
-    return [known.get(axis, "m") for axis in axes]
 
 
 def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
@@ -214,28 +205,25 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
     ]
 
 
-def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> tuple[float, ...]:
+def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
     """Parse the rotation in an argument such as ``rotation``.
 
     Raises InputError if the map has no rotations, or if the text is no rotation of it.
     """
-    names = [axis for axis in axes if axis not in ("x", "y", "z")]
-    if not names:
+    axes, units = space.axes[space.dim :], space.units[space.dim :]
+    if not axes:
         hint = "omit it, or build the map with --rotations 72"
         raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
-    return _parse_numbers(
-        text, argument, names, _axis_units(names), f"it must be {','.join(names)}"
-    )
+    return _parse_numbers(text, argument, axes, units, f"it must be {','.join(axes)}")
 
 
 def _parse_numbers(
     text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
 ) -> tuple[float, ...]:
     """Parse one number for each axis, separated by commas."""
-    fields = text.split(",")
     numbers = []
     try:
-        for field, axis, unit in zip(fields, axes, units, strict=True):
+        for field, axis, unit in zip(text.split(","), axes, units, strict=True):
             is_angle = unit == "rad"
             numbers.append(parse_angle(field, argument, axis) if is_angle else float(field))
     except InputError:
@@ -273,10 +261,8 @@ def parse_angle(text: str, argument: str, name: str) -> float:
     and exceeds 2 pi, because degrees were then probably intended.
     """
     word = text.strip()
-    number, unit = next(
-        ((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)),
-        (word, ""),
-    )
+    unit = next((unit for unit in ("deg", "rad") if word.endswith(unit)), "")
+    number = word.removesuffix(unit)
     problem = f"has the {name} {text!r}"
     try:
         value = float(number)

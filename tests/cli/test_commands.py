@@ -18,7 +18,7 @@ from scipy.ndimage import distance_transform_edt
 import cspace
 import planners
 from cspace.cli import app
-from cspace.cli.compile import plan_in_plane
+from cspace.cli.jobs import plan_in_plane
 from cspace.cli.report import option_names, progress_line
 from cspace.errors import InputError
 from cspace.plot import animate
@@ -83,7 +83,7 @@ def test_help_and_version_are_printed() -> None:
 
 
 def test_compile_fills_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cspace.cli.compile.JOBS", {"plan in the plane": plan_in_plane})
+    monkeypatch.setattr("cspace.cli.jobs.JOBS", {"plan in the plane": plan_in_plane})
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
     assert printed["seconds"].keys() == {"plan in the plane"}
