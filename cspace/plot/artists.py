@@ -152,7 +152,7 @@ def draw_cells(
     If cells are smaller than pixels, blocks of cells show their largest class, so that no obstacle
     vanishes.
     """
-    side = block_side(ax, classes)
+    side = block_side(ax, classes.shape)
     image = ax.imshow(
         color_blocks(classes, side),
         origin="lower",
@@ -167,10 +167,10 @@ def draw_cells(
     return image
 
 
-def block_side(ax: Axes, classes: Classes) -> int:
+def block_side(ax: Axes, shape: Sequence[int]) -> int:
     """Return the side of blocks of cells, in cells, that are no smaller than pixels."""
     pixels = 0.8 * np.array(ax.bbox.size)  # texts may shrink the axes
-    return max(1, math.ceil(float(np.max(classes.shape / pixels))))
+    return max(1, math.ceil(float(np.max(shape / pixels))))
 
 
 def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
@@ -217,7 +217,14 @@ def draw_path(
     return lines
 
 
-def draw_robots(ax: Axes, body: Body, stations: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
+def draw_robots(
+    ax: Axes,
+    body: Body,
+    stations: Floats,
+    pair: Sequence[int] = (0, 1),
+    opacity: float = 0.55,
+    zorder: float = 3.0,
+) -> list[Any]:
     """Draw the robot at configurations, projected on two axes; return the legend entry.
 
     In the plane, a nose shows its heading.
@@ -227,11 +234,11 @@ def draw_robots(ax: Axes, body: Body, stations: Floats, pair: Sequence[int] = (0
 
     if not len(stations):
         return []
-    fill: Any = to_rgba(ROBOT_FILL_COLOR, 0.55)
+    fill: Any = to_rgba(ROBOT_FILL_COLOR, opacity)
     outlines = [join_rings(body.outlines(q, pair)) for q in stations]
     noses = [join_rings(body.noses(q)) for q in stations]
     for paths, color, width in ((outlines, fill, 0.9), (noses, ROBOT_EDGE_COLOR, 0.0)):
-        robots = PathCollection(paths, facecolor=color, edgecolor=ROBOT_EDGE_COLOR, zorder=3)
+        robots = PathCollection(paths, facecolor=color, edgecolor=ROBOT_EDGE_COLOR, zorder=zorder)
         robots.set(linewidth=width, transform=ax.transData)
         ax.add_collection(robots, autolim=False)
     return [patch("robot", fill, ROBOT_EDGE_COLOR)]

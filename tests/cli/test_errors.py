@@ -191,7 +191,7 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     ),
     "point beyond": (
         ["plot", "space.zarr", "-o", "new.png", "--center", "9,9.2,9"],
-        ["--center is (9, 9.2, 9)", "the grid is from"],
+        ["--center is [9.0, 9.2, 9.0]", "the grid is from"],
     ),
     "point of two": (
         ["plot", "space.zarr", "-o", "new.png", "--center", "1,1"],
