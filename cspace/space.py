@@ -192,7 +192,7 @@ class CSpace(ConfigurationMap, MapExport):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
         grid, rotations, states, counts = self.grid, self.rotations, self._seen, self.overlap_counts
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"

@@ -37,7 +37,7 @@ autodoc_typehints = "none"  # docstrings tell types, with shapes and units
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
 FOR_PLANNERS = (
-    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, "
+    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, facts, find_goals, "
     "has_cells, has_poses, in_memory, is_labelled, length_unit, max_velocity, "
     "obstacle_distance_along, path_exists, resolution, search, searches, steps_between, subproblems"
 )
@@ -46,7 +46,7 @@ FOR_PLANNERS = (
 autosummary_context = {
     "inside": {
         **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
-        "Mesh": "cells, check_origin, is_same, measure, rasters",
+        "Mesh": "cells, check_origin, facts, is_same, measure, rasters",
         "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
         "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "
         "examples, facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "

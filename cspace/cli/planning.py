@@ -101,11 +101,10 @@ def plan(
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
-    from cspace.space import CSpace
 
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
-    check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
-    check_outputs([animate] if animate else [], (".gif",), overwrite)
+    check_outputs([picture], PICTURE_SUFFIXES, overwrite)
+    check_outputs([animate], (".gif",), overwrite)
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
@@ -138,14 +137,12 @@ def plan(
             save_plot(space, picture, overwrite, path=path, start=endpoints[0], goal=endpoints[1])
     if animate and planned.solved:
         with clock.step("animate") as progress:
-            drawn = space if isinstance(space, CSpace) else space.overview()
-            save_animation(drawn, planned.path, animate, overwrite, progress=progress)
+            save_animation(space.drawable(), planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = ""
-        if planned.hint:
-            hint = f"; try {name_options(planned.hint, option_names(context.command))}"
-        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{hint}", err=True)
+        hint = name_options(planned.hint, option_names(context.command))
+        try_it = f"; try {hint}" if hint else ""
+        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{try_it}", err=True)
         raise typer.Exit(1)
 
 
@@ -194,13 +191,8 @@ def demo(
         planned = planners.plan(space, flat.START_POSITION, flat.GOAL_POSITION, seed=1)
     if not (all(proofs.values()) and planned.solved and planned.certified):
         problem = f"failed: {proofs}, {planned.status}"
-        raise InputError(
-            "demo",
-            problem,
-            "its path must be found and certified",
-            "please report it",
-            value=proofs,
-        )
+        rule = "its path must be found and certified"
+        raise InputError("demo", problem, rule, "please report it", value=proofs)
     output.mkdir(parents=True, exist_ok=True)
     with clock.step("save_inputs"):
         files |= flat.write_inputs(output)

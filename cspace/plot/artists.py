@@ -5,7 +5,6 @@ Each colour has one meaning everywhere.
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 from collections.abc import Sequence
@@ -318,8 +317,8 @@ def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> Non
         ax.figure.suptitle(heading, fontsize=10)
         if handles:
             legend_below(ax.figure, handles)
-        # Notebooks show only figures with a window, and axes have no HTML representation.
-        vars(ax)["_repr_html_"] = lambda: figure_html(ax.figure)
+        # Notebooks show only figures with a window, and axes have no picture.
+        vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
         return
     ax.set_title(heading, fontsize=10)
     if handles:
@@ -327,9 +326,8 @@ def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> Non
         ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), **style)
 
 
-def figure_html(figure: Any) -> str:
-    """Return HTML that shows a figure."""
+def figure_png(figure: Any) -> bytes:
+    """Return a figure as PNG."""
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=NOTEBOOK_DPI)
-    text = base64.b64encode(file.getvalue()).decode("ascii")
-    return f'<img src="data:image/png;base64,{text}" alt="">'
+    return file.getvalue()

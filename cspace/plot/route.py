@@ -289,12 +289,9 @@ def find_lost_steps(space: HasAxes, path: Any) -> Bools:
     is_same = same_kind and getattr(space, "grid", None) == getattr(planned, "grid", None)
     lost = ~path.recheck(space if is_same else planned)
     # Waypoints are rows of the path; the steps between two waypoints lie on one edge.
-    start = 0
-    for waypoint, is_lost in zip(path.waypoints[1:], lost.tolist(), strict=False):
-        stop = start + 1 + int((path.path[start + 1 :] == waypoint).all(axis=1).argmax())
-        steps[start:stop] = is_lost
-        start = stop
-    return steps
+    is_waypoint = (path.path[:-1, np.newaxis] == path.waypoints).all(axis=2).any(axis=1)
+    edges = np.cumsum(is_waypoint) - 1
+    return np.asarray(lost[np.minimum(edges, len(lost) - 1)])
 
 
 def with_gaps(points: Floats, chosen: Bools) -> Floats:

@@ -248,7 +248,7 @@ class Mesh(ExactShape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Number of triangles, bodies and the like, for reports."""
         closed = sum(body.closed for body in self.bodies)
         return {

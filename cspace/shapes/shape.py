@@ -261,7 +261,7 @@ class ExactShape(Shape):
         """Area in the plane, volume in space, for reports; NaN if unknown."""
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values about the shape, by name, for reports."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 

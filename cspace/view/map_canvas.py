@@ -112,7 +112,7 @@ class MapCanvas(Canvas):
         self.about = f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.dials = [
-            Dial(label, round(low, 6), round(high, 6), self._step)
+            Dial(label, round(low, 9), round(high, 9), self._step)
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
         ]
         for angle in angles:
@@ -193,13 +193,12 @@ class MapCanvas(Canvas):
         if stage.has_height:
             label = f"cut at {grid.labels[2]}"
             numbers = stage.lower[2] + grid.spacing, stage.upper[2], self._step, self.cut
-            low, high, step, value = (round(float(number), 6) for number in numbers)
+            low, high, step, value = (round(float(number), 9) for number in numbers)
             cut = added[label] = gui.add_slider(label, low, high, step, value)
+        labels = {name: KINDS[name].label for name in self.kinds}
+        labels[SECTION] = "section" if stage.has_height else "ground"
         boxes = {}
-        for name in (*self.kinds, SECTION):
-            label = (
-                KINDS[name].label if name in KINDS else "section" if stage.has_height else "ground"
-            )
+        for name, label in labels.items():
             boxes[name] = added[label] = gui.add_checkbox(label, name in self.shown)
 
         def choose(_: Any) -> None:

@@ -211,12 +211,10 @@ class Page:
         self._strays = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
-        tasks = canvas.draw, self._describe, self._prove, self._search, self._play, self._reach
+        tasks = self._show, self._prove, self._search, self._play, self._reach
         self._workers = [Worker(task, self._report_error) for task in tasks]
-        self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = (
-            self._workers
-        )
-        self.panel = Panel(server.gui, canvas, planners.choices(space), self._drawer.request)
+        self._shower, self._prover, self._planner, self._player, self._solver = self._workers
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
@@ -287,8 +285,7 @@ class Page:
         """Show the robot at a configuration."""
         self._strays = False
         self._canvas.place(q)
-        self._drawer.request()
-        self._describer.request()
+        self._shower.request()
 
     def go(self, share: float) -> None:
         """Move the robot to a share, from 0 to 1, of its path or trajectory."""
@@ -359,12 +356,12 @@ class Page:
     def refresh(self) -> None:
         """Draw and prove everything again, because the space has changed."""
         self._canvas.invalidate()
-        for worker in (self._drawer, self._describer, self._prover):
-            worker.request()
+        self._shower.request()
+        self._prover.request()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested work is done; return False after a timeout."""
-        workers = self._solver, self._planner, self._drawer, self._describer, self._prover
+        workers = self._solver, self._planner, self._shower, self._prover
         return all(worker.wait(seconds) for worker in workers)
 
     def close(self) -> None:
@@ -375,8 +372,9 @@ class Page:
 
     # ---- work in threads -------------------------------------------------------------------------
 
-    def _describe(self) -> None:
-        """Show the state of the robot's configuration."""
+    def _show(self) -> None:
+        """Draw what depends on the robot's configuration, and show its state."""
+        self._canvas.draw()
         self.panel.state.content = self._canvas.describe(self._canvas.robot)
 
     def _prove(self) -> None:
@@ -389,18 +387,14 @@ class Page:
         q = self._canvas.robot
         self.panel.show_robot(self._canvas.dial_values(q))
         self.mark("goal", q)
-        reached = (
-            "**Reached**, proven free."
-            if self._space.is_free(q)
-            else "**Reached**, but not proven free."
-        )
+        reached = "**Reached**, proven free."
         if problem:
-            reached = (
-                "**Not reached**; the arm shows the nearest pose.  "
-                f"\n{problem[:1].upper()}{problem[1:]}."
-            )
+            reached = "**Not reached**; the arm shows the nearest pose.  "
+            reached += f"\n{problem[:1].upper()}{problem[1:]}."
+        elif not self._space.is_free(q):
+            reached = "**Reached**, but not proven free."
         self.panel.tool.content = reached
-        self._describer.request()
+        self._shower.request()
 
     def _search(self) -> None:
         """Plan, and show the result."""
@@ -477,12 +471,8 @@ class Page:
             return cast("Trajectory", source)
         if not hasattr(source, "trajectory") or self._canvas.tool is None or not len(self._path):
             return None
-        arm = self._space.arm
-        unlimited = [
-            joint
-            for joint, limit in zip(arm.joints, arm.max_velocity.tolist(), strict=True)
-            if math.isinf(limit)
-        ]
+        limits = self._space.max_velocity
+        unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
         motion: Trajectory = source.trajectory(
             max_velocity=dict.fromkeys(unlimited, MAX_VELOCITY), max_acceleration=MAX_ACCELERATION
         )
@@ -490,11 +480,10 @@ class Page:
 
     def _report_error(self, error: Exception) -> None:
         """Show an error on the page, which stays usable."""
+        message = str(error)
         if not isinstance(error, CspaceError):
             LOGGER.error("error in a thread of the page", exc_info=error)
-        message = (
-            str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
-        )
+            message = repr(error)
         self.panel.answer.content = f"**Not done:** {message}"
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import errno
 import html
 import socket
-import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from functools import partial
+from collections.abc import Iterable
+from contextlib import suppress
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
@@ -17,7 +15,6 @@ from urllib.parse import urlsplit
 from cspace.arms.space import ArmSpace
 from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
-from cspace.support.arrays import Floats
 from cspace.support.check import check_count
 from cspace.view.arm_canvas import ArmCanvas
 from cspace.view.map_canvas import MapCanvas
@@ -29,8 +26,6 @@ if TYPE_CHECKING:
     from cspace.plot.route import HasPath
     from cspace.view.canvas import Canvas
     from planners import Plan
-
-    MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
 
 
 FIRST_PORT: Final = 8080
@@ -61,9 +56,7 @@ class Viewer:
     Parameters
     ----------
     space : ConfigurationSpace
-    canvas : callable
-        Makes the canvas from a server, a path, shape (n, size), and a dict of start and goal.
-    path, start, goal, host, port
+    path, start, goal, frame, host, port
         See :meth:`cspace.CSpace.view`.
 
     Attributes
@@ -79,26 +72,34 @@ class Viewer:
     def __init__(
         self,
         space: HasAxes,
-        canvas: MakeCanvas,
         *,
         path: ArrayLike | HasPath | None = None,
         start: ArrayLike | None = None,
         goal: ArrayLike | None = None,
+        frame: str | None = None,
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
         from cspace.view.page import Page
 
+        is_arm = isinstance(space, ArmSpace)
+        if frame is not None and not is_arm:
+            problem, rule = f"is {frame!r}", "a map has no frames"
+            raise InputError("frame", problem, rule, "leave it out", value=frame)
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
-            self.canvas = canvas(self.server, points, marks)
+            self.canvas: Canvas
+            if is_arm:
+                self.canvas = ArmCanvas(space, self.server, points, marks, frame)
+            else:
+                self.canvas = MapCanvas(space, self.server, points, marks)
             source: Any = path if hasattr(path, "sample") or hasattr(path, "trajectory") else None
             self.page = Page(self.server, space, self.canvas, points, source)
         except BaseException:
-            stop(self.server)
+            self.server.stop()
             raise
 
     @property
@@ -120,7 +121,7 @@ class Viewer:
         if not self._closed.is_set():
             self._closed.set()
             self.page.close()
-            stop(self.server)
+            self.server.stop()
 
     def wait(self) -> None:
         """Wait until the page is closed or Ctrl-C closes it."""
@@ -151,30 +152,14 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
 
 
-def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
-    """Return a function that makes the canvas of a space; ``frame`` is the tool frame of an arm.
-
-    Raises InputError if a frame is given for a map.
-    """
-    if isinstance(space, ArmSpace):
-        return partial(ArmCanvas, space, frame=frame)
-    if frame is not None:
-        raise InputError(
-            "frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame
-        )
-    return partial(MapCanvas, space)
-
-
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
     """Open the page of a space.
 
     If ``block`` is set, print its address and wait until it is closed.
     """
-    shown: dict[str, Any] = {**options}
-    viewer = Viewer(space, choose_canvas(space, shown.pop("frame", None)), **shown)
+    viewer = Viewer(space, **options)
     if block:
-        sys.stdout.write(f"{viewer.url}  Ctrl-C closes it\n")
-        sys.stdout.flush()
+        print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
         viewer.wait()
     return viewer
 
@@ -189,12 +174,16 @@ def serve(host: str, port: int | None) -> ViserServer:
     MissingPackageError if viser is not installed.
     """
     viser = import_optional("viser", "it serves the page in the browser", "view")
+    import rich
     from websockets.exceptions import ConnectionClosed
 
-    with _quiet():
-        server: ViserServer = viser.ViserServer(
-            host, _free_port(host, port), label="cspace", verbose=False
-        )
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True  # viser prints its address
+    try:
+        free = _free_port(host, port)
+        server: ViserServer = viser.ViserServer(host, free, label="cspace", verbose=False)
+    finally:
+        console.quiet = before
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
@@ -209,25 +198,6 @@ def serve(host: str, port: int | None) -> ViserServer:
     sockets.on_client_connect(admit)
     sockets.disconnect_all_clients()  # clients that connected before the check connect again
     return server
-
-
-def stop(server: ViserServer) -> None:
-    """Stop a server."""
-    with _quiet():
-        server.stop()
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence viser, which prints through rich's console."""
-    import rich
-
-    console = rich.get_console()
-    before, console.quiet = console.quiet, True
-    try:
-        yield
-    finally:
-        console.quiet = before
 
 
 def is_same_site(origin: str | None, asked: str, host: str) -> bool:
@@ -268,9 +238,6 @@ def _free_port(host: str, port: int | None) -> int:
         try:
             with socket.create_server((host, candidate), family=family) as trial:
                 return int(trial.getsockname()[1])
-        except PermissionError as error:
-            rule, hint = "this user cannot serve it", "pass a port from 1024 on"
-            raise InputError("port", f"is {candidate}", rule, hint, value=port) from error
         except OSError as error:
             if error.errno not in _TAKEN_ERRORS:
                 rule = "it must be an address of this machine"
@@ -279,5 +246,5 @@ def _free_port(host: str, port: int | None) -> int:
     problem = f"is {port}"
     if port is None:
         problem = f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
-    hint = "pass another port, or 0 for any"
-    raise InputError("port", problem, "other programs use it", hint, value=port)
+    rule, hint = "other programs use it", "pass another port from 1024 on, or 0 for any"
+    raise InputError("port", problem, rule, hint, value=port)

@@ -69,7 +69,9 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
         for a, b in PATH_OF_JOINTS
     ]
     assert np.linalg.norm(shown[:, np.newaxis] - tip_positions[2], axis=-1).min() < 0.08
-    for q in interpolate_path(space.rotations, np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT):
+    for q in interpolate_path(
+        space.rotations, np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT
+    ):
         tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
         assert np.linalg.norm(pale - tip, axis=-1).min() < 0.08
     (line,) = ax.lines

@@ -46,7 +46,11 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ),
     ("flat", {"zoom": 0.5}, "zoom is 0.5; it must be at least 1 (the whole map)"),
     ("flat", {"zoom": math.nan}, "zoom is nan"),
-    ("flat", {"zoom": 2.0, "center": (9.0, 1.0)}, "center is [9.0, 1.0]; the grid is from [0.0, 0.0]"),
+    (
+        "flat",
+        {"zoom": 2.0, "center": (9.0, 1.0)},
+        "center is [9.0, 1.0]; the grid is from [0.0, 0.0]",
+    ),
     ("flat", {"cut": 1.0}, "cut is given with view plane; it needs view 3d"),
     (
         "flat",
