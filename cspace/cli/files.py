@@ -86,7 +86,7 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
     if file.suffix.lower() == ".json":
         record = read_json(file, "path")
         return list(record.get("axes", axes)), record["path"]
-    reader = csv.DictReader(read_text(file, "path").splitlines())
+    reader = csv.DictReader(read_text(file, "path").splitlines(), restval="")
     # The path of a car has an additional column: its direction of driving.
     names = [name for name in reader.fieldnames or () if name != "direction"]
     return names, [[row[name] for name in names] for row in reader]

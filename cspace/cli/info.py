@@ -31,14 +31,6 @@ if TYPE_CHECKING:
 FileKind = Literal["map", "workspace", "robot", "arm"]
 """Kind of object in a file."""
 
-_KIND_NAMES: Final = {
-    "map": "a saved map",
-    "workspace": "a workspace",
-    "robot": "a robot",
-    "arm": "an arm",
-}
-"""Text for each kind."""
-
 _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "map": (),
     "workspace": ("spacing", "solid"),
@@ -78,7 +70,7 @@ def info(
 
     kind = kind or _guess_kind(file)
     options = drop_none(spacing=spacing, solid=solid, srdf=srdf, package_dirs=package_dirs or None)
-    refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is {_KIND_NAMES[kind]}")
+    refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
     if spacing is not None:
         check_positive(spacing, "spacing")
     if kind == "map":

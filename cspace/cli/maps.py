@@ -26,7 +26,6 @@ from cspace.cli.options import (
     SolidMesh,
     Srdf,
     Unknown,
-    check_dimensions,
     drop_none,
     open_robot,
     parse_box,
@@ -54,10 +53,8 @@ def make(
             metavar="WORKSPACE",
             readable=False,
             help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In "
-            "space: a mesh (.stl, "
-            ".obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
-            ".pcd, .ply). "
-            "Either: .npy.",
+            "space: a mesh (.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or "
+            "points (.xyz, .csv, .pcd, .ply). Either: .npy.",
         ),
     ],
     robot: Annotated[
@@ -65,9 +62,8 @@ def make(
         typer.Option(
             metavar="SPEC",
             help="In the plane: disc:0.3, rect:0.9x0.6, ellipse:0.5,0.3, footprint:[[X,Y],...] "
-            "or a file with a "
-            "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or "
-            "a mesh.",
+            "or a file with a polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, "
+            "capsule:0.3x1.2 or a mesh.",
         ),
     ],
     spacing: Annotated[
@@ -137,8 +133,7 @@ def make(
         typer.Option(
             metavar="CELLS",
             help="Build tile by tile, each so many cells along an axis, for maps larger than "
-            "memory; the same command "
-            "goes on where it was stopped.",
+            "memory; the same command goes on where it was stopped.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -146,7 +141,6 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.files.formats import read_dimension
     from cspace.record.save import MAP_SUFFIXES
     from cspace.support.check import check_positive
     from cspace.workspace import Workspace, reader_of
@@ -165,7 +159,7 @@ def make(
     with clock.step("read"):
         shape = open_robot(robot, robot_solid, package_dirs)
         reader_of(workspace, options)
-        check_dimensions(workspace, read_dimension(workspace), shape, cells)
+        cells.check_dimension(shape.dim)
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     settings: BuildOptions = {

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
     from cspace.rotations import Rotations
 
-
 Unknown = Literal["occupied", "free"]
 """State of unknown cells in a sensor map."""
 Solid = Literal["auto", "surface", "fill"]
@@ -111,15 +110,6 @@ def read_arm(
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
-_OPTION_PURPOSES: Final = {
-    "srdf": "an arm",
-    "frame": "an arm",
-    "package_dirs": "a URDF",
-    "solid": "a mesh or a URDF",
-}
-"""Inputs that use an option; all other options are for workspaces."""
-
-
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
     """Raise InputError for the first option not in ``taken``.
 
@@ -127,20 +117,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
     """
     for name, value in options.items():
         if name not in taken:
-            rule = f"it is for {_OPTION_PURPOSES.get(name, 'workspaces')}"
-            raise InputError(name, f"is given, but {about}", rule, "omit it", value=value)
-
-
-def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:
-    """Raise InputError if robot, workspace and rotations have different dimensions."""
-    rotations.check_dimension(dim)
-    if robot is not None and robot.dim != dim:
-        problem = (
-            f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has "
-            f"{dim}"
-        )
-        hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("robot", problem, "they must agree", hint, value=robot)
+            raise InputError(name, f"is given, but {about}", hint="omit it", value=value)
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
@@ -192,19 +169,6 @@ def read_marks(
     return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
 
 
-def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Return an example value for each axis."""
-    from cspace.rotations import Rotations
-
-    known = {"x": "-1.5", "y": "2", "z": "0.5"}
-    for kind in Rotations.KINDS.values():
-        known |= zip(kind.names, kind.examples, strict=True)
-    return [
-        known.get(axis, "90deg" if unit == "rad" else "0.2")
-        for axis, unit in zip(axes, units, strict=True)
-    ]
-
-
 def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
     """Parse the rotation in an argument such as ``rotation``.
 
@@ -229,7 +193,8 @@ def _parse_numbers(
     except InputError:
         raise
     except ValueError:
-        hint = f"write e.g. {argument}={','.join(_example_values(axes, units))}"
+        example = ",".join("90deg" if unit == "rad" else "0.5" for unit in units)
+        hint = f"write e.g. {argument}={example}"
         raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
     return tuple(numbers)
 

@@ -59,9 +59,8 @@ def plan(
     planner: Annotated[
         str | None,
         typer.Option(
-            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all "
-            " [default: Grid, or "
-            "Lattice for other drives than holonomic]."
+            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them "
+            "all  [default: Grid, or Lattice for other drives than holonomic]."
         ),
     ] = None,
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,

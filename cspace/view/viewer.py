@@ -6,7 +6,6 @@ import errno
 import html
 import socket
 import threading
-from collections.abc import Iterable
 from contextlib import suppress
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
 
 
 FIRST_PORT: Final = 8080
-"""Default port, and the first of those tried."""
-_MAX_PORTS: Final = 100
-_TAKEN_ERRORS: Final = (errno.EADDRINUSE, errno.EACCES)
+"""Default port; viser takes the next free one."""
 _POLICY_VIOLATION: Final = 1008
 """Status that closes the connection of a foreign page (RFC 6455: policy violation)."""
 
@@ -225,26 +222,22 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return the given port, or the first free one.
+    """Return a port that is free: the given one, or any for 0; by default, the first to try.
 
     Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """
-    if port is None:
-        ports: Iterable[int] = range(FIRST_PORT, FIRST_PORT + _MAX_PORTS)
-    else:
-        ports = [check_count(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
+    given = 0
+    if port is not None:
+        hint = "pass 0 for any free port, or omit it"
+        given = check_count(port, "port", 0, 2**16 - 1, hint)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for candidate in ports:
-        try:
-            with socket.create_server((host, candidate), family=family) as trial:
-                return int(trial.getsockname()[1])
-        except OSError as error:
-            if error.errno not in _TAKEN_ERRORS:
-                rule = "it must be an address of this machine"
-                hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-                raise InputError("host", f"is {host!r}", rule, hint, value=host) from error
-    problem = f"is {port}"
-    if port is None:
-        problem = f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
-    rule, hint = "other programs use it", "pass another port from 1024 on, or 0 for any"
-    raise InputError("port", problem, rule, hint, value=port)
+    try:
+        with socket.create_server((host, given), family=family) as trial:
+            return FIRST_PORT if port is None else int(trial.getsockname()[1])
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            rule, hint = "other programs use it", "pass another port from 1024 on, or 0 for any"
+            raise InputError("port", f"is {port}", rule, hint, value=port) from error
+        rule = "it must be an address of this machine"
+        hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
+        raise InputError("host", f"is {host!r}", rule, hint, value=host) from error

@@ -504,8 +504,8 @@ def test_view_passes_marks_and_path_of_an_arm(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given, but arm.urdf is an arm"),
-        (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, but disc:0.3 is a robot"),
+        (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given, but arm.urdf is read as arm"),
+        (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, but disc:0.3 is read as robot"),
         (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, but map.zarr is not a URDF"),
         (
             ["view", "map.zarr", "--solid", "surface"],
@@ -567,8 +567,8 @@ def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
         "1",
         "configurations are shoulder,elbow, in radians or degrees; write e.g. --start=90deg,90deg",
     ),
-    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
-    ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
+    ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.5"),
+    ("mixed", "0,20deg", "write e.g. --start=90deg,0.5"),
 )
 def test_plan_refuses_invalid_joint_values(
     joints: Path, file: str, start: str, message: str
