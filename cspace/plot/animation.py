@@ -171,9 +171,8 @@ def _draw_map(
         axes, move, handles = _draw_plane(still)
     else:
         axes, move, handles = _draw_solid(still, camera)
-    heading = title_of(space) if title is None else title
     robot = artists.patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
-    artists.annotate(axes, True, heading, [*handles, robot])
+    artists.annotate(axes, True, title, title_of(space), [*handles, robot])
     return axes, move, scene.body.reach
 
 
@@ -214,8 +213,7 @@ def _draw_arm(
     links = {name: split_surface(each, painting.size) for name, each in figure.links.items()}
     draw_tip_path(painting, figure, points, np.zeros(0, dtype=np.bool_))
     entries = [*painting.handles.values(), artists.patch("arm", artists.ROBOT_FILL_COLOR)]
-    heading = space.arm.name if title is None else title
-    artists.annotate(painting.axes, True, heading, entries)
+    artists.annotate(painting.axes, True, title, space.arm.name, entries)
 
     def move(q: Floats) -> None:
         poses = space.arm.poses(q)

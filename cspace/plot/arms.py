@@ -148,9 +148,8 @@ def draw_arm(
             painting.add(split_surface(placed[name], painting.size), GHOST_COLOR, label)
     draw_tip_path(painting, figure, points, find_lost_steps(space, path))
     painting.show()
-    heading = space.arm.name if title is None else title
     entries = list(painting.handles.values()) if legend else []
-    artists.annotate(painting.axes, ax is None, heading, entries)
+    artists.annotate(painting.axes, ax is None, title, space.arm.name, entries)
     axes: Axes = painting.axes
     return axes
 
@@ -185,7 +184,7 @@ def _clip(surface: Surface, low: Floats, high: Floats) -> Surface:
     """Return the part of a surface inside a box."""
     import trimesh
 
-    origins = np.repeat([low, high], 3, axis=0)
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    mesh = trimesh.Trimesh(*surface, process=False).slice_plane(origins, normals)
+    box = trimesh.creation.box(bounds=[low, high])
+    mesh = trimesh.Trimesh(*surface, process=False)
+    mesh = mesh.slice_plane(box.facets_origin, -box.facets_normal)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)

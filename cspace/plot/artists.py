@@ -152,18 +152,18 @@ def draw_cells(
     vanishes.
     """
     side = block_side(ax, classes.shape)
-    image = ax.imshow(
-        color_blocks(classes, side),
+    colors = color_blocks(classes, side)
+    left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
+    # The last blocks may reach beyond the window; the limits of the axes hide that.
+    rows, columns = colors.shape[:2]
+    right, top = left + grid.spacing * side * columns, bottom + grid.spacing * side * rows
+    return ax.imshow(
+        colors,
+        extent=(left, right, bottom, top),
         origin="lower",
         interpolation="nearest",
         aspect=ax.get_aspect(),
     )
-    lower = [grid.lower[axis] + grid.spacing * window[axis].start for axis in pair]
-    # The last blocks may reach beyond the window; the limits of the axes hide that.
-    blocks = [math.ceil(n / side) for n in classes.shape]
-    upper = [low + grid.spacing * side * n for low, n in zip(lower, blocks, strict=True)]
-    image.set_extent((lower[0], upper[0], lower[1], upper[1]))
-    return image
 
 
 def block_side(ax: Axes, shape: Sequence[int]) -> int:
@@ -180,13 +180,13 @@ def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
 
 def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
     """Return legend entries of classes, obstacles first, and of the exterior."""
-    present = np.unique(np.concatenate([np.unique(part) for part in classes]))
-    labels = {index: label for index, (label, _) in enumerate(CLASSES)}
-    if scene.rotation is None:
-        labels |= LABELS_OVER_ROTATIONS
-    entries = [patch(labels[index], CLASSES[index][1]) for index in reversed(present.tolist())]
-    grid, box = scene.space.grid, scene.box
-    if (box[0] < grid.lower).any() or (box[1] > grid.upper).any():
+    entries = []
+    for index in sorted({*np.concatenate([np.unique(part) for part in classes])}, reverse=True):
+        label, color = CLASSES[index]
+        if scene.rotation is None:
+            label = LABELS_OVER_ROTATIONS.get(index, label)
+        entries.append(patch(label, color))
+    if not scene.space.grid.contains(scene.box).all():
         entries.append(patch("outside the grid", "#f2f2f2", "#c4c4c4", hatch="////"))
     return entries
 
@@ -276,14 +276,10 @@ def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> 
     """Set limits, scale, labels and hatching of axes for two axes of a box."""
     right, up = pair
     ax.set(xlim=box[:, right], ylim=box[:, up], xlabel=labels[right], ylabel=labels[up])
-    ax.set_aspect("equal" if is_to_scale(box[:, [right, up]]) else "auto")
+    lengths = np.ptp(box[:, [right, up]], axis=0)
+    is_to_scale = lengths.max() <= MAX_ASPECT_RATIO * lengths.min()
+    ax.set_aspect("equal" if is_to_scale else "auto")
     ax.patch.set(**OUTSIDE_STYLE)
-
-
-def is_to_scale(box: Floats) -> bool:
-    """Return True if a box is not too long to be drawn to scale."""
-    lengths = box[1] - box[0]
-    return bool(lengths.max() <= MAX_ASPECT_RATIO * lengths.min())
 
 
 def axes_size(box: Floats) -> tuple[float, float]:
@@ -310,8 +306,11 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
 
-def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> None:
+def annotate(
+    ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
+) -> None:
     """Add a title, and a legend if there are handles: below a new figure, or beside the axes."""
+    heading = default if title is None else title
     if is_new:
         # A title may be wider than narrow axes, so new figures have it above all axes.
         ax.figure.suptitle(heading, fontsize=10)

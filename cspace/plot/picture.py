@@ -176,11 +176,9 @@ def plot(
         painting = draw_surface(scene, ax, surface, cut, camera)
         painting.show()
         axes, handles = painting.axes, list(painting.handles.values())
-    heading = title_of(drawn) if title is None else title
     about = drawn.rotations.describe(scene.rotation)
-    if title is None and about:
-        heading += f"\n{about}"
-    artists.annotate(axes, ax is None, heading, handles if legend else [])
+    heading = "\n".join(filter(None, [title_of(drawn), about]))
+    artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
 

@@ -173,12 +173,12 @@ def draw_surface(
     grid = scene.space.grid
     painting = Painting(scene.box, ax, camera, grid.labels)
     top = _choose_top(scene, cut)
+    lowest = artists.UNSEEN if surface == "obstacles" else artists.UNDECIDED
     if surface == "obstacles":
         classes = artists.classify_ground(scene.space.workspace, scene.window)
-        levels = np.where(classes == artists.OBSTACLE, np.uint8(2), classes == artists.UNSEEN)
     else:
         classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
-        levels = np.where(classes >= artists.UNDECIDED, np.uint8(2), np.uint8(0))
+    levels = np.where(classes >= lowest, classes, np.uint8(0))
     begins = np.array([part.start for part in scene.window])
     corner = np.array(grid.lower) + grid.spacing * begins
     if top < grid.upper[2]:
@@ -186,9 +186,10 @@ def draw_surface(
         levels = levels[..., : max(1, count)]
     faces, kinds = border_faces(levels, painting.towards, is_cut=top < grid.upper[2])
     polygons = corner + grid.spacing * faces
-    for kind, (label, color) in ((2, SURFACES[surface]), (1, UNKNOWN_SURFACE)):
-        if (kinds == kind).any():
-            painting.add(polygons[kinds == kind], color, label)
+    unknown = (kinds == artists.UNSEEN) & (surface == "obstacles")
+    for chosen, (label, color) in ((~unknown, SURFACES[surface]), (unknown, UNKNOWN_SURFACE)):
+        if chosen.any():
+            painting.add(polygons[chosen], color, label)
     if surface == "obstacles" and len(scene.stations):
         robot = split_triangles(scene.body.triangles, scene.body.size)
         placed = scene.body.transform(robot.reshape(-1, 3), scene.stations)
@@ -273,17 +274,12 @@ def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
 def _choose_top(scene: Scene, cut: float | None) -> float:
     """Return the height above which no cells are drawn, metres."""
     grid = scene.space.grid
-    low, high = grid.lower[2], grid.upper[2]
+    heights = np.array(grid.upper[2])
     if cut is not None:
-        height = check_finite(cut, "cut")
-        if height.ndim or not low < height <= high:
-            rule = f"it must be one height above {low:g} and up to {high:g}"
-            raise InputError("cut", f"is {cut!r}", rule, "pass metres", value=cut)
-        return float(height)
-    if not len(scene.points):
-        return float(high)
-    tops = scene.body.extents(np.concatenate([scene.stations, scene.points]))[:, 1, 2]
-    return float(np.clip(tops.max(), low + grid.spacing, scene.box[1, 2]))
+        heights = check_finite(cut, "cut")
+    elif len(scene.points):
+        heights = scene.body.extents(np.concatenate([scene.stations, scene.points]))[:, 1, 2]
+    return float(np.clip(heights.max(), grid.lower[2] + grid.spacing, grid.upper[2]))
 
 
 def split_triangles(triangles: Floats, size: float) -> Floats:

@@ -228,6 +228,5 @@ def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
 def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
     """Return the configurations with the most distant positions as start and goal."""
     distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
-    return dict(
-        zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True)
-    )
+    start, goal = np.unravel_index(int(distances.argmax()), distances.shape)
+    return {"start": q[start], "goal": q[goal]}

@@ -144,13 +144,10 @@ class Stage:
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        layer = self._below(blocks, cut)[
-            ..., -1
-        ]  # the highest layer of blocks that begins below the cut
+        layer = self._below(blocks, cut)[..., -1]  # the highest one that begins below the cut
         lower = self.lower[:2]
-        upper = np.minimum(
-            lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2]
-        )
+        size = self.grid.spacing * blocks.side * np.array(layer.shape)
+        upper = np.minimum(lower + size, self.upper[:2])
         image = self._colors[layer]  # [x, y, channel]
         # Images are indexed [row, column], and their first row is the one with the largest y.
         image = image.transpose(1, 0, 2)[::-1]

@@ -6,7 +6,8 @@ import errno
 import html
 import socket
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
@@ -96,7 +97,7 @@ class Viewer:
             source: Any = path if hasattr(path, "sample") or hasattr(path, "trajectory") else None
             self.page = Page(self.server, space, self.canvas, points, source)
         except BaseException:
-            self.server.stop()
+            stop(self.server)
             raise
 
     @property
@@ -118,7 +119,7 @@ class Viewer:
         if not self._closed.is_set():
             self._closed.set()
             self.page.close()
-            self.server.stop()
+            stop(self.server)
 
     def wait(self) -> None:
         """Wait until the page is closed or Ctrl-C closes it."""
@@ -171,16 +172,11 @@ def serve(host: str, port: int | None) -> ViserServer:
     MissingPackageError if viser is not installed.
     """
     viser = import_optional("viser", "it serves the page in the browser", "view")
-    import rich
     from websockets.exceptions import ConnectionClosed
 
-    console = rich.get_console()
-    before, console.quiet = console.quiet, True  # viser prints its address
-    try:
-        free = _free_port(host, port)
+    free = _free_port(host, port)
+    with _quiet():
         server: ViserServer = viser.ViserServer(host, free, label="cspace", verbose=False)
-    finally:
-        console.quiet = before
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
@@ -195,6 +191,25 @@ def serve(host: str, port: int | None) -> ViserServer:
     sockets.on_client_connect(admit)
     sockets.disconnect_all_clients()  # clients that connected before the check connect again
     return server
+
+
+def stop(server: ViserServer) -> None:
+    """Stop a server."""
+    with _quiet():
+        server.stop()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence viser, which prints through rich's console."""
+    import rich
+
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
 
 
 def is_same_site(origin: str | None, asked: str, host: str) -> bool:
