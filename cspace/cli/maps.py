@@ -41,7 +41,6 @@ from cspace.support.words import Method, Outside
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
-    from cspace.builder import BuildOptions
     from cspace.space import CSpace
     from cspace.tiles.space import TiledCSpace
 
@@ -142,8 +141,7 @@ def make(
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
     from cspace.record.save import MAP_SUFFIXES
-    from cspace.support.check import check_positive
-    from cspace.workspace import Workspace, reader_of
+    from cspace.workspace import Workspace
 
     cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
@@ -153,34 +151,20 @@ def make(
         prepare_store(output, overwrite)
     box = None if bounds is None else parse_box(bounds, "bounds")
     options = drop_none(spacing=spacing, unknown=unknown, bounds=box, solid=solid, radius=radius)
-    if spacing is not None:
-        check_positive(spacing, "spacing")
     clock = Clock()
     with clock.step("read"):
         shape = open_robot(robot, robot_solid, package_dirs)
-        reader_of(workspace, options)
-        cells.check_dimension(shape.dim)
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
-    settings: BuildOptions = {
-        "rotations": cells,
-        "inner": inner,
-        "counts": counts,
-        "method": method,
-        "outside": outside,
-        "margin": margin,
-    }
-    space: CSpace | TiledCSpace
+    settings: dict[str, Any] = {"rotations": cells, "inner": inner, "counts": counts}
+    settings |= {"method": method, "outside": outside, "margin": margin}
     if tile is not None:
-        with clock.step("build") as progress:
-            settings["progress"] = progress
-            space = build(obstacles, shape, store=output, tile=tile, **settings)
-    else:
-        with clock.step("build") as progress:
-            settings["progress"] = progress
-            space = made = build(obstacles, shape, **settings)
+        settings |= {"store": output, "tile": tile}
+    with clock.step("build") as progress:
+        space: Any = build(obstacles, shape, progress=progress, **settings)
+    if tile is None:
         with clock.step("save"):
-            made.save(output, overwrite=overwrite)
+            space.save(output, overwrite=overwrite)
     show({"map": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 

@@ -281,7 +281,6 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     for name in ("opening.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
         monkeypatch.setattr(f"cspace.{name}", work)
     for name in (
-        "negative spacing",
         "no rotations",
         "bounds of words",
         "bounds reversed",
