@@ -37,7 +37,7 @@ from cspace.cli.options import (
     refuse_options,
 )
 from cspace.cli.report import Clock, show
-from cspace.support.words import Method, Outside
+from cspace.support.words import Outside
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
@@ -117,16 +117,6 @@ def make(
     margin: Annotated[
         float, typer.Option(metavar="METRES", help="Grow the robot by this much.")
     ] = 0.0,
-    inner: Annotated[
-        bool,
-        typer.Option(
-            "--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED."
-        ),
-    ] = True,
-    counts: Annotated[
-        bool, typer.Option("--counts", help="Keep the overlap counts in the map.")
-    ] = False,
-    method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = "auto",
     tile: Annotated[
         int | None,
         typer.Option(
@@ -156,8 +146,7 @@ def make(
         shape = open_robot(robot, robot_solid, package_dirs)
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
-    settings: dict[str, Any] = {"rotations": cells, "inner": inner, "counts": counts}
-    settings |= {"method": method, "outside": outside, "margin": margin}
+    settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
     if tile is not None:
         settings |= {"store": output, "tile": tile}
     with clock.step("build") as progress:
@@ -179,10 +168,6 @@ def picture(
     path: PathFile = None,
     start: Mark = None,
     goal: Mark = None,
-    robot_every: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen]."),
-    ] = None,
     rotation: Annotated[
         str | None,
         typer.Option(
@@ -204,12 +189,6 @@ def picture(
         float | None,
         typer.Option(
             metavar="TIMES", help="Show a part only, so many times larger, around --center."
-        ),
-    ] = None,
-    surface: Annotated[
-        Literal["obstacles", "free"] | None,
-        typer.Option(
-            help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."
         ),
     ] = None,
     cut: Annotated[
@@ -235,7 +214,7 @@ def picture(
     with clock.step("read"):
         space = open_map(file)
         axes, units, dim = space.axes, space.units, space.grid.dim
-        options = drop_none(view=view, zoom=zoom, surface=surface, cut=cut)
+        options = drop_none(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
             options["rotation"] = parse_rotation(rotation, "rotation", space)
@@ -244,7 +223,7 @@ def picture(
         if path is not None:
             options["path"] = read_path(path, axes)
     with clock.step("draw"):
-        save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
+        save_plot(space, output, overwrite, dpi=dpi, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
 

@@ -175,7 +175,6 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         [*_PLOT_PLANE, "--dpi", "100000"],
         ["--dpi is 100000", "at most 2,400"],
     ),
-    "negative distance of robots": ([*_PLOT_PLANE, "--robot-every", "-1"], ["--robot-every is -1"]),
     "yaw in degrees": (
         ["plot", "turning.zarr", "-o", "new.png", "--rotation", "90"],
         ["--rotation has the yaw", "90deg"],
@@ -201,9 +200,9 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         ["plot", "space.zarr", "-o", "n.png", "--center", "1,1,1", "--view", "3d"],
         ["--center is given without zoom", "--zoom=8"],
     ),
-    "surface of sections": (
-        ["plot", "space.zarr", "-o", "n.png", "--surface", "free"],
-        ["--surface", "view 3d"],
+    "cut of sections": (
+        ["plot", "space.zarr", "-o", "n.png", "--cut", "1"],
+        ["--cut", "view 3d"],
     ),
     "export suffix": (["export", "plane.zarr", "new.bmp"], ["new.bmp", ".npz", ".yaml"]),
     "export exists": (["export", "plane.zarr", "old.npz"], ["old.npz: exists", "--overwrite"]),
