@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cspace.errors import FileError, InputError
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
-    from cspace.tiles.space import TiledCSpace
+    pass
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
@@ -117,18 +116,13 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
     return {} if options.get("solid") == "fill" else {"lazy": True}
 
 
-def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
+def select_window(space: Any, box: Sequence[float] | None) -> Any:
     """Return a map in memory, or a window of a tiled map.
 
     Raises InputError if the map is tiled and ``box`` is None, or the other way round.
     """
-    from cspace.tiles.space import TiledCSpace
-
-    if isinstance(space, TiledCSpace):
-        if box is None:
-            hint = "select a part with --window"
-            raise InputError("MAP", "is a tiled map", "export needs it in memory", hint)
-        return space.window(box[: len(box) // 2], box[len(box) // 2 :])
-    if box is not None:
-        raise InputError("window", "is given", "it is for tiled maps", "omit it", value=box)
-    return space
+    if space.in_memory != (box is None):
+        problem = "is missing" if box is None else "is given"
+        rule = "export writes parts of tiled maps, and whole maps in memory"
+        raise InputError("window", problem, rule, value=box)
+    return space if box is None else space.window(box[: len(box) // 2], box[len(box) // 2 :])

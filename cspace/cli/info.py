@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -138,19 +137,12 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
     """Describe a map: its robot, grid, rotations and cheap counts."""
     grid = space.grid
-
-    def corner(name: str, numbers: Sequence[float]) -> dict[str, Any]:
-        """Return a corner as a list, or by axis if units differ."""
-        if len(set(grid.units)) == 1:
-            return {with_unit(name, grid.unit): list(numbers)}
-        names = [with_unit(axis, unit) for axis, unit in zip(grid.axes, grid.units, strict=True)]
-        return {name: dict(zip(names, numbers, strict=True))}
-
+    joints = {} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}
     return {
         "robot": space.robot.name,
-        **({} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}),
-        **corner("lower", grid.lower),
-        **corner("upper", grid.upper),
+        **joints,
+        with_unit("lower", grid.unit): list(grid.lower),
+        with_unit("upper", grid.unit): list(grid.upper),
         with_unit("spacing", grid.unit): grid.spacing,
         "shape": list(grid.shape),
         "outside": space.outside,
@@ -176,7 +168,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     }
     if robot.shape.inner is robot.shape.outer:
         described = described["outer"]
-    document = {"robot": robot.name, **described}
+    document: dict[str, Any] = {"robot": robot.name, **described}
     if spacing is not None:
         document["cells_across"] = covering_shape(np.array(robot.shape.outer.bounds), spacing)
     return document

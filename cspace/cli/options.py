@@ -208,14 +208,11 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
 
     try:
         values = tuple(map(float, text.split(",")))
-        if len(values) not in (4, 6):
-            raise ValueError
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        raise InputError(
-            argument, f"is {text!r}", rule, f"write e.g. {argument}=-1,-1,0,4,3,2.5", value=text
-        ) from None
-    check_bounds(values, len(values) // 2)
+        hint = f"write e.g. {argument}=-1,-1,0,4,3,2.5"
+        raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
+    check_bounds(values, 2 if len(values) <= 4 else 3)
     return values
 
 

@@ -86,7 +86,7 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
     def meets(points: Floats) -> Bools:
         """Return a mask of the configurations whose robot reaches the section."""
         low, high = body.extents(points)[..., across].T
-        return (low <= level) & (level <= high)
+        return np.asarray((low <= level) & (level <= high))
 
     handles = artists.draw_path(ax, scene.points, scene.lost, pair, alpha=0.4)
     if len(scene.points) > 1:

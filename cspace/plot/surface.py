@@ -257,7 +257,7 @@ def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
     """Return cells, (n, 3), and corners, (n, 4, 3), of faces towards the camera."""
     cells = [np.empty((0, 3), np.int64)]
     corners = [np.empty((0, 4, 3), np.int64)]
-    for axis in np.flatnonzero(towards):
+    for axis in np.flatnonzero(towards).tolist():
         up = int(towards[axis] > 0.0)
         exposed = np.argwhere(exposed_cells(solid, axis, up))
         cells.append(exposed)

@@ -80,8 +80,6 @@ class ArmCanvas(Canvas):
 
     tool: ToolFrame
 
-    has_cells = False
-
     def __init__(
         self,
         space: Any,
@@ -179,7 +177,7 @@ class ArmCanvas(Canvas):
         """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
         space, scene = self._space, self._server.scene
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
-        arms = {"robot": (figure.links, ROBOT_FILL_COLOR, 1.0)}
+        arms = {"robot": ([*figure.links], ROBOT_FILL_COLOR, 1.0)}
         arms |= {name: (figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()}
         with self._links_lock, self._server.atomic():
             for group in ("obstacles", *arms):
@@ -252,7 +250,6 @@ class ArmCanvas(Canvas):
     def _add_ghosts(self, link: str, poses: Floats) -> Any:
         """Add copies of a link at poses, shape (n, 4, 4)."""
         vertices, faces = self._figure.links[link]
-        self.bytes += vertices.nbytes + faces.nbytes
         return self._server.scene.add_batched_meshes_simple(
             f"/ghosts/{link}",
             vertices,
@@ -270,7 +267,7 @@ class ArmCanvas(Canvas):
     def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
         """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
         size = max(radius, MIN_POINT_SHARE * float(np.ptp(centers, axis=0).max()))
-        points = self._server.scene.add_point_cloud(
+        self._server.scene.add_point_cloud(
             name,
             centers,
             rgb(KINDS["obstacles"].color),
@@ -278,7 +275,6 @@ class ArmCanvas(Canvas):
             point_shape="circle",
             precision="float32",
         )
-        self.bytes += points.points.nbytes
 
     def _show_marks(self) -> None:
         """Show the arms at start and goal.

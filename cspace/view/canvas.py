@@ -73,14 +73,10 @@ class Canvas(ABC):
         Description of the space.
     legend : list of tuple of str
         Colours and their meanings.
-    has_cells : bool
-        True for maps, whose MIXED cells an exact check may decide.
     tool : ToolFrame or None
         Frame of an arm that users drag to a pose.
     robot_reach : float
         Distance of a rigid robot's farthest point from its reference point, metres; 0 for an arm.
-    bytes : int
-        Size of the arrays sent so far to each client.
     """
 
     robot: Floats
@@ -88,13 +84,11 @@ class Canvas(ABC):
     title: str
     about: str
     legend: list[tuple[str, str]]
-    has_cells = True
     robot_reach = 0.0
     tool: ToolFrame | None = None
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         self._server, self._space, self.endpoints = server, space, endpoints
-        self.bytes = 0
         scene = server.scene
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
@@ -185,7 +179,7 @@ class Canvas(ABC):
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
         """Add a mesh to the scene, and return its handle."""
-        handle = self._server.scene.add_mesh_simple(
+        return self._server.scene.add_mesh_simple(
             name,
             *surface,
             color=rgb(color),
@@ -195,8 +189,6 @@ class Canvas(ABC):
             cast_shadow=False,
             receive_shadow=False,
         )
-        self.bytes += handle.vertices.nbytes + handle.faces.nbytes
-        return handle
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Place initial cameras so that a box is in view."""

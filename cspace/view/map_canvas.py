@@ -78,6 +78,7 @@ class MapCanvas(Canvas):
         self.glyph = Body(space.robot, space.rotations)
         self.robot_reach = self.glyph.reach
         self.poses = Poses(space.grid.dim, space.rotations)
+        self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
         wall = min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest)
@@ -91,7 +92,8 @@ class MapCanvas(Canvas):
         if stage.has_height:
             # Above the robot at start, goal and path.
             about = np.concatenate([[*self.endpoints.values()], points])
-            top = float(self.glyph.extents(about)[:, 1, 2].max()) + 0.5 * grid.spacing
+            top = float(self.glyph.extents(about)[:, 1, 2].max())
+            top = math.ceil(top / self._step - 1e-9) * self._step
             self.cut = min(max(top, stage.lower[2] + grid.spacing), self.cut)
         self._drawn: dict[str, Part | None] = {}
         self._drawing = threading.Lock()
@@ -110,7 +112,6 @@ class MapCanvas(Canvas):
         suffix = f" x {space.rotations}" if space.rotations.names else ""
         self.title = space.robot.name
         self.about = f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
-        self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.dials = [
             Dial(label, round(low, 9), round(high, 9), self._step)
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
@@ -256,7 +257,6 @@ class MapCanvas(Canvas):
             cast_shadow=False,
             receive_shadow=False,
         )
-        self.bytes += section.image.nbytes
 
     def _add_gizmo(self, name: str, color: str) -> Any:
         """Add a robot that can be dragged, with its name above it."""

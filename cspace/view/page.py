@@ -137,7 +137,7 @@ class Panel:
             "exact",
             False,
             hint="Check the exact geometry in undecided cells; slower.",
-            visible=canvas.has_cells,
+            visible=canvas.tool is None,
         )
         self.plan = gui.add_button("Plan")
         self.proof = gui.add_markdown("")
@@ -228,9 +228,8 @@ class Page:
         def slide_robot(event: Any) -> None:
             if event.client is not None:
                 self._playing.clear()
-                self._place(
-                    canvas.configuration_of(tuple(float(slider.value) for slider in panel.sliders))
-                )
+                numbers = tuple(float(slider.value) for slider in panel.sliders)
+                self._place(canvas.configuration_of(numbers))
 
         def slide_along_path(event: Any) -> None:
             if event.client is not None and len(self._path):
@@ -403,22 +402,19 @@ class Page:
         panel, pose = self.panel, self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
-        planner: Any = None if panel.planner.value == AUTOMATIC else panel.planner.value
+        planner, radius = panel.planner.value, panel.turning_radius
+        options: dict[str, Any] = {
+            "planner": None if planner == AUTOMATIC else planner,
+            "time_limit": float(panel.time_limit.value),
+            "exact": bool(panel.exact.value),
+            "drive": panel.drive.value,
+            "turning_radius": float(radius.value) if radius.visible else None,
+        }
+        goal = self.marks["goal"] if pose is None else pose
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
-            self.plan = plan = planners.plan(
-                self._space,
-                self.marks["start"],
-                self.marks["goal"] if pose is None else pose,
-                planner=planner,
-                time_limit=float(panel.time_limit.value),
-                exact=bool(panel.exact.value),
-                drive=panel.drive.value,
-                turning_radius=float(panel.turning_radius.value)
-                if panel.turning_radius.visible
-                else None,
-            )
+            self.plan = plan = planners.plan(self._space, self.marks["start"], goal, **options)
         finally:
             panel.plan.disabled = False
         self._prover.request()
