@@ -66,8 +66,8 @@ class ArmFigure:
             name: transform_surface(_surface(each.shape.outer, max_balls), each.pose)
             for name, each in space.obstacles.items()
         }
-        self.moving = [link.name for link in arm.links if link.body]
         depths = {link.name: count_joints(arm, link.name) for link in arm.links}
+        self.moving = [name for name, depth in depths.items() if depth]
         self.tip = max(depths, key=depths.__getitem__)
         self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
 

@@ -75,7 +75,6 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    examples = ("0", "0", "0", "1")
     limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate(
