@@ -461,11 +461,9 @@ class Robot:
         Parameters
         ----------
         text : str
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``,
-            ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each
-            followed by its center if that is not the origin, as in ``rect:4.5x1.9@1.3,0``;
-            ``footprint:[[X,Y],...]``, or ``footprint:`` and the text of a robot in space, for its
-            projection.
+            A name, a colon and sizes in metres, such as ``disc:0.3``; the page on robots lists all
+            names. The center follows if it is not the origin, as in ``rect:4.5x1.9@1.3,0``.
+            ``footprint:`` and the text of a robot in space are its projection.
 
         Raises
         ------
@@ -479,7 +477,7 @@ class Robot:
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
         if not isinstance(text, str) or not primitives.is_short_text(text):
-            hint = f"pass {', '.join(primitives.SHORT_TEXTS)}; Robot.open reads files"
+            hint = f"pass {primitives.SHORT_TEXT_FORMS}; Robot.open reads files"
             raise InputError(
                 "robot",
                 f"is {text!r}",
@@ -524,8 +522,10 @@ class Robot:
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
         name, part = _split_part(path, files)
-        texts = ", ".join(primitives.SHORT_TEXTS)
-        rule = f"it must be a file that describes a robot; Robot.parse takes {texts}"
+        rule = (
+            "it must be a file that describes a robot; Robot.parse takes "
+            f"{primitives.SHORT_TEXT_FORMS}"
+        )
         suffix = check_suffix(name, files, rule, "robot")
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}

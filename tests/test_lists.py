@@ -26,6 +26,7 @@ from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.record.save import MAP_SUFFIXES
+from cspace.shapes.primitives import SHORT_TEXTS
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT
 from tests.soak import files as soak
@@ -64,11 +65,6 @@ def robot_hint() -> str:
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
     return f"{caught.value.hint}; {caught.value.rule}"
-
-
-def robot_forms() -> dict[str, str]:
-    """Return the form of each short text, such as RADIUS for disc."""
-    return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
 
 
 def robot_suffixes() -> list[str]:
@@ -123,22 +119,22 @@ def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str,
 
 
 def test_every_short_text_of_a_robot_is_documented() -> None:
-    forms = robot_forms()
-    assert "disc" in forms
-    texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(find_quoted(str(Robot.parse.__doc__)))
-    assert texts <= set(find_quoted((DOCS / "reference" / "cli.md").read_text(encoding="utf-8")))
-    described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
-    assert [kind for kind in forms if f"{kind}:" not in described] == []
     examples = {
-        text
+        text.partition(":")[0]
         for row in read_tables("reference/robots.md")
         for text in find_quoted(row[0])
-        if text.partition(":")[0] in forms
+        if ":" in text
     }
-    assert {text.partition(":")[0] for text in examples} == set(forms)
-    for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
-        assert isinstance(Robot.parse(text), Robot)
+    assert examples == set(SHORT_TEXTS)
+
+
+@pytest.mark.parametrize("name", SHORT_TEXTS)
+def test_every_short_text_is_parsed_and_listed_in_messages(name: str) -> None:
+    kind = SHORT_TEXTS[name]
+    assert kind.example.startswith(f"{name}:")
+    assert Robot.parse(kind.example).dim == kind.dimension
+    assert f"{name}:{kind.form}" in robot_hint()
+    assert f"{name}:{kind.form}" in run("map", "flat.geojson", "--robot", "help").stderr
 
 
 def test_every_file_of_a_robot_is_documented() -> None:

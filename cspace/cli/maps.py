@@ -64,10 +64,8 @@ def make(
         str,
         typer.Option(
             metavar="SPEC",
-            help="In the plane: disc:0.3, rect:0.9x0.6, ellipse:0.5,0.3, footprint:[[X,Y],...] "
-            "or a file with a "
-            "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or "
-            "a mesh.",
+            help="A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (--robot help lists "
+            "all), or a file with a polygon, a mesh or a URDF.",
         ),
     ],
     spacing: Annotated[

@@ -20,7 +20,7 @@ from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
-from cspace.shapes.primitives import SHORT_TEXTS, is_short_text, parse_short_text
+from cspace.shapes.primitives import SHORT_TEXT_FORMS, is_short_text, parse_short_text
 from cspace.shapes.shape import BoundedShape as BoundedShape
 from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import RoundedSimplices as RoundedSimplices
@@ -82,7 +82,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         Or an iterable of shapes, robots, geometries or mappings.
         Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or
         :meth:`Mesh.of` takes, metres. A string is a short text such as ``"ellipse:0.5,0.3"``
-        (:data:`cspace.shapes.primitives.SHORT_TEXT_FORMS`), WKT, or the path of a file of polygons
+        (:data:`cspace.shapes.primitives.SHORT_TEXTS`), WKT, or the path of a file of polygons
         or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
@@ -178,7 +178,7 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
         "it must be a short text, WKT, or a file that ends in "
         f"{', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
     )
-    kinds = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
+    kinds = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
     hint = suggest_converter(Path(source)) or " ".join(
         filter(None, (suggest_name(Path(source)), kinds))
     )
