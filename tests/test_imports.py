@@ -143,7 +143,7 @@ def documented_names() -> dict[str, set[str]]:
     text = "\n".join(
         page.read_text(encoding="utf-8") for page in pages if "_build" not in page.parts
     )
-    api = re.split(r"currentmodule:: (\w+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
+    api = re.split(r"currentmodule:: ([\w.]+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
     shown = [
         f"cspace.{name}"
         for package, part in zip(api[1::2], api[2::2], strict=True)
