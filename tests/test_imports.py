@@ -150,7 +150,7 @@ def documented_names() -> dict[str, set[str]]:
         for name in re.findall(r"^   (\w+\.[\w.]*\w)$", part, re.MULTILINE)
         if package == "cspace"
     ]
-    text = re.sub(r"currentmodule:: \S+", "", text)
+    text = re.sub(r"currentmodule:: \S+|^from \S+", "", text, flags=re.MULTILINE)
     names: dict[str, set[str]] = {}
     for name in [*re.findall(r"(?<![\w./])cspace(?:\.[a-z]\w*)+\.\w+", text), *shown]:
         package = name.split(".")[1]
