@@ -220,7 +220,7 @@ class MapExport:
         ----------
         msg : object, optional
             A message of ROS 1 or 2 to fill: any object with the fields of
-            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.files.ros.OccupancyGrid`.
+            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
         rotation : array-like, shape (k,), optional
             Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
         frame_id : str
@@ -262,7 +262,7 @@ class MapExport:
         ----------
         msg : object, optional
             A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
-            :class:`cspace.files.ros.Costmap`.
+            :class:`cspace.ros.Costmap`.
         inflation_radius : float
             Metres from the obstacles, zero or above; compared with the clearance plus the radius of
             the robot's inscribed circle, margin included. The defaults of this and of

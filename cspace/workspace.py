@@ -226,7 +226,7 @@ class Workspace(WorkspacePlot):
         """Read a ROS map.
 
         It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
-        origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
+        origin with its yaw apply as in :func:`cspace.ros.read_ros_map`.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ class Workspace(WorkspacePlot):
         ----------
         msg : object
             With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
+            :class:`cspace.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
             ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
             applies as in a ROS map. The resolution is a float32 in messages; it is read as the
             shortest decimal number that rounds to it: 0.05, not 0.0500000007.
