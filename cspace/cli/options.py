@@ -91,7 +91,7 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
         and not rest.lstrip().startswith("[")
         and not is_short_text(rest)
     ):
-        return Robot.open(rest, **options).footprint()
+        return Robot.open(file, **options).footprint()
     if not is_short_text(text):
         return Robot.open(text, **options)
     for name, value in options.items():
