@@ -22,7 +22,6 @@ from cspace.queries.points import (
 from cspace.record.cells import Map
 from cspace.rotations.lookup import (
     arc_count,
-    clip_parameters,
     find_arc,
     first_widened_cell,
     next_part,
@@ -75,7 +74,11 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
         while not low > max(
             start, start + angle
         ):  # also for NaN, which the test of the segment refuses
-            begin, stop = clip_parameters(low, high, start, angle)
+            begin, stop = 0.0, 1.0
+            if angle != 0.0:
+                enter = min(max((low - start) / angle, 0.0), 1.0)
+                leave = min(max((high - start) / angle, 0.0), 1.0)
+                begin, stop = min(enter, leave), max(enter, leave)
             s = int(map_.rotations.slice_of[k])
             if not segment_is_free(
                 map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)

@@ -65,22 +65,33 @@ _MAX_FILLED_CELLS: Final = 2**30
 # ---- winding numbers -----------------------------------------------------------------------------
 
 
-def winding_numbers(points: Floats, triangles: Floats, windings: Ints) -> Ints:
-    """Return the winding numbers of closed surfaces at points, shape (n,).
+class WindingNumber:
+    """Winding number of closed surfaces at any point.
 
-    Points, shape (n, 3), must be farther from the surfaces than rounding. Triangles, shape
-    (m, 3, 3), face outward if their corners run counterclockwise; neighbours share corners to the
-    last bit. ``windings``, shape (m,), is the weight of each triangle; -1 reverses it.
+    Triangles, shape (n, 3, 3), face outward if their corners run counterclockwise; neighbours share
+    corners to the last bit. ``windings``, shape (n,), is the weight of each triangle; -1 reverses
+    it.
     """
-    order = np.argsort(points[:, 0])
-    x = points[order, 0]
-    first = np.searchsorted(x, triangles[..., 0].min(axis=1), side="left")
-    stop = np.searchsorted(x, triangles[..., 0].max(axis=1), side="right")
-    sums = np.zeros(len(points), dtype=np.int64)
-    _sum_crossings(sums, points[order], np.ascontiguousarray(triangles), windings, first, stop)
-    numbers = np.empty_like(sums)
-    numbers[order] = sums
-    return numbers
+
+    def __init__(self, triangles: Floats, windings: Ints) -> None:
+        self._triangles, self._windings = np.ascontiguousarray(triangles), windings
+        x = self._triangles[..., 0]
+        self._low, self._high = x.min(axis=1), x.max(axis=1)
+
+    def evaluate(self, points: Floats) -> Ints:
+        """Return the winding numbers at points, shape (n,).
+
+        ``points``, shape (n, 3), must be farther from the surfaces than rounding.
+        """
+        order = np.argsort(points[:, 0])
+        ascending = points[order]
+        first = np.searchsorted(ascending[:, 0], self._low, side="left")
+        stop = np.searchsorted(ascending[:, 0], self._high, side="right")
+        sums = np.zeros(len(points), dtype=np.int64)
+        _sum_crossings(sums, ascending, self._triangles, self._windings, first, stop)
+        numbers = np.empty_like(sums)
+        numbers[order] = sums
+        return numbers
 
 
 def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
@@ -88,7 +99,7 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
 
     A point is enclosed if the winding number is not zero. The triangles, shape (n, 3, 3), are in
     cells, in the index frame of ``out``, and may reach beyond it; ``windings`` as for
-    :func:`winding_numbers`.
+    :class:`WindingNumber`.
     """
     changes = np.zeros((*out.shape[:2], out.shape[2] + 1), dtype=np.int32)
     in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)

@@ -190,16 +190,6 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
 
 
 @inlined
-def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
-    """Return the parameters of a rotation within an interval of angles."""
-    if angle == 0.0:
-        return 0.0, 1.0
-    a = min(max((low - start) / angle, 0.0), 1.0)
-    b = min(max((high - start) / angle, 0.0), 1.0)
-    return min(a, b), max(a, b)
-
-
-@inlined
 def signed_angle(first: float, second: float, arc: int) -> float:
     """Return the signed angle of the shorter arc (0), in [-pi, pi], or the other one (1)."""
     angle = second - first

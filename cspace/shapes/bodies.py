@@ -180,14 +180,14 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
     is_reversed = inward.copy()
     if outward.any():
         # The winding number of the outward bodies around the corners of an inward body decides.
-        from cspace.raster.surfaces import winding_numbers
+        from cspace.raster.surfaces import WindingNumber
 
         around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
-        numbers = winding_numbers(corners, triangles[around] - center, multiplicity[around])
+        winding = WindingNumber(triangles[around] - center, multiplicity[around])
         is_reversed = np.zeros(len(bodies), dtype=np.bool_)
-        is_reversed[np.repeat(owner[within], 3)[numbers <= 0]] = True
+        is_reversed[np.repeat(owner[within], 3)[winding.evaluate(corners) <= 0]] = True
     return [
         body._replace(turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
         for index, body in enumerate(bodies)

@@ -26,7 +26,7 @@ from cspace.support.check import check_finite, check_points, check_unmasked, che
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.surfaces import SolidSurface
+    from cspace.raster.surfaces import SolidSurface, WindingNumber
 
 
 MAX_ORIGIN_OFFSET: Final = 100.0
@@ -388,16 +388,15 @@ class Mesh(ExactShape):
         InputError
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
-        from cspace.raster.surfaces import winding_numbers
-
         self._refuse_fill("ask its cells, or pass solid='auto'")
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
-        corner = self.bounds[0]
-        points = (array - corner).reshape(-1, 3)
-        numbers = winding_numbers(points, self.triangles - corner, self._turns)
-        return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
+        lower, upper = self.bounds
+        inside = np.asarray(((lower <= array) & (array <= upper)).all(axis=-1))
+        if inside.any():
+            inside[inside] = self._winding.evaluate(array[inside] - lower) != 0
+        return inside
 
     @property
     def spec(self) -> dict[str, object]:
@@ -427,6 +426,13 @@ class Mesh(ExactShape):
             if body.closed:
                 turns[body.faces] = body.turns
         return turns
+
+    @cached_property
+    def _winding(self) -> WindingNumber:
+        from cspace.raster.surfaces import WindingNumber
+
+        counted = self._turns != 0
+        return WindingNumber(self.triangles[counted] - self.bounds[0], self._turns[counted])
 
     @property
     def _solid(self) -> SolidSurface:
