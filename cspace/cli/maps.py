@@ -64,8 +64,8 @@ def make(
         str,
         typer.Option(
             metavar="SPEC",
-            help="A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (--robot help lists "
-            "all), or a file with a polygon, a mesh or a URDF.",
+            help="A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot "
+            "help), or a file with a polygon, a mesh or a URDF.",
         ),
     ],
     spacing: Annotated[

@@ -17,6 +17,9 @@ from cspace.support.threads import in_chunks
 MAX_RASTER_CELLS = 2**28
 """Maximum number of cells in the bounding box of a raster."""
 
+MIN_SLABS_PER_THREAD = 32
+"""Minimum number of first indices of an array for each thread."""
+
 
 @dataclass(frozen=True, slots=True)
 class Raster:
@@ -123,17 +126,17 @@ def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints
     return first, last
 
 
-def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any, min_slabs: int) -> None:
+def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> None:
     """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
 
-    A slab is a range of first indices; a thread gets at least ``min_slabs``.
+    A slab is a range of first indices.
     """
 
     def work(start: int, stop: int) -> int:
         kernel(out, *inputs, start, stop)
         return -1
 
-    in_chunks(work, len(out), min_slabs)
+    in_chunks(work, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:

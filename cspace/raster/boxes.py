@@ -46,9 +46,6 @@ from cspace.raster.segments import OBSTACLE_REACH
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import kernel
 
-MIN_COLUMNS_FOR_THREADS = 100_000
-"""Minimum number of columns, over all boxes, for which threads are started."""
-
 
 class RoundedBoxes(NamedTuple):
     """Boxes, each grown by a radius.
@@ -147,13 +144,10 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     lows = np.insert(boxes.lows, missing, -2.0, axis=1)
     highs = np.insert(boxes.highs, missing, 3.0, axis=1)
     solid = np.expand_dims(out, missing)
-    extents = highs - lows + 2.0 * boxes.radii[:, None] + abs(b1 - b0) + 1.0
-    columns = float(np.minimum(extents, solid.shape)[:, :2].prod(axis=1).sum())
-    min_slabs = 1 if columns > MIN_COLUMNS_FOR_THREADS else len(out)
     radii = boxes.radii[:, None]
     first, last = index_boxes(lows - radii - b1, highs + radii - b0, solid.shape)
     boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    in_slabs(_mark_near, solid, boxes, first, last, b0, b1, min_slabs=min_slabs)
+    in_slabs(_mark_near, solid, boxes, first, last, b0, b1)
 
 
 @kernel

@@ -86,12 +86,6 @@ _MAX_PROJECTIONS: Final = 3
 _RADIUS_SLACK: Final = 2.0**-20
 """Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
 
-_MIN_TRIANGLES_FOR_THREADS: Final = 4_000
-"""Minimum number of triangles for which threads are started."""
-
-_MIN_CUBES_PER_THREAD: Final = 10_000
-"""Minimum number of cubes for each thread."""
-
 
 def mark_touched(
     out: Bools,
@@ -106,14 +100,13 @@ def mark_touched(
     shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach beyond it. A gap
     below ``slack`` counts as touching.
     """
-    min_slabs = len(out) if len(triangles) < _MIN_TRIANGLES_FOR_THREADS else 1
     before = b0 - slack
     after = b1 + slack
     # The clipped triangle may reach 2^-27 cells farther than its corners.
     lows = triangles.min(axis=1) - (after + 0.001)
     highs = triangles.max(axis=1) - (before - 0.001)
     boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_touched, out, triangles, *boxes, before, after, min_slabs=min_slabs)
+    in_slabs(_mark_touched, out, triangles, *boxes, before, after)
 
 
 class SweptTriangles(NamedTuple):
@@ -219,14 +212,13 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
-    min_slabs = 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size)
     reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
     if swept.about_z:
         reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
     lows = swept.triangles.min(axis=1) - reach
     highs = swept.triangles.max(axis=1) + reach
     boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack, min_slabs=min_slabs)
+    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
 
 
 @kernel

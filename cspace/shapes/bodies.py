@@ -185,11 +185,9 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
         around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
-        is_outside = (
-            WindingNumber(triangles[around] - center, multiplicity[around]).evaluate(corners) <= 0
-        )
+        winding = WindingNumber(triangles[around] - center, multiplicity[around])
         is_reversed = np.zeros(len(bodies), dtype=np.bool_)
-        is_reversed[np.repeat(owner[within], 3)[is_outside]] = True
+        is_reversed[np.repeat(owner[within], 3)[winding.evaluate(corners) <= 0]] = True
     return [
         body._replace(turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
         for index, body in enumerate(bodies)

@@ -61,9 +61,6 @@ MeshLike: TypeAlias = (
     "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
 )
 
-FaceSelection: TypeAlias = "Ints | slice"
-"""Indices of some triangles."""
-
 SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
@@ -277,22 +274,13 @@ class Mesh(ExactShape):
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         from cspace.raster.surfaces import surface_rasters
 
-        return surface_rasters(self._solid_surface(), spacing, margin, rotation)
+        return surface_rasters(self._solid, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.surfaces import surface_cells
 
-        return surface_cells(self._solid_surface(*self._near(grid)), self.bounds, grid)
-
-    def _near(self, grid: Grid) -> tuple[FaceSelection, FaceSelection]:
-        """Return the triangles that can touch a grid, and those in, above or below it."""
-        if self.solid == "fill":
-            return slice(None), slice(None)
-        corners = self.triangles
-        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
-        meets = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
-        return np.flatnonzero(meets.all(axis=1)), np.flatnonzero(meets[:, :2].all(axis=1))
+        return surface_cells(self._solid, grid)
 
     def boundary(self) -> RoundedSimplices:
         """Return the triangles.
@@ -404,8 +392,11 @@ class Mesh(ExactShape):
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
-        numbers = self._winding.evaluate((array - self.bounds[0]).reshape(-1, 3))
-        return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
+        lower, upper = self.bounds
+        inside = np.asarray(((lower <= array) & (array <= upper)).all(axis=-1))
+        if inside.any():
+            inside[inside] = self._winding.evaluate(array[inside] - lower) != 0
+        return inside
 
     @property
     def spec(self) -> dict[str, object]:
@@ -440,27 +431,20 @@ class Mesh(ExactShape):
     def _winding(self) -> WindingNumber:
         from cspace.raster.surfaces import WindingNumber
 
-        counted = np.flatnonzero(self._turns)
-        return WindingNumber(
-            self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted]
-        )
+        counted = self._turns != 0
+        return WindingNumber(self.triangles[counted] - self.bounds[0], self._turns[counted])
 
-    def _solid_surface(
-        self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)
-    ) -> SolidSurface:
-        """Return selected triangles as a surface with its solid.
+    @property
+    def _solid(self) -> SolidSurface:
+        """The triangles with their interior."""
+        from cspace.raster.surfaces import SolidSurface
 
-        `columns` selects the enclosing triangles above and below them.
-        """
-        from cspace.raster.surfaces import ClosedSurface, SolidSurface
-
-        shell = (
-            ClosedSurface(self.vertices, self.faces[columns], self._turns[columns])
-            if self.encloses
-            else None
-        )
+        triangles = self.triangles
+        windings = np.zeros(len(self.faces), dtype=np.int64)
+        if self.solid == "auto":
+            windings = self._turns
         fill = self._warn_of_nothing if self.solid == "fill" else None
-        return SolidSurface(self.vertices, self.faces[near], shell, fill, self.source)
+        return SolidSurface(triangles, triangles, windings, fill, self.source)
 
     def _warn_of_nothing(self, spacing: float) -> None:
         """Warn once if filling an open mesh added nothing to its surface."""

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.raster.boxes import RoundedBoxes
-    from cspace.raster.surfaces import ClosedSurface
+    from cspace.raster.surfaces import SolidSurface
 
 _UNIT_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -86,12 +86,11 @@ class Box(ExactShape):
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         if rotation.matrix is not None:
-            from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
+            from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            shell = ClosedSurface(*self.surface, np.ones(len(_BOX_TRIANGLES), dtype=np.int64))
-            return surface_rasters(
-                SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation
-            )
+            triangles, windings = self.boundary().simplices, np.ones(12, dtype=np.int64)
+            solid = SolidSurface(triangles, triangles, windings, source="box")
+            return surface_rasters(solid, spacing, margin, rotation)
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         box = RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1))
@@ -209,11 +208,9 @@ class Voxels(ExactShape):
 
             return outline_rasters([(self._segments, True)], spacing, margin, rotation)
         if rotation.matrix is not None:
-            from cspace.raster.surfaces import SolidSurface, surface_rasters
+            from cspace.raster.surfaces import surface_rasters
 
-            return surface_rasters(
-                SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, rotation
-            )
+            return surface_rasters(self._solid, spacing, margin, rotation)
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -287,11 +284,13 @@ class Voxels(ExactShape):
         return RoundedBoxes(lows, highs, np.zeros(len(lows)))
 
     @cached_property
-    def _shell(self) -> ClosedSurface:
-        """Closed surface of the occupied cells."""
-        from cspace.raster.surfaces import ClosedSurface
+    def _solid(self) -> SolidSurface:
+        """Boundary of the cells in space, and the same without T-junctions."""
+        from cspace.raster.surfaces import SolidSurface
 
-        return ClosedSurface(*boundary_mesh(self.occupied, self.side, self.lower))
+        vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)
+        triangles = self.boundary().simplices
+        return SolidSurface(triangles, vertices[faces], windings, source="bitmap")
 
     @cached_property
     def outline(self) -> BaseGeometry:
