@@ -750,12 +750,8 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         path : path-like
-            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
-            ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
-            ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
-            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
-            or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
+            A map, an image, polygons, a mesh, an OctoMap, a point cloud or an array. The page on
+            files (docs/reference/files.md) has a table of all suffixes.
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,

@@ -24,7 +24,7 @@ import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
-from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
+from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS, read_dimension
 from cspace.record.save import MAP_SUFFIXES
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT
@@ -71,11 +71,6 @@ def robot_forms() -> dict[str, str]:
     return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
 
 
-def robot_suffixes() -> list[str]:
-    """Return the suffixes of robot files."""
-    return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
-
-
 # ---- formats of files ----------------------------------------------------------------------------
 
 
@@ -92,7 +87,7 @@ def test_every_reader_of_points_has_a_format() -> None:
     assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
-def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
+def test_every_format_is_in_the_docs() -> None:
     documented = {}
     for first, _, dimension, *_ in (
         row
@@ -103,12 +98,11 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
             find_quoted(first), {"plane": 2, "space": 3, "either": None}[dimension]
         )
     assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
-    assert set(WORKSPACE_FORMATS) <= set(find_quoted(str(Workspace.open.__doc__)))
 
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES}
+    read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MAP_SUFFIXES}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
@@ -143,10 +137,7 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
 
 def test_every_file_of_a_robot_is_documented() -> None:
     page = " ".join(find_quoted((DOCS / "reference" / "robots.md").read_text(encoding="utf-8")))
-    docstring = str(Robot.open.__doc__)
-    suffixes = set(robot_suffixes()) - {".yml"}
-    assert ".stl" in suffixes
-    assert [suffix for suffix in suffixes if suffix not in page or suffix not in docstring] == []
+    assert [suffix for suffix in set(ROBOT_FORMATS) - {".yml"} if suffix not in page] == []
 
 
 # ---- the features table --------------------------------------------------------------------------

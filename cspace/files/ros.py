@@ -31,7 +31,7 @@ from cspace.support.check import (
     check_real,
 )
 
-ROS_MAP_SUFFIXES: Final = (".yaml", ".yml")
+YAML_SUFFIXES: Final = (".yaml", ".yml")
 
 _MAX_METRES: Final = 1e15
 """Maximum coordinate and resolution, in metres; its reciprocal is the minimum resolution."""
