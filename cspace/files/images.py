@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import threading
 import warnings
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from cspace.errors import InputError
 from cspace.files.access import ContentError, check_file, decoding, is_count, read_bytes, read_text
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats, StrPath
 from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
@@ -72,9 +71,7 @@ class Shades:
         return pixels if self.opaque is True else pixels & self.opaque
 
 
-def read_image(
-    path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied"
-) -> Bools:
+def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:
     """Read the occupied cells of an image, shape (nx, ny).
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
@@ -97,7 +94,7 @@ def read_image(
     return ~image.among_opaque(image.where(lambda shade: (shade < level) == (dark == "free")))
 
 
-def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
+def read_shades(path: StrPath, kind: str) -> Shades:
     """Read the shades of an image.
 
     Grey images of 16 bits keep all their levels. `kind` names the image in messages.
@@ -179,7 +176,7 @@ BLOCKED_CHARACTERS: Final = "@OTW"
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACTERS)
 
 
-def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
+def read_movingai_map(path: StrPath) -> Bools:
     """Read the blocked cells of a ``.map`` file, shape (width, height).
 
     ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is
@@ -223,7 +220,7 @@ def _parse_map_header(lines: list[str]) -> tuple[int, int]:
     raise ContentError(f"begins with {lines[:4]!r:.100}", rule, "fetch it again")
 
 
-def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
+def read_movingai_voxels(path: StrPath) -> Bools:
     """Read the blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
 
     The first line is ``voxel`` and the numbers of voxels along x, y and z. Each other line is ``x y
@@ -263,7 +260,7 @@ def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
     return blocked
 
 
-def _read_lines(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> list[str]:
+def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
     """Return the lines of a text without trailing blank ones."""
     return [line.rstrip() for line in read_text(path, kind, memory).rstrip().split("\n")]
 

@@ -18,7 +18,6 @@ import io
 import json
 import logging
 import math
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -48,7 +47,7 @@ from cspace.files.polygons import (
     unsupported_part,
 )
 from cspace.limits import check_bytes
-from cspace.support.arrays import Floats, Ints, Surface
+from cspace.support.arrays import Floats, Ints, StrPath, Surface
 from cspace.support.check import check_finite
 
 _MESH_KIND: Final = "mesh"
@@ -630,7 +629,7 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
 
-def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
+def read_mesh(path: StrPath) -> tuple[Floats, Ints]:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of

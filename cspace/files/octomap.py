@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from array import array
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 
 from cspace.files.access import ContentError, decoding, iterate_header_lines, read_bytes
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Bytes, Floats, Ints, frozen
+from cspace.support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
 
 _OCTOMAP_KIND: Final = "OctoMap"
 
@@ -48,7 +47,7 @@ class _OctomapHeader:
 
 
 def read_octomap(
-    path: str | os.PathLike[str], unknown_is_occupied: bool = True
+    path: StrPath, unknown_is_occupied: bool = True
 ) -> tuple[Floats, float, Bools, Bools]:
     """Read the placement, occupied and unknown cells of an OctoMap.
 

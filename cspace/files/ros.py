@@ -22,7 +22,7 @@ from cspace.errors import FileError, GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.images import Shades, read_shades
 from cspace.files.plain import read_yaml
-from cspace.support.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats, StrPath
 from cspace.support.check import (
     check_count,
     check_finite,
@@ -46,7 +46,7 @@ _REQUIRED_MAP_KEYS: Final = (
 )
 
 
-def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
+def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
     The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of
@@ -118,7 +118,7 @@ class _MapHeader:
     free_thresh: float
 
 
-def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
+def _read_header(path: StrPath) -> _MapHeader:
     """Read the YAML file of a ROS map.
 
     Raises an error that names the key if a value is missing or wrong.
@@ -191,7 +191,7 @@ def _parse_thresholds(document: dict[str, Any]) -> tuple[float, float]:
     return occupied, free
 
 
-def _image_path(path: str | os.PathLike[str], image: str) -> pathlib.Path:
+def _image_path(path: StrPath, image: str) -> pathlib.Path:
     """Return the path of the image.
 
     Warns if it lies outside the map's folder.
@@ -556,7 +556,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     return corners
 
 
-def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> CostmapRobot:
+def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     """Read the robot of a Nav2 parameter file.
 
     The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and
