@@ -166,7 +166,7 @@ def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
     sides = sides[parents] // 2
     corners = _unravel(firsts[parents] + sides * _CHILD_OFFSETS[children])
     leaves = _Leaves(corners, sides, kinds[parents, children] == 2)
-    return leaves, 1 + np.count_nonzero(kinds)
+    return leaves, 1 + int(np.count_nonzero(kinds))
 
 
 def _decode_full(data: bytes, colour_bytes: int) -> tuple[_Leaves, int]:

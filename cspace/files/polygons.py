@@ -98,7 +98,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     if len(sizes) and int(sizes.min()) < 3:
         raise ContentError(f"has a face with {int(sizes.min())} corners; a face needs three")
     if int(sizes.sum()) != len(corners):
-        raise ContentError(f"has faces with {int(sizes.sum())} corners but names {len(corners)}")
+        raise ContentError(f"names {len(corners)} corners in faces with {int(sizes.sum())}")
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
         raise ContentError(
