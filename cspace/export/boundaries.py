@@ -6,7 +6,6 @@ digits, and separate corners for each triangle.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Final
@@ -18,7 +17,7 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.raster.bitmaps import boundary_mesh
-from cspace.support.arrays import FREE, Floats, Ints
+from cspace.support.arrays import FREE, Floats, Ints, StrPath
 
 
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
@@ -43,7 +42,7 @@ def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
 
 
 def write_boundary(
-    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
 ) -> None:
     """Write the boundary of the free space as a mesh file.
 

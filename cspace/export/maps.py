@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -135,7 +134,7 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
 
 def export(
     contents: Contents,
-    path: str | os.PathLike[str],
+    path: StrPath,
     overwrite: bool = False,
     *,
     rotation: ArrayLike | None = None,

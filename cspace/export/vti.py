@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.support.arrays import Floats
+from cspace.support.arrays import Floats, StrPath
 
 _VTK_TYPES: Final = {
     "uint8": ("UInt8", "|u1"),
@@ -26,7 +25,7 @@ _VTK_TYPES: Final = {
 def write_vti(
     arrays: Mapping[str, NDArray[Any]],
     grid: Grid,
-    path: str | os.PathLike[str],
+    path: StrPath,
     overwrite: bool = False,
     about: Mapping[str, Floats] | None = None,
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -134,7 +133,7 @@ def read_dimension(path: StrPath) -> int:
     return dimension
 
 
-def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
+def read_npy(path: StrPath) -> NDArray[Any]:
     """Map the array of a ``.npy`` file into memory, read-only.
 
     Raises FileError if the file is missing, truncated, in another format, or holds Python objects.
@@ -145,7 +144,7 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         return np.lib.format.open_memmap(file, mode="r")
 
 
-def read_zarr_array(path: str | os.PathLike[str]) -> ZarrArray:
+def read_zarr_array(path: StrPath) -> ZarrArray:
     """Open a Zarr folder as an array that reads when indexed.
 
     Raises FileError if the folder is missing or holds no array.

@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from typing import Final
 
@@ -94,7 +93,7 @@ def _read_text(path: StrPath) -> Floats:
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
-def read_pcd(path: str | os.PathLike[str]) -> Floats:
+def read_pcd(path: StrPath) -> Floats:
     """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
     They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may

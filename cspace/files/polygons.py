@@ -10,7 +10,6 @@ this module parses its header, for meshes and point clouds.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
-from cspace.support.arrays import Bools, Floats, Ints, Surface
+from cspace.support.arrays import Bools, Floats, Ints, StrPath, Surface
 
 MAX_BEND: Final = 1e-4
 """Maximum distance of a flat polygon's corners from its plane, relative to its size."""
@@ -99,7 +98,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     if len(sizes) and int(sizes.min()) < 3:
         raise ContentError(f"has a face with {int(sizes.min())} corners; a face needs three")
     if int(sizes.sum()) != len(corners):
-        raise ContentError(f"has faces with {int(sizes.sum())} corners but names {len(corners)}")
+        raise ContentError(f"names {len(corners)} corners in faces with {int(sizes.sum())}")
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
         raise ContentError(
@@ -334,7 +333,7 @@ class PlyHeader:
         return self.counts.get("face", 0)
 
 
-def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
+def read_ply_header(path: StrPath) -> PlyHeader:
     """Read the header of a PLY file.
 
     Raises FileError if the file is missing, or has no whole header with vertices. Raises
@@ -346,7 +345,7 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
         return _parse_ply_header(stream.read(2**16))
 
 
-def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
+def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     """Read the vertices and polygons of a PLY file.
 
     Returns the vertices, shape (V, 3), the corners of all polygons, and the number of corners of
