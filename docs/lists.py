@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ def fill(page: str, *, linked: bool = False) -> str:
 
 def make_list(name: str, linked: bool) -> str:
     """Return the lines of the list with a name."""
-    tables = {
+    tables: dict[str, Callable[[], Iterable[str]]] = {
         "short texts": list_short_texts,
         "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
         "robot formats": lambda: list_formats(ROBOT_FORMATS),
@@ -134,7 +134,7 @@ def functions(package: str) -> list[str]:
 
 def is_in_cspace(name: str, value: object) -> bool:
     """Return True if ``cspace`` has a value by the same name."""
-    return name in cspace.__all__ and getattr(cspace, name) is value
+    return name in dir(cspace) and getattr(cspace, name) is value
 
 
 def is_callback(value: object) -> bool:
