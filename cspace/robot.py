@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -98,7 +98,7 @@ class Robot:
         return {"name": self.name, **self.shape.spec}
 
     @property
-    def _definition(self) -> str:
+    def definition(self) -> str:
         """JSON of :attr:`spec`."""
         return json.dumps(self.spec, sort_keys=True)
 
@@ -517,29 +517,37 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        files = _files()
+        from cspace.files.meshes import MESH_SUFFIXES
+        from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
+
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
-        name, part = _split_part(path, files)
+        suffixes = (*POLYGON_SUFFIXES, *MESH_SUFFIXES, ".urdf", ".yaml", ".yml")
+        name, part = _split_part(path, suffixes)
         rule = (
             "it must be a file that describes a robot; Robot.parse takes "
             f"{primitives.SHORT_TEXT_FORMS}"
         )
-        suffix = check_suffix(name, files, rule, "robot")
-        reader, taken = files[suffix]
-        given = {"solid": solid, "package_dirs": package_dirs}
-        options = {option: value for option, value in given.items() if value is not None}
-        for option, value in options.items():
-            if option not in taken:
-                rule = (
-                    "it applies to "
-                    f"{', '.join(known for known, (_, names) in files.items() if option in names)}"
-                )
-                raise InputError(
-                    option, f"is {value!r} for {path}", rule, "leave it out", value=value
-                )
-        return reader(Path(name), *[part] if part else [], **options)
+        suffix = check_suffix(name, suffixes, rule, "robot")
+        options: dict[str, Any] = {}
+        for option, value, taken in (
+            ("solid", solid, (*MESH_SUFFIXES, ".urdf")),
+            ("package_dirs", package_dirs, (".urdf",)),
+        ):
+            if value is not None:
+                options[option] = value
+                if suffix not in taken:
+                    problem, rule = f"is {value!r} for {path}", f"it applies to {', '.join(taken)}"
+                    raise InputError(option, problem, rule, "leave it out", value=value)
+        file = Path(name)
+        if suffix in MESH_SUFFIXES:
+            return cls.from_mesh(file, name=f"mesh {file.name}", **options)
+        if suffix == ".urdf":
+            return cls.from_urdf(file, part.split(",") if part else None, **options)
+        if suffix in POLYGON_SUFFIXES:
+            return cls.polygon(read_shapes(file), name=f"polygon {file.name}")
+        return cls.from_nav2(file, part or None)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -635,30 +643,3 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     if isinstance(shape, Balls):
         return Robot.from_balls(shape.centers, shape.radii)
     return Robot(type(shape).__name__.lower(), shape)
-
-
-def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
-    """Return the constructor for a robot file, and its options.
-
-    The suffix of the file selects it; the options are names.
-
-    Its arguments are the path and, if the file holds several robots, the name of one.
-    """
-    from cspace.files.meshes import MESH_SUFFIXES
-    from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
-
-    def mesh(path: Path, *part: str, solid: Solid = "auto") -> Robot:
-        return Robot.from_mesh(path, solid=solid, name=f"mesh {path.name}")
-
-    def polygon(path: Path, *part: str) -> Robot:
-        return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
-
-    def urdf(path: Path, *links: str, **options: Any) -> Robot:
-        return Robot.from_urdf(path, links[0].split(",") if links else None, **options)
-
-    return {
-        **dict.fromkeys(POLYGON_SUFFIXES, (polygon, ())),
-        **dict.fromkeys(MESH_SUFFIXES, (mesh, ("solid",))),
-        ".urdf": (urdf, ("solid", "package_dirs")),
-        **dict.fromkeys((".yaml", ".yml"), (Robot.from_nav2, ())),
-    }

@@ -178,7 +178,8 @@ class Balls(ExactShape):
         """True if all centers are on the z axis."""
         return not self.centers[:, :2].any()
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         return np.column_stack([self.centers @ matrix.T, self.radii])
 
     @property

@@ -198,14 +198,14 @@ class Shape(ABC):
         """
         if not (matrix == np.sign(matrix)).all():
             return False
-        return np.array_equal(self._own_features, unique_rows(self._features(matrix) + 0.0)[0])
+        return np.array_equal(self._own_features, unique_rows(self.features(matrix) + 0.0)[0])
 
     @cached_property
     def _own_features(self) -> Floats:
-        return unique_rows(self._features(np.eye(self.dim)) + 0.0)[0]
+        return unique_rows(self.features(np.eye(self.dim)) + 0.0)[0]
 
     @abstractmethod
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
         """Return rows that identify the shape under a matrix.
 
         The entries of the matrix are -1, 0 and 1.
@@ -261,7 +261,7 @@ class ExactShape(Shape):
         """Area in the plane, volume in space, for reports; NaN if unknown."""
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values about the shape, by name, for reports."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 
@@ -427,8 +427,9 @@ class BoundedShape(Shape):
         """True if every rotation about z maps the shape to itself."""
         return self._is_round_about_z
 
-    def _features(self, matrix: Floats) -> Floats:
-        rows = [side._features(matrix) for side in (self.outer, self.inner)]
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
+        rows = [side.features(matrix) for side in (self.outer, self.inner)]
         return np.concatenate(
             [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]
         )

@@ -361,8 +361,6 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             "pass an array indexed [x, y] or [x, y, z]",
         )
         raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
-    if array.dtype.kind == "f":
-        check_finite(array, name)
     if array.dtype.kind not in "biu":
         hint = "compare with a threshold first, e.g. array > 0.5"
         raise InputError(
