@@ -21,7 +21,7 @@ from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, ch
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
-from cspace.support.check import check_bounds, check_cells, check_finite, check_positive, check_word
+from cspace.support.check import check_bounds, check_cells, check_point, check_positive, check_word
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -209,12 +209,7 @@ class Workspace(WorkspacePlot):
         reads_later = inner is None and is_lazy(array)
         cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
         dim = len(cells.shape)
-        corner = check_finite(np.zeros(dim) if lower is None else lower, "lower")
-        if corner.shape != (dim,):
-            rule = f"it must have {dim} coordinates, as occupied has axes"
-            raise InputError(
-                "lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower
-            )
+        corner = check_point((0.0,) * dim if lower is None else lower, "lower", dim)
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         grid = Grid(corner, spacing, cells.shape)

@@ -39,13 +39,13 @@ class Raster:
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
         """Trim a bitmap; its first entry is the offset ``lower``."""
-        window, remaining = [], cells
-        for _ in range(cells.ndim):
-            occupied = np.flatnonzero(remaining.reshape(len(remaining), -1).any(axis=1))
+        window = []
+        for axis in range(cells.ndim):
+            others = tuple(other for other in range(cells.ndim) if other != axis)
+            occupied = np.flatnonzero(cells.any(axis=others))
             if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
-            remaining = np.asarray(remaining.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
         first = tuple(low + part.start for low, part in zip(lower, window, strict=True))
         return cls(frozen(tight), first)

@@ -133,6 +133,7 @@ class Mesh(ExactShape):
     solid: Solid = "auto"
     source: str = "mesh"
     _warned: bool = field(default=False, init=False, repr=False)
+    kind = "mesh"
     dim = 3
 
     def __post_init__(self) -> None:
@@ -402,7 +403,7 @@ class Mesh(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values that JSON can hold, without loss, for :meth:`from_spec`."""
         return {
-            "kind": "mesh",
+            "kind": self.kind,
             "vertices": _encode(self.vertices, "<f8"),
             "faces": _encode(self.faces, "<i8"),
             "solid": self.solid,

@@ -40,6 +40,7 @@ class Polygons(ExactShape):
         The geometries as given.
     """
 
+    kind = "polygon"
     dim = 2
 
     def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
@@ -198,7 +199,7 @@ class Polygons(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         return {
-            "kind": "polygon",
+            "kind": self.kind,
             "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries],
         }
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, cached_property
 from itertools import permutations, product
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +73,16 @@ class Shape(ABC):
 
     dim: int
     shown: bool = True
+    kind: ClassVar[str]
+    """Word for the class in its plain values."""
+
+    KINDS: ClassVar[dict[str, type[Shape]]] = {}
+    """Classes of shapes by kind."""
+
+    def __init_subclass__(cls) -> None:
+        """List the class by its kind."""
+        if "kind" in vars(cls):
+            Shape.KINDS[cls.kind] = cls
 
     @property
     @abstractmethod
@@ -215,6 +225,19 @@ class Shape(ABC):
     @abstractmethod
     def spec(self) -> dict[str, object]:
         """Plain values from which ``cspace.shapes.shape_from_spec`` makes the shape again."""
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Shape:
+        """Make the shape of a :attr:`spec`."""
+
+
+def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
+    """Make the shape that a :attr:`Shape.spec` describes.
+
+    Raises KeyError, TypeError or ValueError if the spec is malformed.
+    """
+    return Shape.KINDS[spec["kind"]].from_spec(spec)
 
 
 class ExactShape(Shape):
@@ -389,6 +412,8 @@ class BoundedShape(Shape):
         True if every rotation about the z axis maps the shape to itself, even if not its bounds.
     """
 
+    kind = "bounded"
+
     def __init__(
         self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False
     ) -> None:
@@ -446,16 +471,13 @@ class BoundedShape(Shape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         bounds = {"outer": self.outer.spec, "inner": self.inner.spec}
-        return {"kind": "bounded", **bounds, "is_round_about_z": self._is_round_about_z}
+        return {"kind": self.kind, **bounds, "is_round_about_z": self._is_round_about_z}
 
     @classmethod
-    def from_spec(
-        cls, spec: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Shape]
-    ) -> BoundedShape:
-        """Make the shape of a :attr:`spec`; `make` makes its two exact shapes."""
-        return cls(
-            make(spec["outer"]).outer, make(spec["inner"]).inner, bool(spec["is_round_about_z"])
-        )
+    def from_spec(cls, spec: Mapping[str, Any]) -> BoundedShape:
+        """Make the shape of a :attr:`spec`."""
+        outer, inner = shape_from_spec(spec["outer"]), shape_from_spec(spec["inner"])
+        return cls(outer.outer, inner.inner, bool(spec["is_round_about_z"]))
 
 
 def cylinder_bounds(radius: float, height: float) -> BoundsPair:

@@ -48,6 +48,7 @@ class Box(ExactShape):
     `extents`, shape (3,), are its positive side lengths; metres.
     """
 
+    kind = "box"
     dim = 3
     is_boxes = True
 
@@ -138,7 +139,7 @@ class Box(ExactShape):
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
+        return {"kind": self.kind, "extents": self.extents.tolist(), "center": self.center.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Box:
@@ -152,6 +153,8 @@ class Voxels(ExactShape):
     They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three
     axes, and at least one cell is set; metres.
     """
+
+    kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
         self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
@@ -321,7 +324,7 @@ class Voxels(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         return {
-            "kind": "cells",
+            "kind": self.kind,
             "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
             "shape": list(self.occupied.shape),
             "spacing": self.side,
