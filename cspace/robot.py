@@ -98,7 +98,7 @@ class Robot:
         return {"name": self.name, **self.shape.spec}
 
     @property
-    def _definition(self) -> str:
+    def definition(self) -> str:
         """JSON of :attr:`spec`."""
         return json.dumps(self.spec, sort_keys=True)
 

@@ -62,10 +62,6 @@ class RoundedBoxes(NamedTuple):
     highs: Floats
     radii: Floats
 
-    def select(self, chosen: Bools) -> RoundedBoxes:
-        """Return the boxes of a mask."""
-        return RoundedBoxes(self.lows[chosen], self.highs[chosen], self.radii[chosen])
-
 
 def rounded_rasters(
     boxes: RoundedBoxes,
@@ -87,7 +83,7 @@ def rounded_rasters(
     inner = np.zeros_like(outer)
     lows, highs = lows - lower, highs - lower
     mark_touched(outer, RoundedBoxes(lows, highs, wide), -1.0, 1.0)
-    mark_inside(inner, RoundedBoxes(lows, highs, tight).select(tight >= 0.0), 0.0, 0.0)
+    mark_inside(inner, RoundedBoxes(lows, highs, tight), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
@@ -107,13 +103,8 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     starts = lows - local.radii[:, None]
     stops = highs + local.radii[:, None]
     check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
-    # Boxes a full cell away from the grid meet none of its cells.
-    near = ((stops > -1.0) & (starts < np.add(grid.shape, 1.0))).all(axis=1)
-    local = local.select(near)
     mark_touched(outer, local, 0.0, 1.0)
-    # A box that contains a cell is at least as long as the cell's diagonal.
-    size = np.linalg.norm(local.highs - local.lows, axis=1) + 2.0 * local.radii
-    mark_inside(inner, local.select(size**2 >= 0.999 * grid.dim), 0.0, 1.0)
+    mark_inside(inner, local, 0.0, 1.0)
     return outer, inner
 
 
@@ -130,11 +121,13 @@ def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
 def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Set ``out[i]`` if cube ``i`` lies wholly in one rounded box.
 
-    Parameters as for :func:`mark_touched`. The farthest corner of a cube is in the box if and only
-    if the nearest corner of the inverted cube (b0 and b1 swapped) is.
+    Parameters as for :func:`mark_touched`; boxes of negative radius are left out. The farthest
+    corner of a cube is in the box if and only if the nearest corner of the inverted cube (b0 and b1
+    swapped) is.
     """
-    radii = np.maximum(boxes.radii - 2.0 * SLACK, 0.0)
-    _mark_in_slabs(out, RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii), b1, b0)
+    lows, highs, radii = (each[boxes.radii >= 0.0] for each in boxes)
+    tight = RoundedBoxes(lows + SLACK, highs - SLACK, np.maximum(radii - 2.0 * SLACK, 0.0))
+    _mark_in_slabs(out, tight, b1, b0)
 
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:

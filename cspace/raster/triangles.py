@@ -150,18 +150,13 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
     max_side = _MAX_GROWTH_VARIATION / swing if swing > 0.0 else math.inf
     pieces = subdivide(triangles, max_side, _MAX_RELATIVE_VARIATION, about_z)
     levers = pieces[..., : 2 if about_z else 3]
-    centers = (levers[:, 0] + levers[:, 1] + levers[:, 2]) / 3.0
-    to_center = np.sqrt(_square_lengths(centers))
-    nearest = to_center - _max_corner_distance(levers - centers[:, None])
+    centers = levers.sum(axis=1) / 3.0
+    to_corners = np.linalg.norm(levers - centers[:, None], axis=2)
+    nearest = np.linalg.norm(centers, axis=1) - to_corners.max(axis=1)
     # The distance from the origin is convex, so it is largest at a corner.
-    farthest = _max_corner_distance(levers)
+    farthest = np.linalg.norm(levers, axis=2).max(axis=1)
     growth = swing * farthest
     return SweptTriangles(pieces, growth, nearest, farthest, np.zeros(3), swing, about_z)
-
-
-def _max_corner_distance(triangles: Floats) -> Floats:
-    """Return the distance of each triangle's farthest corner from the origin."""
-    return np.asarray(np.sqrt(_square_lengths(triangles.swapaxes(0, 1)).max(axis=0)))
 
 
 def subdivide(
@@ -179,8 +174,9 @@ def subdivide(
     corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
     pieces = []
     for _ in range(_MAX_HALVINGS):
-        squares = _square_lengths(corners[[1, 2, 0]] - corners)
-        nearest = np.sqrt(_square_lengths(corners[..., : 2 if about_z else 3]).min(axis=0))
+        squares = ((corners[[1, 2, 0]] - corners) ** 2).sum(axis=2)
+        levers = corners[..., : 2 if about_z else 3]
+        nearest = np.linalg.norm(levers, axis=2).min(axis=0)
         is_long = np.sqrt(squares.max(axis=0)) > np.maximum(max_side, max_relative * nearest)
         pieces.append(corners[:, ~is_long])
         corners = corners[:, is_long]
@@ -195,12 +191,6 @@ def subdivide(
         other[second, rows] = midpoints
         corners = np.concatenate([corners, other], axis=1)
     return np.concatenate([*pieces, corners], axis=1).swapaxes(0, 1).copy()
-
-
-def _square_lengths(vectors: Floats) -> Floats:
-    """Return the squared lengths of vectors."""
-    # numpy is slow along a short axis.
-    return np.asarray(sum(vectors[..., axis] ** 2 for axis in range(vectors.shape[-1])))
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:

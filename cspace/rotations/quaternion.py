@@ -21,7 +21,7 @@ from cspace.rotations.base import (
 )
 from cspace.rotations.lookup import NORM_SLACK, OTHER_COMPONENTS, QUOTIENT_SLACK
 from cspace.support.arrays import Floats, Ints, frozen
-from cspace.support.check import check_count, check_finite
+from cspace.support.check import check_count, check_points
 
 FACE_STEP: Final = 1e-6
 """Distance from a face of a cell to a point of its neighbor, in quotients of components."""
@@ -171,12 +171,7 @@ class QuaternionRotations(Rotations):
         Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative
         lie in one cell.
         """
-        q = check_finite(rotation, "rotation")
-        if q.ndim == 0 or q.shape[-1] != 4:
-            rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
-            raise InputError(
-                "rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation
-            )
+        q = check_points(rotation, "rotation", 4)
         self.canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)

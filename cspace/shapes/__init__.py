@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from cspace.shapes.shape import BoundedShape as BoundedShape
 from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import RoundedSimplices as RoundedSimplices
 from cspace.shapes.shape import Shape as Shape
+from cspace.shapes.shape import shape_from_spec as shape_from_spec
 from cspace.shapes.voxels import Box as Box
 from cspace.shapes.voxels import Voxels as Voxels
 
@@ -51,24 +52,6 @@ ShapeLike: TypeAlias = (
     "| BallSet | ArrayLike"
 )
 """Types that :func:`as_shape` converts."""
-
-_FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
-    "balls": Balls.from_spec,
-    "box": Box.from_spec,
-    "bounded": lambda spec: BoundedShape.from_spec(spec, shape_from_spec),
-    "cells": Voxels.from_spec,
-    "mesh": Mesh.from_spec,
-    "point": Point.from_spec,
-    "polygon": Polygons.from_spec,
-}
-
-
-def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
-    """Make the shape that a :attr:`Shape.spec` describes.
-
-    Raises KeyError, TypeError or ValueError if the spec is malformed.
-    """
-    return _FROM_SPEC[spec["kind"]](spec)
 
 
 def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
@@ -104,9 +87,8 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
         return _shape_of_text(source, name)
-    if isinstance(getattr(source, "name", None), str) and isinstance(
-        shape := getattr(source, "shape", None), Shape
-    ):
+    shape = getattr(source, "shape", None)
+    if isinstance(shape, Shape):
         return shape
     if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return _shape_of_sequence(given, name)

@@ -133,6 +133,7 @@ class Mesh(ExactShape):
     solid: Solid = "auto"
     source: str = "mesh"
     _warned: bool = field(default=False, init=False, repr=False)
+    kind = "mesh"
     dim = 3
 
     def __post_init__(self) -> None:
@@ -245,7 +246,7 @@ class Mesh(ExactShape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Number of triangles, bodies and the like, for reports."""
         closed = sum(body.closed for body in self.bodies)
         return {
@@ -258,7 +259,7 @@ class Mesh(ExactShape):
     @property
     def encloses(self) -> bool:
         """True if closed bodies are solid, at any spacing."""
-        return self.solid == "auto" and bool(self._turns.any())
+        return self.solid == "auto" and bool(self.windings.any())
 
     @cached_property
     def volume(self) -> float:
@@ -359,7 +360,7 @@ class Mesh(ExactShape):
                 f"point; if this is not intended, move its center there first, by {move}"
             )
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
         """Return the triangles, each from its smallest corner on."""
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         if np.linalg.det(matrix) < 0.0:
@@ -402,7 +403,7 @@ class Mesh(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values that JSON can hold, without loss, for :meth:`from_spec`."""
         return {
-            "kind": "mesh",
+            "kind": self.kind,
             "vertices": _encode(self.vertices, "<f8"),
             "faces": _encode(self.faces, "<i8"),
             "solid": self.solid,
@@ -419,7 +420,7 @@ class Mesh(ExactShape):
         return mesh
 
     @cached_property
-    def _turns(self) -> Ints:
+    def windings(self) -> Ints:
         """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
         turns = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
@@ -431,8 +432,8 @@ class Mesh(ExactShape):
     def _winding(self) -> WindingNumber:
         from cspace.raster.surfaces import WindingNumber
 
-        counted = self._turns != 0
-        return WindingNumber(self.triangles[counted] - self.bounds[0], self._turns[counted])
+        counted = self.windings != 0
+        return WindingNumber(self.triangles[counted] - self.bounds[0], self.windings[counted])
 
     @property
     def _solid(self) -> SolidSurface:
@@ -442,7 +443,7 @@ class Mesh(ExactShape):
         triangles = self.triangles
         windings = np.zeros(len(self.faces), dtype=np.int64)
         if self.solid == "auto":
-            windings = self._turns
+            windings = self.windings
         fill = self._warn_of_nothing if self.solid == "fill" else None
         return SolidSurface(triangles, triangles, windings, fill, self.source)
 

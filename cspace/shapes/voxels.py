@@ -48,6 +48,7 @@ class Box(ExactShape):
     `extents`, shape (3,), are its positive side lengths; metres.
     """
 
+    kind = "box"
     dim = 3
     is_boxes = True
 
@@ -130,14 +131,15 @@ class Box(ExactShape):
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         corners = np.array([self.lower, self.upper]) @ matrix.T
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
+        return {"kind": self.kind, "extents": self.extents.tolist(), "center": self.center.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Box:
@@ -151,6 +153,8 @@ class Voxels(ExactShape):
     They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three
     axes, and at least one cell is set; metres.
     """
+
+    kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
         self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
@@ -239,18 +243,10 @@ class Voxels(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
-        position = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
-        last = np.asarray(self.occupied.shape) + 1
-        inside = np.zeros(array.shape[:-1], dtype=np.bool_)
-        # A point on a boundary lies in the shape if either neighbouring cell does.
-        for choice in range(2**self.dim):
-            down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
-            cell = np.clip(
-                np.where(down, np.ceil(position) - 1.0, np.floor(position)) + 1.0, 0, last
-            ).astype(np.int64)
-            inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
-        return inside
+        cells = np.floor((array - self.lower) / self.side) + 1.0
+        cells = np.clip(cells, 0, np.array(padded.shape) - 1).astype(np.int64)
+        return np.asarray(padded[tuple(np.moveaxis(cells, -1, 0))])
 
     def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments in the plane, or triangles in space."""
@@ -317,7 +313,8 @@ class Voxels(ExactShape):
             return self
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
         corners = np.stack([low, high]) @ matrix.T
@@ -327,7 +324,7 @@ class Voxels(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         return {
-            "kind": "cells",
+            "kind": self.kind,
             "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
             "shape": list(self.occupied.shape),
             "spacing": self.side,
