@@ -158,6 +158,7 @@ class MapExport:
 
     _contents: Contents
     _write: Callable[..., None]
+    _clearances_of_cells: Callable[[int | None], Any]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
@@ -289,4 +290,7 @@ class MapExport:
         from cspace.export.messages import costmap_of
 
         space: Any = self
-        return costmap_of(space, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)
+        clearances = self._clearances_of_cells
+        return costmap_of(
+            space, clearances, msg, inflation_radius, cost_scaling_factor, rotation, frame_id
+        )

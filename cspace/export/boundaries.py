@@ -90,18 +90,13 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
         raise InputError("path", problem, rule, "write .ply or .obj instead")
-    scale = np.ptp(vertices, axis=0).max()
-    normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
-    rows = np.zeros(
-        len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
-    rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    rows = np.zeros(len(faces), dtype=record)
+    rows["normal"] = np.sign(np.cross(edges[:, 0], edges[:, 1]))  # faces lie along the axes
     rows["corners"] = corners
-    file.write(
-        b"binary STL, metres".ljust(80)
-        + np.array(len(faces), dtype="<u4").tobytes()
-        + rows.tobytes()
-    )
+    file.write(b"binary STL, metres".ljust(80))
+    file.write(len(faces).to_bytes(4, "little"))
+    file.write(rows.tobytes())
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
