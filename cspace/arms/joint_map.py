@@ -164,10 +164,10 @@ def build_joint_map(
     slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
     part_names = tuple(
-        each.name for group in space._snapshot.groups for each in group.members for _ in each.parts
+        each.name for group in space.snapshot.groups for each in group.members for _ in each.parts
     )
     geometry = JointGeometry(
-        space._outer_scene,
+        space.snapshot.outer,
         joint_indices,
         held,
         joint_limits,
@@ -211,13 +211,13 @@ def _classify_cells(
     cell represents all.
     """
     cells = _joint_cells(space, grid, joint_indices, held)
-    balls = _inner_balls(space._snapshot.inner.solids)
+    balls = _inner_balls(space.snapshot.inner.solids)
     shape, added = grid.shape, [1] * (3 - grid.dim)
     parts, work = list[CellStates](), []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         chosen = (moving == moved).all(axis=1)
-        scene = space._outer_scene.select_pairs(chosen)
-        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
+        scene = space.snapshot.outer.select_pairs(chosen)
+        inside = InnerScene(space.snapshot.inner.select_pairs(chosen), balls)
         sides = np.array([*added, *np.where(moved, shape, 1)])
         part = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
         parts.append(part)
@@ -375,14 +375,14 @@ def _held_configuration(
             hint = f"pass the arm's {space.arm.dof} joint values"
             raise InputError("held_joints", "is missing", rule, hint)
         return np.zeros(space.arm.dof)
-    held = space.arm._check_configurations(held_joints, "held_joints")
+    held = space.arm.check_configurations(held_joints, "held_joints")
     if held.ndim != 1:
         problem, rule = f"has shape {held.shape}", "it must be one configuration of the arm"
         raise InputError("held_joints", problem, rule, "pass one", value=held_joints)
-    within = space.arm._clamp(held)
+    within = space.arm.clamp(held)
     joint_indices = [space.arm.joints.index(name) for name in others]
     within[joint_indices] = held[joint_indices]
-    space.arm._check_limits(within, "held_joints")
+    space.arm.check_limits(within, "held_joints")
     return held.copy()
 
 
@@ -440,7 +440,7 @@ def _count_cells(intervals: Floats, side: float) -> Ints:
 
 def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
-    chain, scene = space.arm.chain, space._outer_scene
+    chain, scene = space.arm.chain, space.snapshot.outer
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
     return np.stack(
@@ -453,12 +453,12 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
     Otherwise all cells would be BLOCKED.
     """
-    scene = space._outer_scene.select_pairs(still)
+    scene = space.snapshot.outer.select_pairs(still)
     if not len(scene.pairs):
         return
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
-        link, other, *_ = space._snapshot.contact(scene, q)
+        link, other, *_ = space.snapshot.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[k] for k in joint_indices)} do not move them apart"
         hint = "hold the other joints elsewhere"
@@ -467,9 +467,9 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
 def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
-    chain, solids = space.arm.chain, space._outer_scene.solids
+    chain, solids = space.arm.chain, space.snapshot.outer.solids
     levers = np.zeros(len(held))
-    for body in np.unique(solids.bodies[space._outer_scene.pairs]):
+    for body in np.unique(solids.bodies[space.snapshot.outer.pairs]):
         reach = float(solids.levers[solids.bodies == body].max())
         for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != FIXED)):
             travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == REVOLUTE else 1.0

@@ -5,24 +5,31 @@ A living :class:`cspace.ArmSpace` replaces its own.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are read when they are first used
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
+from cspace.arms.proofs import (
+    Scene,
+    are_blocked,
+    are_free,
+    make_scene_scratch,
+    motions_are_free,
+    pair_distances,
+)
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.queries.batches import as_contiguous
-from cspace.support.arrays import Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.threads import in_chunks
 
 MIN_MOTIONS_PER_THREAD: Final = 20
@@ -109,14 +116,33 @@ class Snapshot:
         """Names of links with geometry, attached objects and obstacles."""
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
-    def distances(self, points: Floats) -> tuple[Floats, Ints]:
+    def are_free(self, firsts: Floats, lasts: Floats, scene: Scene | None = None) -> Bools:
+        """Return whether motions, shapes (n, dof), are proven free, shape (n,).
+
+        ``scene`` is the outer scene, or one with more padding.
+        """
+        free = np.empty(len(firsts), dtype=np.bool_)
+        rows = as_contiguous(firsts), as_contiguous(lasts)
+        _run_in_threads(motions_are_free, scene or self.outer, *rows, free)
+        return free
+
+    def are_blocked(self, points: Floats) -> Bools:
+        """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""
+        blocked = np.empty(len(points), dtype=np.bool_)
+        _run_in_threads(are_blocked, self.inner, as_contiguous(points), blocked)
+        return blocked
+
+    def distances(self, points: Floats, scene: Scene | None = None) -> tuple[Floats, Ints]:
         """Return the smallest distance at each configuration.
 
         The pair with this distance is returned too. ``points`` has shape (n, dof). The distances,
         shape (n,), are in metres, zero if not proven positive. The second array, shape (n, 3), has
-        the index of the pair of solids and the nearest node of the hull tree of each.
+        the index of the pair of solids and the nearest node of the hull tree of each. ``scene`` is
+        the outer scene, or one with some of its pairs.
         """
-        return _measure_distances(self.outer, points, self.margin)
+        out, nearest = np.empty(len(points)), np.zeros((len(points), 3), dtype=np.int64)
+        _run_in_threads(pair_distances, scene or self.outer, as_contiguous(points), out, nearest)
+        return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
         """Return the pair nearest to touching.
@@ -124,7 +150,7 @@ class Snapshot:
         ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one
         configuration, shape (1, dof).
         """
-        distances, nearest = _measure_distances(scene, points, self.margin)
+        distances, nearest = self.distances(points, scene)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         part_names = [
             each.name for group in self.groups for each in group.members for _ in each.parts
@@ -146,11 +172,11 @@ class Snapshot:
 
         They are names of links and obstacles, of the pairs of a scene.
         """
-        if not len(scene.pairs):
-            return
-        points = self.arm._contact_samples
-        for number in np.flatnonzero(always_touch(scene, points)).tolist():
-            yield self.contact(scene.select_pairs(slice(number, number + 1)), points[:1])[:2]
+        points = self.arm.contact_samples
+        for number in range(len(scene.pairs)):
+            pair = scene.select_pairs(slice(number, number + 1))
+            if always_touch(pair, points):
+                yield self.contact(pair, points[:1])[:2]
 
 
 def make_snapshot(
@@ -327,19 +353,14 @@ def _refuse_always(snapshot: Snapshot) -> None:
         )
 
 
-def _measure_distances(scene: Scene, points: Floats, margin: float) -> tuple[Floats, Ints]:
-    """Return the distances of a scene; see :meth:`Snapshot.distances`."""
-    rows = as_contiguous(points)
-    out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
+def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[Any]) -> None:
+    """Call ``kernel(scene, *arrays, scratch)`` on parts of contiguous arrays."""
 
-    def measure(first: int, stop: int) -> int:
-        pair_distances(
-            scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene)
-        )
+    def run(first: int, stop: int) -> int:
+        kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
         return -1
 
-    in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
-    return np.where(out > 0.0, out + margin, 0.0), nearest
+    in_chunks(run, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
 def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
