@@ -394,11 +394,14 @@ class Arm:
         if not len(found.joints):
             q[rows] = found.nearest
             distance, angle = goal.tolerance
+            far, within = f"{found.distance:.3g} m", f"{distance:g} m"
+            if math.isfinite(angle):
+                far += f" and {found.angle:.3g} rad"
+                within += f" and {angle:g} rad"
             raise ConfigurationError(
                 name,
-                f"is out of reach of {goal.frame}: the nearest pose that it reached is "
-                f"{found.distance:.3g} m and {found.angle:.3g} rad away",
-                f"it must be within {distance:g} m and {angle:g} rad",
+                f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away",
+                f"it must be within {within}",
                 "move the pose, or pass a larger tolerance",
                 value=goal.pose,
                 nearest=tuple(q.tolist()),
