@@ -177,6 +177,7 @@ class PoseProblem(NamedTuple):
         Distance and angle that are no error.
     enough : ndarray of float64, shape (2,)
         Distance and angle at which a start is solved.
+    tolerance : ndarray of float64, shape (2,)
     lower, upper : ndarray of float64, shape (k,)
         Limits of the joints.
     max_slow_steps : int
@@ -188,6 +189,7 @@ class PoseProblem(NamedTuple):
     weights: Floats
     ignored: Floats
     enough: Floats
+    tolerance: Floats
     lower: Floats
     upper: Floats
     max_slow_steps: int
@@ -423,6 +425,7 @@ def make_pose_problem(
         weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
         ignored=IGNORED_SHARE * tolerance if is_patient else np.zeros(2),
         enough=enough_share * tolerance,
+        tolerance=tolerance,
         lower=as_contiguous(limits[0]),
         upper=as_contiguous(limits[1]),
         max_slow_steps=MAX_STEPS if is_patient else MAX_SLOW_STEPS,

@@ -5,6 +5,7 @@ A living :class:`cspace.ArmSpace` replaces its own.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
@@ -152,20 +153,30 @@ class Snapshot:
         """
         distances, nearest = self.distances(points, scene)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        part_names = [
-            each.name for group in self.groups for each in group.members for _ in each.parts
-        ]
-        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
+        hulls, radii, poses = [], [], body_poses(self.arm.chain, points[0])
         for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
-            names.append(part_names[solids.part_at(number, node)])
             corners, radius = node_corners(solids.hulls, node)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
-        return Contact(
-            names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii)
-        )
+        link, other = self._name_parts(scene.pairs[pair], nodes)
+        return Contact(link, other, float(distances[0]), _nearest_points(*hulls, radii))
+
+    def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
+        """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
+        _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
+        nodes, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
+        found = Counter[tuple[str, str]]()
+        for each, count in zip(nodes.tolist(), counts.tolist(), strict=True):
+            found[self._name_parts(self.outer.pairs[pair], each)] += count
+        return found
+
+    def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
+        """Return the names of the links or obstacles at nodes of a pair of solids."""
+        names = [each.name for group in self.groups for each in group.members for _ in each.parts]
+        link, other = map(self.outer.solids.part_at, pair.tolist(), nodes)
+        return names[link], names[other]
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the pairs that touch in all random configurations.
