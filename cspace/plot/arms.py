@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.arms.inverse import branch_to
 from cspace.files.polygons import join_surfaces, transform_surface
 from cspace.plot import artists
 from cspace.plot.route import (
@@ -90,13 +89,12 @@ class ArmFigure:
 
 def count_joints(arm: Any, frame: str) -> int:
     """Return the number of joints that move a frame."""
-    body = arm._frames[frame].body
-    return len(branch_to(arm.chain, body).joints) if body else 0
+    return len(arm.branch_to(frame)[0].joints) if arm.placements[frame].body else 0
 
 
 def _link_surface(arm: Any, link: Any) -> Surface:
     """Return the surface of a link in its own frame."""
-    to_link = np.linalg.inv(arm._frames[link.name].pose)
+    to_link = np.linalg.inv(arm.placements[link.name].pose)
     parts = [(part.shape.outer.surface, to_link @ part.pose) for part in link.parts]
     return join_surfaces([transform_surface(surface, pose) for surface, pose in parts])
 
@@ -131,8 +129,8 @@ def draw_arm(
     """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`."""
     points = check_path(space, path)
     marks = collect_marks(space, path, points, None, None)
-    stand = marks.get("goal", space.arm._rest) if q is None else q
-    stand = space.arm._check_configuration(stand, "q")
+    stand = marks.get("goal", space.arm.rest) if q is None else q
+    stand = space.arm.check_configuration(stand, "q")
     label, ghosts = "arm along the path", points[:0]
     if len(points) > 1:
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT

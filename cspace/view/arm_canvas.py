@@ -88,10 +88,10 @@ class ArmCanvas(Canvas):
         marks: dict[str, Floats],
         frame: str | None = None,
     ) -> None:
-        given = {name: space.arm._check_configuration(q, name) for name, q in marks.items()}
+        given = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
         if "start" in given:
             given.setdefault("goal", given["start"])  # no goal yet
-        samples = sample_free_configurations(space, space.arm._rest)
+        samples = sample_free_configurations(space, space.arm.rest)
         super().__init__(server, space, farthest_pair(samples, samples) | given)
         self._describe_panel()
         self._ghosts: list[Any] = []

@@ -23,7 +23,7 @@ from cspace.view.canvas import MARKS, Canvas
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-    from cspace.arms.inverse import PoseGoal
+    from cspace.arms import PoseGoal
     from cspace.view.tool import ToolFrame
     from planners import Choices, Plan, Trajectory
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.arms.inverse import DEFAULT_TOLERANCE, PoseGoal
+from cspace.arms import PoseGoal
 from cspace.errors import ConfigurationError
 from cspace.plot.arms import count_joints
 from cspace.support.arrays import Floats
@@ -66,7 +66,7 @@ class ToolFrame:
         counts = {frame: count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
         deepest = max(
-            (frame for frame in reversed(self.frames) if frame not in arm._carriers),
+            (frame for frame in reversed(self.frames) if frame not in arm.carriers),
             key=counts.__getitem__,
         )
         self.name = deepest if name is None else check_known(name, "frame", self.frames)
@@ -78,8 +78,10 @@ class ToolFrame:
     @property
     def goal(self) -> PoseGoal:
         """The pose that the frame shall reach."""
-        distance, angle = DEFAULT_TOLERANCE
-        return PoseGoal(self.name, self.pose, (distance, math.inf if self.position_only else angle))
+        goal = PoseGoal(self.name, self.pose)
+        if self.position_only:
+            goal = PoseGoal(self.name, self.pose, (goal.tolerance[0], math.inf))
+        return goal
 
     def choose(self, name: str, position_only: bool | None = None) -> None:
         """Choose the frame that users drag.

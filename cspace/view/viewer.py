@@ -12,7 +12,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
 
-from cspace.arms.space import ArmSpace
+from cspace.arms import ArmSpace
 from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
 from cspace.support.check import check_count
