@@ -18,15 +18,16 @@ MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOT
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 FOR_PLANNERS = (
-    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, facts, find_goals, "
+    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, "
     "has_cells, has_poses, in_memory, is_labelled, length_unit, max_velocity, "
     "obstacle_distance_along, path_exists, resolution, search, searches, steps_between, subproblems"
 )
 """What planners ask of maps and arms; the page of Space describes it."""
 
 INSIDE = {
-    **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
-    "Mesh": "cells, check_origin, is_same, measure, rasters",
+    **dict.fromkeys(("CSpace", "TiledCSpace"), f"{FOR_PLANNERS}, facts"),
+    "ArmSpace": FOR_PLANNERS,
+    "Mesh": "cells, check_origin, facts, is_same, measure, rasters",
     "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
     "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "
     "facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "

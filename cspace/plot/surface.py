@@ -131,9 +131,7 @@ class Painting:
 
 def check_camera(camera: ArrayLike | None) -> Floats:
     """Return elevation and azimuth, degrees; raise InputError otherwise."""
-    if camera is None:
-        return np.array(DEFAULT_CAMERA)
-    angles = check_finite(camera, "camera")
+    angles = check_finite(DEFAULT_CAMERA if camera is None else camera, "camera")
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
         rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
         hint = f"pass e.g. {DEFAULT_CAMERA}"

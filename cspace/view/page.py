@@ -399,7 +399,7 @@ class Page:
         """Plan, and show the result."""
         import planners
 
-        panel, pose = self.panel, self._goal
+        panel, tool, pose = self.panel, self._canvas.tool, self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
         planner, radius = panel.planner.value, panel.turning_radius
@@ -422,17 +422,12 @@ class Page:
             self._show_path(plan.path, plan)
             if plan.solved:
                 self.move(plan.path[0])
-        elif plan.solved and not self._is_dragging:
+        elif plan.solved and tool is not None and not tool.is_held:
             self.mark("goal", plan.goal)
             self._show_path(plan.path, plan)
             panel.share.value = 100.0
             self.go(1.0)
         panel.answer.content = _describe_plan(plan)
-
-    @property
-    def _is_dragging(self) -> bool:
-        """Whether a user drags the tool frame."""
-        return self._canvas.tool is not None and self._canvas.tool.is_held
 
     def _play(self) -> None:
         """Move the robot along the path until its end or until stopped."""
