@@ -500,10 +500,9 @@ class Robot:
         Parameters
         ----------
         path : path-like
-            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
-            ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as
-            ``FILE.yaml#COSTMAP``.
+            Polygons, a mesh, a URDF, or Nav2's parameters. ``FILE.urdf#LINK,LINK`` selects links,
+            and ``FILE.yaml#COSTMAP`` a costmap. The page on files (docs/reference/files.md) has a
+            table of all suffixes.
         solid : {"auto", "surface", "fill"}, optional
             Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
@@ -517,37 +516,27 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        from cspace.files.meshes import MESH_SUFFIXES
-        from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
+        from cspace.files.formats import ROBOT_FORMATS
 
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
-        suffixes = (*POLYGON_SUFFIXES, *MESH_SUFFIXES, ".urdf", ".yaml", ".yml")
-        name, part = _split_part(path, suffixes)
+        name, part = _split_part(path, ROBOT_FORMATS)
         rule = (
             "it must be a file that describes a robot; Robot.parse takes "
             f"{primitives.SHORT_TEXT_FORMS}"
         )
-        suffix = check_suffix(name, suffixes, rule, "robot")
-        options: dict[str, Any] = {}
-        for option, value, taken in (
-            ("solid", solid, (*MESH_SUFFIXES, ".urdf")),
-            ("package_dirs", package_dirs, (".urdf",)),
-        ):
-            if value is not None:
-                options[option] = value
-                if suffix not in taken:
-                    problem, rule = f"is {value!r} for {path}", f"it applies to {', '.join(taken)}"
-                    raise InputError(option, problem, rule, "leave it out", value=value)
-        file = Path(name)
-        if suffix in MESH_SUFFIXES:
-            return cls.from_mesh(file, name=f"mesh {file.name}", **options)
-        if suffix == ".urdf":
-            return cls.from_urdf(file, part.split(",") if part else None, **options)
-        if suffix in POLYGON_SUFFIXES:
-            return cls.polygon(read_shapes(file), name=f"polygon {file.name}")
-        return cls.from_nav2(file, part or None)
+        form = ROBOT_FORMATS[check_suffix(name, ROBOT_FORMATS, rule, "robot")]
+        given = {"solid": solid, "package_dirs": package_dirs}
+        options = {option: value for option, value in given.items() if value is not None}
+        for option, value in options.items():
+            if option not in form.options:
+                known = [suffix for suffix, each in ROBOT_FORMATS.items() if option in each.options]
+                rule = f"it applies to {', '.join(known)}"
+                raise InputError(
+                    option, f"is {value!r} for {path}", rule, "leave it out", value=value
+                )
+        return _read_robot(form.method, Path(name), part, options)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -643,3 +632,19 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     if isinstance(shape, Balls):
         return Robot.from_balls(shape.centers, shape.radii)
     return Robot(type(shape).__name__.lower(), shape)
+
+
+def _read_robot(method: str, path: Path, part: str, options: dict[str, Any]) -> Robot:
+    """Read a robot file by a method of :class:`Robot`.
+
+    ``part`` names a robot in a file that holds several, or is empty.
+    """
+    if method == "polygon":
+        from cspace.files.vector import read_shapes
+
+        return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
+    if method == "from_mesh":
+        return Robot.from_mesh(path, name=f"mesh {path.name}", **options)
+    if method == "from_nav2":
+        return Robot.from_nav2(path, part or None)
+    return Robot.from_urdf(path, part.split(",") if part else None, **options)

@@ -221,7 +221,7 @@ class Workspace(WorkspacePlot):
         """Read a ROS map.
 
         It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
-        origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
+        origin with its yaw apply as in :func:`cspace.ros.read_ros_map`.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class Workspace(WorkspacePlot):
         ----------
         msg : object
             With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
+            :class:`cspace.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
             ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
             applies as in a ROS map. The resolution is a float32 in messages; it is read as the
             shortest decimal number that rounds to it: 0.05, not 0.0500000007.
@@ -733,12 +733,8 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         path : path-like
-            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
-            ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
-            ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
-            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
-            or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
+            A map, an image, polygons, a mesh, an OctoMap, a point cloud or an array. The page on
+            files (docs/reference/files.md) has a table of all suffixes.
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,

@@ -299,10 +299,10 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.export.maps import EXPORTS
+    from cspace.export.maps import EXPORT_FORMATS
     from cspace.opening import open_map
 
-    check_outputs([output], EXPORTS, overwrite)
+    check_outputs([output], EXPORT_FORMATS, overwrite)
     clock = Clock()
     with clock.step("read"):
         box = None if window is None else parse_box(window, "window")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.files.access import suggest_converter, suggest_name
+from cspace.files.access import suggest_file
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
@@ -161,7 +161,5 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
         f"{', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
     )
     kinds = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
-    hint = suggest_converter(Path(source)) or " ".join(
-        filter(None, (suggest_name(Path(source)), kinds))
-    )
+    hint = suggest_file(Path(source), kinds)
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)
