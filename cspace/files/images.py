@@ -65,7 +65,7 @@ class Shades(NamedTuple):
 
     def select(self, levels: Bools) -> Bools:
         """Return a mask of the pixels whose level is set in `levels`."""
-        return levels[self.levels]
+        return np.asarray(levels[self.levels])
 
 
 def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:

@@ -245,7 +245,7 @@ def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
     if "skin" in node:
         hint = "apply its pose and export it without the skin"
         raise unsupported_part("a mesh that a skin moves", hint)
-    if any(node.get("weights", mesh.get("weights", []))):
+    if any(node.get("weights") or mesh.get("weights") or []):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
