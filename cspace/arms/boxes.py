@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 
 from cspace.arms.chain import (
     FIXED,
+    POSITION,
     REVOLUTE,
     Chain,
+    column,
     forward_kinematics,
     pose_rotation,
-    position_of,
     relative_pose,
 )
 from cspace.arms.proofs import (
@@ -360,7 +361,7 @@ def box_axes(
             continue
         pose, row = scratch.poses[j], out[count]
         axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
-        origin = rotate_back(frame, minus(position_of(pose), position_of(base)))
+        origin = rotate_back(frame, minus(column(pose, POSITION), column(base, POSITION)))
         for k in range(3):
             row[k], row[3 + k] = axis[k], origin[k]
         if chain.kinds[j] == REVOLUTE:

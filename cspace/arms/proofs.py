@@ -20,26 +20,33 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import (
+    POSITION,
+    SPIN,
+    VELOCITY,
     Chain,
+    column,
+    columns,
     forward_kinematics,
     motion_bounds,
-    relative_motion,
     relative_pose,
 )
 from cspace.arms.solids import SurfaceTree
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.bodies.hulls import Hulls, joint_displacement, tree_slack
+from cspace.bodies.hulls import Hulls, RelativeMotion, joint_displacement, tree_slack
 from cspace.bodies.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
 from cspace.raster.surfaces import signed_crossing
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
+    add_scaled,
     apply_pose,
     box_distance,
     box_extent,
+    cross,
     dot,
     minus,
     point_triangle,
+    rotate,
     row_at,
 )
 
@@ -331,9 +338,17 @@ def pair_slack(
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         scratch.nodes[1, 0] = 0
         return np.inf
-    motion = relative_motion(
-        scratch.poses[solids.bodies[i]],
-        scratch.poses[solids.bodies[j]],
+    pose, base = scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
+    to_base = columns(base)
+    matrix, position = relative_pose(pose, base)
+    spin = minus(column(pose, SPIN), column(base, SPIN))
+    swept = cross(spin, column(base, POSITION))
+    drift = add_scaled(swept, minus(column(pose, VELOCITY), column(base, VELOCITY)), 1.0)
+    motion = RelativeMotion(
+        matrix,
+        position,
+        rotate(to_base, spin),
+        rotate(to_base, drift),
         half,
         curvature_bound,
         most,

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms.inverse import make_pose_problem, make_pose_scratch
-from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
+from cspace.arms.lines import LineProblem, bound_deviation, make_lines
 from tests.helpers.refusals import refusals
 from tests.helpers.solids import ArmOracle, box
 from tests.helpers.urdfs import (
@@ -204,9 +204,10 @@ def bound_line(
     (line,) = make_lines(ends)
     branch, tool = arm.branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
-    scratch = LineScratch(make_pose_scratch(branch), *waypoints.copy(), np.empty(6))
-    problem = LineProblem(line, pose, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
-    return np.array(bound_deviation(problem, *parameters.tolist(), parts, scratch))
+    problem = LineProblem(line, pose, make_pose_scratch(branch), branch.joints, 10.0)
+    return np.concatenate(
+        bound_deviation(problem, (waypoints[0], waypoints[1]), *parameters.tolist(), parts)
+    )
 
 
 @settings(max_examples=100)
