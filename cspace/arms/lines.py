@@ -130,6 +130,8 @@ class LineProblem(NamedTuple):
     scratch : PoseScratch
     joints : ndarray of int64, shape (k,)
         Indices of the branch's joints in configurations of the arm.
+    tolerance : ndarray of float64, shape (2,)
+        Metres and radians.
     max_coordinate : float
         Largest coordinate of the frame and of the line, metres.
     """
@@ -138,6 +140,7 @@ class LineProblem(NamedTuple):
     pose: PoseProblem
     scratch: PoseScratch
     joints: Ints
+    tolerance: Floats
     max_coordinate: float
 
 
@@ -162,20 +165,20 @@ class LineStep(NamedTuple):
     bounds: Floats
 
 
-class LineRows(NamedTuple):
-    """Configurations along a line.
+class Waypoint(NamedTuple):
+    """A configuration on the way along lines.
 
     Attributes
     ----------
-    joints : ndarray of float64, shape (n, dof)
-    parameters : ndarray of float64, shape (n,)
-        Places on the line, from 0 to 1.
-    bounds : ndarray of float64, shape (n, 2)
-        Proven bounds of deviation, metres, and angle, radians, on the motion from the row before.
+    joints : ndarray of float64, shape (dof,)
+    parameter : float
+        Number of the line, plus the place on it, from 0 to 1.
+    bounds : ndarray of float64, shape (2,)
+        Proven bounds of deviation, metres, and angle, radians, on the motion to it.
     """
 
     joints: Floats
-    parameters: Floats
+    parameter: float
     bounds: Floats
 
 
@@ -308,50 +311,39 @@ def follow_lines(
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
     reach = float(branch.chain.lengths[-1, 0]) + float(np.linalg.norm(tool[:3, 3]))
     size = reach + float(np.abs(corners[:, :3, 3]).max())
-    for given, rounding, unit in zip(
-        tolerance, (LINE_ROUNDING * size, LINE_ROUNDING), ("m", "rad"), strict=True
-    ):
-        if given < rounding:
-            rule = f"its proof allows for rounding errors of up to {rounding:.2g} {unit}"
-            hint = "pass a larger tolerance" + ", or nearer poses" * (unit == "m")
-            raise InputError(
-                "tolerance", f"is {given:g} {unit}", rule, hint, value=tuple(tolerance.tolist())
-            )
-    found = [LineRows(start[np.newaxis], np.zeros(1), DISTANCE_ROUNDING * np.array([[size, 1.0]]))]
-    outcome, failed = REACHED, start
-    for number, line in enumerate(lines):
-        problem = LineProblem(line, pose, scratch, branch.joints, size)
-        rows, outcome, failed = _follow_line(scene, problem, found[-1].joints[-1])
-        found.append(rows._replace(parameters=number + rows.parameters))
-        if outcome != REACHED:
-            break
-    joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
-    stopped_by, fraction = "", 1.0
+    rounding = LINE_ROUNDING * np.array([size, 1.0])
+    given = float(tolerance[0]), float(tolerance[1])
+    if (tolerance < rounding).any():
+        rule = f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad"
+        hint = "pass a larger tolerance, or nearer poses"
+        raise InputError("tolerance", f"is {given}", rule, hint, value=given)
+    waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * np.array([size, 1.0]))]
+    fraction, stopped_by = 1.0, ""
     status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
-    if outcome != REACHED:
-        lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
-        weights = (
-            lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
-        )
-        fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ weights)
+    for number, line in enumerate(lines):
+        problem = LineProblem(line, pose, scratch, branch.joints, tolerance, size)
+        outcome, failed = _follow_line(scene, problem, waypoints)
+        if outcome == REACHED:
+            continue
+        last = waypoints[-1]
+        left = number + 1 - last.parameter
+        lengths = np.maximum([each.length for each in lines], np.finfo(float).tiny)
+        followed = np.clip(last.parameter - np.arange(len(lines)), 0.0, 1.0)
+        fraction = float(followed @ lengths / lengths.sum())
         # Only a motion that is certified has all of the line.
         fraction = min(fraction, math.nextafter(1.0, 0.0))
-        stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
-        number = min(int(parameter), len(lines) - 1)
-        left, line = number + 1 - parameter, lines[number]
-        ahead = (
-            f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before "
-            f"poses[{number}]"
-        )
-        status = f"stopped after {100.0 * fraction:.3g} %, {ahead}: {reason}"
-    deviation, angle = bounds.max(axis=0).tolist()
+        stopped_by, reason = _explain_stop(snapshot, branch, outcome, last.joints, failed)
+        ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad"
+        status = f"stopped after {100.0 * fraction:.3g} %, {ahead} before poses[{number}]: {reason}"
+        break
+    deviation, angle = np.max([each.bounds for each in waypoints], axis=0).tolist()
     return LineMotion(
         frame=frame,
         poses=frozen(corners),
-        tolerance=(float(tolerance[0]), float(tolerance[1])),
-        waypoints=frozen(joints),
-        parameters=frozen(parameters),
-        certified=outcome == REACHED,
+        tolerance=given,
+        waypoints=frozen(np.array([each.joints for each in waypoints])),
+        parameters=frozen(np.array([each.parameter for each in waypoints])),
+        certified=not stopped_by,
         fraction=fraction,
         deviation=deviation,
         angle=min(angle, math.pi),
@@ -360,31 +352,28 @@ def follow_lines(
     )
 
 
-def _follow_line(scene: Scene, problem: LineProblem, start: Floats) -> tuple[LineRows, int, Floats]:
-    """Follow one line.
+def _follow_line(
+    scene: Scene, problem: LineProblem, waypoints: list[Waypoint]
+) -> tuple[int, Floats]:
+    """Follow one line from the last waypoint, and add the new ones.
 
-    Return the new rows, why they end, and the configuration of the last step, even if it failed.
+    Return why they end, and the configuration of the last step, even if it failed.
     """
-    joints, parameters, bounds = [start], [0.0], [np.zeros(2)]
-    step, outcome, failed = 1.0, REACHED, start
-    while parameters[-1] < 1.0:
+    begin, now, step = waypoints[-1].parameter, 0.0, 1.0
+    outcome, failed = REACHED, waypoints[-1].joints
+    while now < 1.0:
         # A step that leaves a small rest is cut in two halves or takes the rest too.
-        now = parameters[-1]
-        left = 1.0 - now
+        here, left = waypoints[-1].joints, 1.0 - now
         stop = 1.0 if step >= left else now + min(step, max(0.5 * left, MIN_LINE_STEP))
-        tried = try_step(problem, joints[-1][problem.joints], now, stop)
+        tried = try_step(problem, here[problem.joints], now, stop)
         outcome, share = tried.outcome, tried.share
-        taken, failed = stop - now, joints[-1].copy()
+        taken, failed = stop - now, here.copy()
         failed[problem.joints] = tried.last
-        if (
-            outcome == REACHED
-            and not are_free(scene, joints[-1][np.newaxis], failed[np.newaxis])[0]
-        ):
+        if outcome == REACHED and not are_free(scene, here[np.newaxis], failed[np.newaxis])[0]:
             outcome, share = COLLISION, 0.0
         if outcome == REACHED:
-            joints.append(failed)
-            parameters.append(stop)
-            bounds.append(tried.bounds)
+            now = stop
+            waypoints.append(Waypoint(failed, begin + now, tried.bounds))
             # The deviation grows with the square of the step. Steps shrink only when one fails, so
             # that their number stays bounded where the deviation approaches the tolerance slowly.
             step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
@@ -394,8 +383,7 @@ def _follow_line(scene: Scene, problem: LineProblem, start: Floats) -> tuple[Lin
             step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
         else:
             step = max(0.5 * taken, MIN_LINE_STEP)
-    rows = LineRows(np.array(joints), np.array(parameters), np.array(bounds))
-    return LineRows(*(column[1:] for column in rows)), outcome, failed
+    return outcome, failed
 
 
 def _explain_stop(
@@ -466,7 +454,7 @@ def bound_deviation(
 
 def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> LineStep:
     """Try to move the frame from a configuration of the branch at ``start`` to ``stop``."""
-    chain, tolerance = problem.pose.chain, problem.pose.tolerance
+    chain, tolerance = problem.pose.chain, problem.tolerance
     last, unproven = first.copy(), np.full(2, np.inf)
     target = problem.line.poses(np.array([stop]))[0]
     distance, turned, _ = descend(problem.pose._replace(target=target), last, problem.scratch)

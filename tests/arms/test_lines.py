@@ -204,7 +204,8 @@ def bound_line(
     (line,) = make_lines(ends)
     branch, tool = arm.branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
-    problem = LineProblem(line, pose, make_pose_scratch(branch), branch.joints, 10.0)
+    scratch = make_pose_scratch(branch)
+    problem = LineProblem(line, pose, scratch, branch.joints, np.ones(2), 10.0)
     return np.concatenate(
         bound_deviation(problem, (waypoints[0], waypoints[1]), *parameters.tolist(), parts)
     )
