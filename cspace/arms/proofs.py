@@ -529,15 +529,21 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
     while top > 0:
         a, b = nodes[top, 0], nodes[top, 1]
         p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
+        top = next_leaves(trees, motion, 0.0, nodes, top)
+        if len(axes) > 0:
+            # Triangles stay crossed only if both are larger than twice the displacement.
+            half, other_half = row_at(trees.boxes[a], 3), row_at(trees.boxes[b], 3)
+            center = apply_pose(matrix, shift, row_at(trees.boxes[a], 0))
+            size = math.sqrt(dot(half, half))
+            moved = joint_displacement(axes, center, size)
+            other_size = other_half[0] + other_half[1] + other_half[2]
+            if other_size <= moved or (size <= moved and q[9] == 0.0):
+                continue
         corners = (
             apply_pose(matrix, shift, row_at(p, 0)),
             apply_pose(matrix, shift, row_at(p, 3)),
             apply_pose(matrix, shift, row_at(p, 6)),
         )
-        if len(axes) > 0:
-            half, center = row_at(trees.boxes[a], 3), row_at(trees.boxes[a], 0)
-            size = math.sqrt(dot(half, half))
-            moved = joint_displacement(axes, apply_pose(matrix, shift, center), size)
         if q[9] != 0.0:
             if pierces(corners, q, required + moved):
                 return True
@@ -545,7 +551,6 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
             other = row_at(q, 0), row_at(q, 3), row_at(q, 6)
             if crosses(corners, other, required, moved):
                 return True
-        top = next_leaves(trees, motion, 0.0, nodes, top)
     return False
 
 

@@ -326,20 +326,22 @@ def box_slack(
     Also returns a bound of the displacement of the first node, and its center.
     """
     half_time, most = motion.half_time, motion.max_displacement
-    center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-    half = box_extent(motion.matrix, row_at(box, 3))
-    drift = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
+    x, y, z = center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
+    hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
+    u, v, w = drift = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
     swing = half_time * math.sqrt(dot(motion.spin, motion.spin)) * box[6] + motion.curvature_bound
     swing += joint_displacement(axes, center, box[6])
-    slack, square = -math.inf, 0.0
-    for k in range(3):
-        gap = abs(center[k] - fixed[k]) - fixed[3 + k]
-        slack = max(slack, gap - half[k] - min(half_time * abs(drift[k]) + swing, most))
-        square += max(gap, 0.0) ** 2
-    slack -= motion.required
+    dx = abs(x - fixed[0]) - fixed[3]
+    dy = abs(y - fixed[1]) - fixed[4]
+    dz = abs(z - fixed[2]) - fixed[5]
+    along_x = dx - hx - min(half_time * abs(u) + swing, most)
+    along_y = dy - hy - min(half_time * abs(v) + swing, most)
+    along_z = dz - hz - min(half_time * abs(w) + swing, most)
+    slack = max(along_x, along_y, along_z) - motion.required
     speed = min(half_time * math.sqrt(dot(drift, drift)) + swing, most)
     if slack <= enough:
-        slack = math.sqrt(square) - box[6] - motion.required - speed
+        outside = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
+        slack = math.sqrt(dot(outside, outside)) - box[6] - motion.required - speed
     return slack, speed, center
 
 
@@ -509,18 +511,11 @@ def nearest_in_simplex(
     origin = scale_vector(new, -1.0)
     to_a, to_b, to_c = minus(a, new), minus(b, new), minus(c, new)
     volume = dot(to_a, cross(to_b, to_c))
-    weight_a, weight_b, weight_c = (
-        dot(origin, cross(to_b, to_c)) / volume,
-        dot(to_a, cross(origin, to_c)) / volume,
-        dot(to_a, cross(to_b, origin)) / volume,
-    )
-    if (
-        volume != 0.0
-        and weight_a >= 0.0
-        and weight_b >= 0.0
-        and weight_c >= 0.0
-        and weight_a + weight_b + weight_c <= 1.0
-    ):
+    weight_a = dot(origin, cross(to_b, to_c)) / volume
+    weight_b = dot(to_a, cross(origin, to_c)) / volume
+    weight_c = dot(to_a, cross(to_b, origin)) / volume
+    is_inside = min(weight_a, weight_b, weight_c) >= 0.0 and weight_a + weight_b + weight_c <= 1.0
+    if volume != 0.0 and is_inside:
         return origin, a, b, c, 4
     # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is
     # on another face.

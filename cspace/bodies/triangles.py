@@ -360,8 +360,8 @@ def free_fraction_along(
         return -1.0
     length = math.sqrt(square)
     s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
-    above, below = min(x, min(y, z)) - max(s, max(t, 0.0)), min(s, min(t, 0.0)) - max(x, max(y, z))
-    slack = max(above, below) / length - required
+    gap = max(min(x, y, z) - max(s, t, 0.0), min(s, t, 0.0) - max(x, y, z))
+    slack = gap / length - required
     if not slack > 0.0:
         return -1.0
     return slack / (abs(dot(n, step)) / length + drift)

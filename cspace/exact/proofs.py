@@ -27,7 +27,7 @@ from cspace.rotations.lookup import (
     matrix_rows,
     rotation_along,
 )
-from cspace.shapes import Box, RoundedSimplices
+from cspace.shapes import Box, ExactShape, RoundedSimplices
 from cspace.support.arrays import (
     BLOCKED,
     FREE,
@@ -330,21 +330,13 @@ class BoundaryProofs:
 
         No boundaries may meet. Tests only the cases that :func:`edge_state` leaves MIXED.
         """
-        containment, (positions, angles) = self._inputs.containment, self._place_robot(q)
-        nested = np.zeros(len(q), dtype=np.bool_)
-        if self._shapes:
-            low, high = self._bounds
-            anchors = (self._anchors @ angles.swapaxes(1, 2) + positions[:, None])[..., : self._dim]
+        small, (positions, angles) = self._inputs.containment.anchors, self._place_robot(q)
+        own = self._anchors @ angles.swapaxes(1, 2) + positions[:, None]
+        near = (small - positions[:, None]) @ angles
+        nested = _contain_any(self._robot, self._robot.bounds, near[..., : self._dim])
+        for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
-            which, points = _select_points((low <= anchors) & (anchors <= high), anchors)
-            for part in self._shapes if len(points) else ():
-                nested[which[part.contains(points)]] = True
-        if len(containment.anchors):
-            near = (containment.anchors - positions[:, None]) @ angles
-            within = (near >= containment.low) & (near <= containment.high)
-            which, points = _select_points(within, near[..., : self._dim])
-            if len(points):
-                nested[which[self._robot.contains(points)]] = True
+            nested |= _contain_any(shape, self._bounds, own[..., : self._dim])
         return nested
 
 
@@ -375,13 +367,15 @@ def _build_boundary_trees(
     )
 
 
-def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
-    """Select the points inside along every axis.
+def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Floats) -> Bools:
+    """Return whether a shape contains any of the points in its bounds.
 
-    Returns the first index of each and the points; ``points`` has shape (n, m, d).
+    The points have shape (n, m, d), the result (n,).
     """
-    chosen = np.asarray(within.all(axis=2))
-    return np.nonzero(chosen)[0], points[chosen]
+    inside = ((bounds[0] <= points) & (points <= bounds[1])).all(axis=2)
+    if inside.any():
+        inside[inside] = shape.contains(points[inside])
+    return np.asarray(inside.any(axis=1))
 
 
 class Scratch(NamedTuple):
@@ -488,7 +482,6 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int
     is proven first.
     """
     boundaries = inputs.boundaries
-    scratch.node_pairs[0, 0] = -1
     measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
     if measured < 0 or length == 0.0:
