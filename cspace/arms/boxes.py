@@ -35,6 +35,7 @@ from cspace.arms.chain import (
     relative_pose,
 )
 from cspace.arms.proofs import (
+    NO_MOTION,
     Scene,
     SceneScratch,
     Solids,
@@ -55,10 +56,6 @@ from cspace.support.vectors import apply_pose, minus, rotate, rotate_back, row_a
 MAX_PENDING_BLOCKS: Final = 128
 """Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their
 parts, and some spare."""
-
-
-JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
-"""Bounds of a pair whose displacement is that of the joints of a box."""
 
 
 class JointCells(NamedTuple):
@@ -228,7 +225,7 @@ def prove_block(
         count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
         # While the boundaries stay apart, containment is the same in the whole box.
-        if pair_slack(scene, pair, JOINTS_ONLY, axes, required, 0.0, scratch) < 0.0 or is_nested(
+        if pair_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch) < 0.0 or is_nested(
             scene, pair, scratch, 0.0
         ):
             pending.pair_lists[row, still_open] = pair

@@ -33,7 +33,7 @@ import numpy as np
 from cspace.queries.batches import as_contiguous
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
-from cspace.support.vectors import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
+from cspace.support.vectors import add_scaled, apply_pose, cross, minus, rotate, row_at
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -153,12 +153,8 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 @kernel
 def multiply(rows: Matrix, columns: Matrix) -> Matrix:
     """Multiply a matrix, given by its rows, and a matrix, given by its columns."""
-    (u, v, w), (x, y, z) = rows, columns
-    return (
-        (dot(u, x), dot(u, y), dot(u, z)),
-        (dot(v, x), dot(v, y), dot(v, z)),
-        (dot(w, x), dot(w, y), dot(w, z)),
-    )
+    u, v, w = rows
+    return rotate(columns, u), rotate(columns, v), rotate(columns, w)
 
 
 @kernel

@@ -37,7 +37,7 @@ from cspace.arms.proofs import (
 )
 from cspace.arms.snapshots import Snapshot
 from cspace.arms.space import ArmSpace
-from cspace.bodies.triangles import MAX_PENDING_PAIRS
+from cspace.bodies.triangles import MAX_PENDING_PAIRS, SurfaceTree
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs

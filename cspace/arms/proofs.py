@@ -30,12 +30,12 @@ from cspace.arms.chain import (
     motion_bounds,
     relative_pose,
 )
-from cspace.arms.solids import SurfaceTree
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.hulls import Hulls, RelativeMotion, joint_displacement, tree_slack
 from cspace.bodies.triangles import (
     MAX_PENDING_PAIRS,
     Motion,
+    SurfaceTree,
     Trees,
     boxes_are_apart,
     crosses,
@@ -67,8 +67,8 @@ MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
 """Largest number of parts of a motion; each distance adds two at most."""
 
 
-NO_MOTION: Final = (0.0, 0.0, 0.0)
-"""Bounds of a pair that does not move."""
+NO_MOTION: Final = (0.0, 0.0, math.inf)
+"""Bounds of a pair that moves with the joints of a box only, or not at all."""
 
 
 class Solids(NamedTuple):
@@ -239,7 +239,15 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     required = required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
         return False
-    longest = bound_pairs(scene, q0, q1, scratch)
+    solids, longest = scene.solids, 0.0
+    for n in range(len(scene.pairs)):
+        i, j = scene.pairs[n]
+        bounds = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        for k in range(3):
+            scratch.bounds[n, k] = bounds[k]
+        open_pairs[0, n] = open_pairs[1, n] = True
+        scratch.not_nested[n] = False
+        longest = max(longest, bounds[0])
     # Most colliding motions end in a collision, so the endpoint is tested first.
     forward_kinematics(chain, q1, q1, 0.0, scratch.poses)
     if part_state(scene, open_pairs[1], 0.0, required, scratch) != FREE:
@@ -267,25 +275,6 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
                     open_pairs[count, n] = open_pairs[row, n]
                 count += 1
     return False
-
-
-@kernel
-def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
-    """Write the bounds of all pairs along a motion, and open all pairs.
-
-    They are open in the whole motion and at its endpoint. Returns the largest displacement.
-    """
-    solids, longest = scene.solids, 0.0
-    for n in range(len(scene.pairs)):
-        i, j = scene.pairs[n]
-        most, curve, turned = motion_bounds(
-            scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
-        )
-        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
-        scratch.open_pairs[0, n] = scratch.open_pairs[1, n] = True
-        scratch.not_nested[n] = False
-        longest = max(longest, most)
-    return longest
 
 
 @kernel
@@ -450,9 +439,8 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
         b = nodes[top, 1]
         around, (start, count) = surfaces.boxes[b], surfaces.spans[b]
         # The ray crosses no triangle beside it or below its start.
-        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
-            continue
-        if z - around[2] > around[5] + rounding:
+        offset = x - around[0], y - around[1], max(z - around[2], 0.0)
+        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(around, 3)):
             continue
         if count == 1:
             winding += (

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -88,6 +88,32 @@ class Trees(NamedTuple):
     triangles: Floats
 
 
+class SurfaceTree(NamedTuple):
+    """A tree of the triangles of closed surfaces.
+
+    Attributes
+    ----------
+    boxes : ndarray of float64, shape (m, 6)
+        Center and half sides of the box of each node.
+    spans : ndarray of int64, shape (m, 2)
+        First triangle of each node, and their number; children as in :class:`Trees`.
+    triangles : ndarray of float64, shape (n, 3, 3)
+    windings : ndarray of int64, shape (n,)
+        Multiplicity of each triangle.
+    """
+
+    boxes: Floats
+    spans: Ints
+    triangles: Floats
+    windings: Ints
+
+
+AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
+
+NO_TREE: Final = Trees(np.empty((0, 7)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10)))
+"""A tree without triangles."""
+
+
 class Motion(NamedTuple):
     """Pose and motion of the robot.
 
@@ -124,9 +150,9 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
         np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1)
         for b in borders
     ]
-    return concatenate_trees(
-        [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
-    )
+    trees = [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
+    joined, roots = join_trees(trees, NO_TREE)
+    return joined, roots.tolist()
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
@@ -135,18 +161,16 @@ def build_tree(rows: Floats, levers: Floats) -> Trees:
     return Trees(np.column_stack([box, node_maxima(levers[order], spans)]), spans, rows[order])
 
 
-def concatenate_trees(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
-    """Concatenate trees; return them with their roots, -1 for an empty tree."""
-    roots, spans, nodes, rows = list[int](), list[Ints](), 0, 0
-    for tree in trees:
-        roots.append(nodes if len(tree.boxes) else -1)
-        spans.append(tree.spans + np.array([rows, 0]))
-        nodes, rows = nodes + len(tree.boxes), rows + len(tree.triangles)
-    boxes, triangles = (
-        np.concatenate(parts)
-        for parts in zip(*((t.boxes, t.triangles) for t in trees), strict=True)
-    )
-    return Trees(boxes, np.concatenate(spans), triangles), roots
+def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
+    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
+    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
+    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
+    moved = [
+        tree._replace(spans=tree.spans + np.array([row, 0]))
+        for tree, row in zip(trees, rows, strict=False)
+    ]
+    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
+    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
