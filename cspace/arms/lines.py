@@ -429,7 +429,7 @@ def bound_deviation(
     last, rate, half = len(chain.parents) - 1, stop - start, 0.5 / parts
     radius = float(np.linalg.norm(tool[:3, 3]))
     _, curvature, rotation = motion_bounds(chain, last, 0, radius, *ends)
-    times = half * np.arange(1, 2 * parts, 2)
+    times = np.linspace(half, 1.0 - half, parts)
     bodies = np.empty((parts, last + 1, 3, 6))
     for time, placed in zip(times, bodies, strict=True):
         forward_kinematics(chain, *ends, time, placed)

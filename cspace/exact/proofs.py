@@ -372,7 +372,7 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
 
     The points have shape (n, m, d), the result (n,).
     """
-    inside = ((bounds[0] <= points) & (points <= bounds[1])).all(axis=2)
+    inside: Bools = np.asarray(((bounds[0] <= points) & (points <= bounds[1])).all(axis=2))
     if inside.any():
         inside[inside] = shape.contains(points[inside])
     return np.asarray(inside.any(axis=1))
