@@ -582,10 +582,11 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            if out[k]:
-                break
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch)
-            out[k] = (
-                slack < 0.0 and boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
-            ) or is_nested(scene, n, scratch, required)
+            slack = 0.0
+            if not out[k]:
+                slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch)
+            if slack < 0.0:
+                out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
+        for n in range(len(scene.pairs)):
+            out[k] = out[k] or is_nested(scene, n, scratch, required)
