@@ -46,8 +46,7 @@ from cspace.arms.proofs import (
     required_distance,
 )
 from cspace.bodies import ADVANCE_FACTOR
-from cspace.bodies.hulls import joint_displacement
-from cspace.bodies.triangles import boxes_are_apart, piece_depth
+from cspace.bodies.triangles import boxes_are_apart, joint_displacement, piece_depth
 from cspace.grid import SLACK
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.support.compiling import kernel
@@ -309,8 +308,8 @@ def box_axes(
     """Write the joints that move body a relative to body b.
 
     Returns their number. The rows of ``scratch.axes`` are those of
-    :func:`cspace.bodies.hulls.joint_displacement`, in the frame of b. They include the rounding of
-    points, ``required``.
+    :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b. They include the rounding
+    of points, ``required``.
     """
     base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0
     frame = pose_rotation(base)

@@ -31,7 +31,7 @@ from cspace.arms.chain import (
     relative_pose,
 )
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.bodies.hulls import Hulls, RelativeMotion, joint_displacement, tree_slack
+from cspace.bodies.hulls import Hulls, RelativeMotion, tree_slack
 from cspace.bodies.triangles import (
     MAX_PENDING_PAIRS,
     Motion,
@@ -39,6 +39,7 @@ from cspace.bodies.triangles import (
     Trees,
     boxes_are_apart,
     crosses,
+    joint_displacement,
     next_leaves,
     pierces,
 )
@@ -169,7 +170,7 @@ class SceneScratch(NamedTuple):
         Pairs known not to contain each other.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see
-        :func:`cspace.bodies.hulls.joint_displacement`.
+        :func:`cspace.bodies.triangles.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -490,7 +491,7 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, the proof holds in a whole box of configurations; see
-    :func:`cspace.bodies.hulls.joint_displacement`.
+    :func:`cspace.bodies.triangles.joint_displacement`.
     """
     solids = scene.solids
     i, j = scene.pairs[n]
@@ -513,20 +514,15 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
     and the ``axes``, are as seen from the second.
     """
     matrix, shift, moved = motion.matrix, motion.position, 0.0
-    top = next_leaves(trees, motion, 0.0, nodes, 2)
+    top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
     while top > 0:
         a, b = nodes[top, 0], nodes[top, 1]
         p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
-        top = next_leaves(trees, motion, 0.0, nodes, top)
+        top = next_leaves(trees, motion, 0.0, axes, nodes, top)
         if len(axes) > 0:
-            # Triangles stay crossed only if both are larger than twice the displacement.
-            half, other_half = row_at(trees.boxes[a], 3), row_at(trees.boxes[b], 3)
+            half = row_at(trees.boxes[a], 3)
             center = apply_pose(matrix, shift, row_at(trees.boxes[a], 0))
-            size = math.sqrt(dot(half, half))
-            moved = joint_displacement(axes, center, size)
-            other_size = other_half[0] + other_half[1] + other_half[2]
-            if other_size <= moved or (size <= moved and q[9] == 0.0):
-                continue
+            moved = joint_displacement(axes, center, math.sqrt(dot(half, half)))
         corners = (
             apply_pose(matrix, shift, row_at(p, 0)),
             apply_pose(matrix, shift, row_at(p, 3)),

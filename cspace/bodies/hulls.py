@@ -34,7 +34,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.bodies.triangles import Trees, build_boxes, half_axes, node_maxima
+from cspace.bodies.triangles import (
+    Trees,
+    build_boxes,
+    half_axes,
+    joint_displacement,
+    node_maxima,
+)
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
@@ -259,8 +265,8 @@ def tree_slack(
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
     a box of configurations, ``axes`` are the joints that move the first tree
-    (:func:`joint_displacement`); a motion has none, and for a box the motion has ``half_time`` 0.
-    The result is negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not
+    (:func:`cspace.bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
+    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not
     apart at the central moment. That pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS,
     2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
     apart separately.
@@ -372,23 +378,6 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
         nearer, farther = farther, nearer
     scratch[row, 0], scratch[row, 1] = a, farther
     scratch[row + 1, 0], scratch[row + 1, 1] = a, nearer
-
-
-@kernel
-def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
-    """Bound the displacement of a ball's points in a box of configurations.
-
-    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
-    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
-    and a translation. Move the joints one after another, beginning at the observer. Each moves the
-    ball and the axes of all later joints together, so the distances of the ball from these axes are
-    still those at the center.
-    """
-    total = 0.0
-    for k in range(len(axes)):
-        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
-        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
-    return total
 
 
 @kernel

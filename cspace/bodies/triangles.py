@@ -273,7 +273,7 @@ def free_fraction(
         nodes[top, 0], nodes[top, 1] = nodes[0, 0], nodes[0, 1]
         top += 1
     while best >= 0.0:
-        top = next_leaves(trees, motion, best, nodes, top)
+        top = next_leaves(trees, motion, best, trees.boxes[:0], nodes, top)
         if top == 0:
             break
         a, b = nodes[top, 0], nodes[top, 1]
@@ -286,9 +286,12 @@ def free_fraction(
 
 
 @kernel
-def next_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints, top: int) -> int:
+def next_leaves(
+    trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
+) -> int:
     """Find two leaves that may come too near on a fraction of a motion.
 
+    With the ``axes`` of a box of configurations, skip nodes that may move past each other there.
     ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes in the rows from 1 to
     ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if there are none.
     """
@@ -308,6 +311,14 @@ def next_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints, top:
         if boxes_are_apart(minus(center, row_at(other, 0)), half, row_at(other, 3)):
             continue
         n, m = trees.spans[a, 1], trees.spans[b, 1]
+        if len(axes) > 0:
+            # Triangles stay crossed only if both are larger than twice the displacement.
+            side = row_at(box, 3)
+            size = math.sqrt(dot(side, side))
+            moved = joint_displacement(axes, center, size if n == 1 else -size)
+            is_filled = trees.triangles[trees.spans[b, 0], 9] != 0.0
+            if other[3] + other[4] + other[5] <= moved or (size <= moved and not is_filled):
+                continue
         if n == 1 and m == 1:
             return top
         # Split the node with the larger box.
@@ -318,6 +329,23 @@ def next_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints, top:
             nodes[top, 0], nodes[top + 1, 0] = a + 2 * (n // 2), a + 1
         top += 2
     return 0
+
+
+@kernel
+def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
+    """Bound the displacement of a ball's points in a box of configurations.
+
+    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
+    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
+    and a translation. Move the joints one after another, beginning at the observer. Each moves the
+    ball and the axes of all later joints together, so the distances of the ball from these axes are
+    still those at the center.
+    """
+    total = 0.0
+    for k in range(len(axes)):
+        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
+        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
+    return total
 
 
 @kernel
