@@ -1,9 +1,9 @@
 """Trees of convex hulls around triangles, and proofs that two trees stay apart.
 
 Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a
-convex hull, grown by a radius: whole parts and their large pieces, with enough corners to show
-their shape; a few neighbouring triangles; and single triangles. A convex part, such as a box or a
-cylinder, is one node.
+convex hull, grown by the radius of their triangles: whole parts and their large pieces, unless they
+have too many corners; a few neighbouring triangles; and single triangles. A convex part, such as a
+box or a cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections
 onto a line along n. The projection of a hull is the projection of its corners, grown by its radius.
@@ -266,10 +266,10 @@ def tree_slack(
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
     a box of configurations, ``axes`` are the joints that move the first tree
     (:func:`cspace.bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
-    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not
-    apart at the central moment. That pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS,
-    2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
-    apart separately.
+    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
+    if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
+    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected
+    parts were proven apart separately.
     """
     best, partial, moves = enough, False, False
     scratch[0, 0] = scratch[0, 1] = -1
