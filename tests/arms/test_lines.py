@@ -553,12 +553,15 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     ({"tolerance": (0.0, 1.0)}, r"tolerance is \(0.0, 1.0\); it must be two numbers above zero"),
     (
         {"tolerance": (1e-15, 1.0)},
-        "tolerance is 1e-15 m; .* rounding errors of up to .* m; pass a larger tolerance",
+        r"tolerance is \(1e-15, 1.0\); rounding errors reach .* m and 4e-12 rad; pass a larger",
     ),
-    ({"tolerance": (1.0, 1e-15)}, "tolerance is 1e-15 rad; .* rounding errors of up to 4e-12 rad"),
+    (
+        {"tolerance": (1.0, 1e-15)},
+        r"tolerance is \(1.0, 1e-15\); rounding errors reach .* 4e-12 rad",
+    ),
     (
         {"poses": pose_at(1e10, 0)},
-        r"tolerance is 0.001 m; .* rounding errors of up to 0.04 m; .* or nearer poses",
+        r"tolerance is \(0.001, .*\); rounding errors reach 0.04 m and .*, or nearer poses",
     ),
     (
         {"poses": [np.eye(4), pose_at(1e300, 0)]},
