@@ -44,6 +44,7 @@ from cspace.bodies.triangles import (
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
+    THIN,
     add_scaled,
     apply_pose,
     box_extent,
@@ -68,8 +69,13 @@ MAX_HULL_CORNERS: Final = 192
 """Largest number of corners of a hull; nodes with larger hulls are tested by their children."""
 
 
-MAX_SAMPLED_POINTS: Final = 4096
-"""Approximate number of points of which the depth in their hull is measured."""
+HULL_ROUNDING: Final = 2.0**-37
+"""Growth of a hull with points beside its corners, relative to its size: the rounding of distances
+from triangles that are not thin."""
+
+
+MAX_PAIRS_PER_BLOCK: Final = 2**18
+"""Largest number of pairs of a point and a plane or a triangle that are compared at once."""
 
 
 MAX_GJK_STEPS: Final = 40
@@ -170,7 +176,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             continue
         depth = boxes[node, 3:6].min()
         if not is_rounded and (node == 0 or not is_tile):
-            hull, enclosed, depth = _find_corners(hull)
+            hull, enclosed, depth, boxes[node, 7] = _find_corners(hull)
             is_convex = node == 0 and volume > (1.0 - 1e-9) * enclosed
             if len(hull) > MAX_HULL_CORNERS:
                 continue
@@ -205,20 +211,55 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     return corners[places < counts[:, None]], np.append(0, np.cumsum(counts))
 
 
-def _find_corners(points: Floats) -> tuple[Floats, float, float]:
-    """Return the corners of a hull, its volume, and about the largest depth of a point in it.
+def _find_corners(points: Floats) -> tuple[Floats, float, float, float]:
+    """Return the corners of a hull, its volume, the largest depth of a point, and its growth.
 
-    A flat set returns all points and an infinite volume.
+    The hull of the corners, grown by the last number, contains all points. A flat set returns all
+    points and an infinite volume.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return points, math.inf, 0.0
-    sampled = points[:: 1 + len(points) // MAX_SAMPLED_POINTS]
-    heights = (sampled @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-    return points[hull.vertices], float(hull.volume), -float(heights.min())
+        return points, math.inf, 0.0, 0.0
+    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    heights = np.concatenate(
+        [(part @ normals.T + offsets).max(axis=1) for part in _in_blocks(points, len(normals))]
+    )
+    # Qhull leaves out points on faces and edges; by rounding, they may lie beside the hull.
+    size = float(np.ptp(points, axis=0).max())
+    left_out = np.ones(len(points), dtype=np.bool_)
+    left_out[hull.vertices] = False
+    beside = points[left_out & (heights > -1e-9 * size)]
+    growth = _largest_gap(beside, hull.points[hull.simplices])
+    if len(beside):
+        growth += HULL_ROUNDING * size
+    return points[hull.vertices], float(hull.volume), -float(heights.min()), growth
+
+
+def _largest_gap(points: Floats, triangles: Floats) -> float:
+    """Return an upper bound of the points' distances from their nearest triangles.
+
+    The nearest points of thin triangles are not exact, so thin triangles are left out.
+    """
+    from trimesh.triangles import closest_point
+
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    sides = triangles[areas > 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)]
+    largest = 0.0
+    for part in _in_blocks(points, len(sides)):
+        pairs = np.repeat(part, len(sides), axis=0)
+        nearest = closest_point(np.tile(sides, (len(part), 1, 1)), pairs)
+        gaps = np.linalg.norm(nearest - pairs, axis=1).reshape(len(part), len(sides))
+        largest = max(largest, float(gaps.min(axis=1, initial=np.inf).max(initial=0.0)))
+    return largest
+
+
+def _in_blocks(points: Floats, others: int) -> list[Floats]:
+    """Split points so that each block has few pairs with ``others`` planes or triangles."""
+    return np.array_split(points, len(points) * others // MAX_PAIRS_PER_BLOCK + 1)
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
