@@ -46,6 +46,9 @@ FOR_PLANNERS = (
 autosummary_context = {
     "inside": {
         **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
+        "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "
+        "contact_samples, moving_pairs, ranges, rest, solve_pose, whole_turns",
+        "PlanningScene": "place",
         "Mesh": "cells, check_origin, is_same, measure, rasters",
         "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
         "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "

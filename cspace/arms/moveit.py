@@ -131,7 +131,7 @@ class PlanningScene:
             self._ids.get(one, one), self._ids.get(other, other)
         )
 
-    def _place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
+    def place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
 
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If

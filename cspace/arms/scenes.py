@@ -82,10 +82,7 @@ def _pack(
     trees, tree_roots = _join_trees([part.tree for part in parts], _NO_TREE)
     closed = [part.surface_tree for part in parts if len(part.surface[0])]
     surfaces, surface_roots = _join_trees(closed, _NO_SURFACE)
-    filled = [
-        any(part.is_filled and len(part.tree.boxes) for part in own)
-        for own in _split(solids, parts)
-    ]
+    filled = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
     anchors, starts = _pack_points(solids, parts, points)
     boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
     return Solids(
@@ -99,17 +96,9 @@ def _pack(
         surfaces=surfaces,
         surface_roots=surface_roots,
         anchors=anchors,
-        has_solids=np.array(filled, dtype=np.bool_),
+        has_solids=np.diff(np.cumsum([0, *filled])[starts[:, 2]]) > 0,
         starts=starts,
     )
-
-
-def _split(solids: Sequence[Solid], parts: Sequence[PosedShape]) -> list[Sequence[PosedShape]]:
-    """Return the parts of each solid."""
-    stops = np.cumsum([len(solid.parts) for solid in solids]).tolist()
-    return [
-        parts[stop - len(solid.parts) : stop] for solid, stop in zip(solids, stops, strict=True)
-    ]
 
 
 def _pack_points(
@@ -129,14 +118,11 @@ def _pack_points(
 
 def _join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
     """Join trees in one record; return the root of each tree too, -1 if it is empty."""
-    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
-    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
-    moved = [
-        tree._replace(spans=tree.spans + np.array([row, 0]))
-        for tree, row in zip(trees, rows, strict=False)
-    ]
-    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
-    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
+    joined = type(empty)(*map(np.concatenate, zip(empty, *trees, strict=True)))
+    sizes = np.array([len(tree.boxes) for tree in trees], dtype=np.int64)
+    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)])
+    joined.spans[:, 0] += np.repeat(rows[:-1], sizes)
+    return joined, np.where(sizes > 0, np.cumsum(sizes) - sizes, -1)
 
 
 def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:

@@ -353,8 +353,6 @@ def _plant_trees(start: Floats, goals: Floats) -> Forest:
 
 def _double_capacity(forest: Forest) -> Forest:
     """Return the same trees with twice the capacity."""
-    return forest._replace(
-        nodes=np.concatenate([forest.nodes] * 2, axis=1),
-        parents=np.concatenate([forest.parents] * 2, axis=1),
-        reaches=np.concatenate([forest.reaches] * 2, axis=1),
-    )
+    nodes, parents, reaches, counts = forest
+    doubled = (np.concatenate([each, each], axis=1) for each in (nodes, parents, reaches))
+    return Forest(*doubled, counts)

@@ -20,7 +20,6 @@ from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pa
 from cspace.arms.proofs import (
     Scene,
     are_blocked,
-    are_free,
     make_scene_scratch,
     motions_are_free,
     pair_distances,
@@ -220,7 +219,9 @@ def make_snapshot(
     )
     pairs, fixed = _pair_groups(groups, may_touch)
     solids = [group.solid for group in groups]
-    outer = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    extra = _pad_pairs(groups, pairs + fixed)
+    every = make_scene(arm.chain, solids, pairs + fixed, extra, margin)
+    outer = every.select_pairs(slice(len(pairs)))
     inner = make_inner_scene(outer, solids)
     made = Snapshot(
         arm,
@@ -234,7 +235,7 @@ def make_snapshot(
         outer,
         inner,
     )
-    _refuse_fixed(made, fixed, _pad_pairs(groups, fixed))
+    _refuse_fixed(made, every.select_pairs(slice(len(pairs), None)))
     _refuse_always(made)
     return made
 
@@ -322,18 +323,13 @@ def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Flo
     return np.array(extra, dtype=np.float64)
 
 
-def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding: Floats) -> None:
+def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
     """Raise ConfigurationError if a fixed link touches an obstacle.
 
-    No joint moves such a link.
+    ``scene`` has the pairs of such links, which no joint moves.
     """
-    if not pairs:
-        return
-    scene, q = (
-        snapshot.outer._replace(pairs=np.array(pairs), padding=padding),
-        np.zeros((1, snapshot.arm.dof)),
-    )
-    if not are_free(scene, q, q)[0]:
+    q = np.zeros((1, snapshot.arm.dof))
+    if not snapshot.are_free(q, q, scene)[0]:
         link, obstacle, *_ = snapshot.contact(scene, q)
         raise ConfigurationError(
             link,

@@ -1094,7 +1094,7 @@ def build_arm_space(
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        (arm, pairs), obstacles = scene._place(arm, given), scene.obstacles
+        (arm, pairs), obstacles = scene.place(arm, given), scene.obstacles
     pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}

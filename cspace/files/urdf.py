@@ -309,17 +309,16 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     poses, order = {root: np.eye(4)}, [root]
     for name in order:  # the list grows in the loop
         for joint in below[name]:
-            motion = np.eye(4)
-            offset = joint.mimic.offset if joint.mimic is not None else None
-            if offset and joint.type in ("revolute", "continuous"):
-                motion[:3, :3] = Rotation.from_rotvec(
-                    offset * joint.axis / np.linalg.norm(joint.axis)
-                ).as_matrix()
-            elif offset and joint.type == "prismatic":
-                motion[:3, 3] = offset * joint.axis / np.linalg.norm(joint.axis)
-            poses[joint.child] = (
-                poses[name] @ (np.eye(4) if joint.origin is None else joint.origin) @ motion
-            )
+            pose = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin)
+            if joint.mimic is not None and joint.type in _MOVING_TYPES:
+                motion = np.eye(4)
+                step = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
+                if joint.type == "prismatic":
+                    motion[:3, 3] = step
+                else:
+                    motion[:3, :3] = Rotation.from_rotvec(step).as_matrix()
+                pose = pose @ motion
+            poses[joint.child] = pose
             order.append(joint.child)
     return poses
 
