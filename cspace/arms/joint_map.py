@@ -148,7 +148,8 @@ def build_joint_map(
     )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
     moving = _moving_pairs(snapshot, joint_indices)
-    _refuse_held_contact(snapshot, names, held, ~moving.any(axis=1))
+    still = np.flatnonzero(~moving.any(axis=1))
+    _refuse_held_contact(snapshot, names, held, still)
 
     states, deciding_pairs = _classify_cells(
         snapshot, grid, joint_indices, held, moving, workers or cores(), progress
@@ -266,10 +267,11 @@ class JointMap(CSpace):
             chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
             cells, pairs = cells[chosen], pairs[chosen]
         places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
-        centers = geometry.configurations(grid.lower + grid.spacing * (places + 0.5))
+        centers = np.asarray(grid.lower + grid.spacing * (places + 0.5), dtype=np.float64)
+        rows = geometry.configurations(centers)
         found = Counter[tuple[str, str]]()
         for pair in np.unique(pairs).tolist():
-            found.update(geometry.snapshot.nearest_parts(pair, centers[pairs == pair]))
+            found.update(geometry.snapshot.nearest_parts(pair, rows[pairs == pair]))
         return dict(found.most_common())
 
     @lazy
@@ -442,7 +444,7 @@ def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
 
 
 def _refuse_held_contact(
-    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Bools
+    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Ints
 ) -> None:
     """Raise ConfigurationError if pairs touch that the mapped joints do not move.
 

@@ -1013,12 +1013,11 @@ class _Assembly:
 
     def _max_velocity(self, leader: str) -> float:
         """Return the largest speed of a joint within the limits of itself and its mimics."""
-        followers = [
-            joint
+        return min(
+            joint.max_velocity / abs(joint.factor)
             for joint in self._order
-            if joint.leader == leader and joint.factor and joint.kind != FIXED
-        ]
-        return min(joint.max_velocity / abs(joint.factor) for joint in followers)
+            if joint.leader == leader and self._is_moved(joint)
+        )
 
     def _fixed_pose(self, joint: Joint) -> Floats:
         """Return the motion of a joint that no configuration moves."""

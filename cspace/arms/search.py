@@ -353,6 +353,9 @@ def _plant_trees(start: Floats, goals: Floats) -> Forest:
 
 def _double_capacity(forest: Forest) -> Forest:
     """Return the same trees with twice the capacity."""
-    nodes, parents, reaches, counts = forest
-    doubled = (np.concatenate([each, each], axis=1) for each in (nodes, parents, reaches))
-    return Forest(*doubled, counts)
+    return Forest(
+        nodes=np.concatenate([forest.nodes] * 2, axis=1),
+        parents=np.concatenate([forest.parents] * 2, axis=1),
+        reaches=np.concatenate([forest.reaches] * 2, axis=1),
+        counts=forest.counts,
+    )

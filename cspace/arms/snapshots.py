@@ -160,7 +160,7 @@ class Snapshot:
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
         link, other = self._name_parts(scene.pairs[pair], nodes)
-        return Contact(link, other, float(distances[0]), _nearest_points(*hulls, radii))
+        return Contact(link, other, float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
         """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""

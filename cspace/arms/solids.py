@@ -38,6 +38,10 @@ PROBES_PER_PART: Final = 60
 collisions."""
 
 
+MAX_ROTATION_ERROR: Final = 5e-7
+"""Largest error of an entry of a rotation matrix, because files round them."""
+
+
 _BYTES_PER_CELL: Final = 4
 """Memory per workspace cell while cells are converted to boxes, bytes."""
 
@@ -257,24 +261,21 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         If it is no rigid motion.
     """
     matrix = check_finite(pose, name)
-    good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
-    if good:
-        turn = matrix[:3, :3]
-        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(
-            np.linalg.det(turn) > 0.0
-        )
-    if not good:
-        raise InputError(
-            name,
-            f"has shape {matrix.shape}",
-            "it must be a rigid motion, shape (4, 4)",
-            "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R",
-            value=pose,
-        )
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    matrix = matrix.copy()
-    matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
-    return matrix
+    if matrix.shape == (4, 4):
+        # Digits of a file are few, so take the nearest rotation.
+        left, _, right = np.linalg.svd(matrix[:3, :3])
+        rigid = np.eye(4)
+        rigid[:3, :3] = left @ right
+        rigid[:3, 3] = matrix[:3, 3]
+        if np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR and np.linalg.det(rigid) > 0.0:
+            return rigid
+    raise InputError(
+        name,
+        f"has shape {matrix.shape}",
+        "it must be a rigid motion, shape (4, 4)",
+        "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R",
+        value=pose,
+    )
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:
