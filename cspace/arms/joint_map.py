@@ -276,11 +276,14 @@ class JointMap(CSpace):
 
     @lazy
     def _exact(self) -> ExactQueries:
-        """Queries with exact geometry, that of the arm until the cells change."""
-        geometry = self._geometry
-        if geometry is None:
-            return ExactQueries(self._problem)
-        return ExactQueries(self._problem, partial(JointProofs, geometry))
+        """Queries with exact geometry."""
+        return ExactQueries(self._problem, self._make_proofs)
+
+    def _make_proofs(self, problem: Problem) -> Proofs:
+        """Return proofs by the arm, or by the cells once they changed."""
+        if self._geometry is None:
+            return BoundaryProofs(problem)
+        return JointProofs(self._geometry, problem)
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop the geometry too, which belongs to the cells before the update."""

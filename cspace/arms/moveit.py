@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
-from typing import Any, Final, NamedTuple
+from itertools import chain, combinations, product
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,28 +42,8 @@ _BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
 """Radius of the largest ball around the center of a primitive, from its dimensions, metres."""
 
 
-class Contacts(NamedTuple):
-    """Pairs that may touch, from an allowed collision matrix.
-
-    Attributes
-    ----------
-    rows : dict of str to dict of str to bool
-        Entries by the two names.
-    defaults : dict of str to bool
-    """
-
-    rows: dict[str, dict[str, bool]]
-    defaults: dict[str, bool]
-
-    def may_touch(self, one: str, other: str) -> bool:
-        """Return True if all entries and defaults of a pair agree that it may touch."""
-        entries = [
-            self.rows.get(one, {}).get(other),
-            self.rows.get(other, {}).get(one),
-            self.defaults.get(one),
-            self.defaults.get(other),
-        ]
-        return any(entries) and False not in entries
+Contacts: TypeAlias = dict[tuple[str, ...], bool]
+"""Entries of an allowed collision matrix by two names, and defaults by one name."""
 
 
 class AttachedObject(NamedTuple):
@@ -127,9 +107,10 @@ class PlanningScene:
         Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree.
         The pair may touch only if they agree. Without a matrix, no pair may.
         """
-        return self._contacts is not None and self._contacts.may_touch(
-            self._ids.get(one, one), self._ids.get(other, other)
-        )
+        contacts = self._contacts or {}
+        one, other = (self._ids.get(name, name) for name in (one, other))
+        found = [contacts.get(key) for key in ((one, other), (other, one), (one,), (other,))]
+        return any(found) and False not in found
 
     def place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
@@ -278,10 +259,8 @@ def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
         )
     if not names and not others:
         return None
-    by_name = {
-        name: dict(zip(names, row, strict=True)) for name, row in zip(names, rows, strict=True)
-    }
-    return Contacts(by_name, dict(zip(others, defaults, strict=True)))
+    entries = dict(zip(product(names, names), chain.from_iterable(rows), strict=True))
+    return entries | {(name,): may for name, may in zip(others, defaults, strict=True)}
 
 
 class JointGoal(NamedTuple):
