@@ -27,6 +27,10 @@ FOR_PLANNERS = (
 INSIDE = {
     **dict.fromkeys(("CSpace", "TiledCSpace"), f"{FOR_PLANNERS}, facts"),
     "ArmSpace": FOR_PLANNERS,
+    "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "
+    "contact_samples, moving_pairs, ranges, rest, solve_pose, whole_turns",
+    "JointMap": "undecided_pairs",
+    "PlanningScene": "place",
     "Mesh": "cells, check_origin, facts, is_same, measure, rasters",
     "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
     "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "

@@ -141,9 +141,13 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
     """
     pair = np.asarray(check_real(tolerance, "tolerance"), dtype=np.float64)
     if pair.shape != (2,) or not (pair > 0.0).all() or np.isinf(pair).all():
-        rule = "it must be two numbers above zero, metres and radians, of which one may be infinite"
-        hint = f"pass e.g. {DEFAULT_TOLERANCE}"
-        raise InputError("tolerance", f"is {tolerance!r}", rule, hint, value=tolerance)
+        raise InputError(
+            "tolerance",
+            f"is {tolerance!r}",
+            "it must be two numbers above zero, metres and radians, of which one may be infinite",
+            f"pass e.g. {DEFAULT_TOLERANCE}",
+            value=tolerance,
+        )
     return pair
 
 

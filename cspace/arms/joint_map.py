@@ -152,7 +152,8 @@ def build_joint_map(
     )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
     moving = _moving_pairs(snapshot, joint_indices)
-    _refuse_held_contact(snapshot, names, held, ~moving.any(axis=1))
+    still = np.flatnonzero(~moving.any(axis=1))
+    _refuse_held_contact(snapshot, names, held, still)
 
     states, deciding_pairs = _classify_cells(
         snapshot, grid, joint_indices, held, moving, workers or cores(), progress
@@ -178,13 +179,21 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
     for name in names:
         check_known(name, "joints", arm.joints, "name")
         if name in Rotations.all_names() or name.split() != [name]:
-            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
-            hint = "rename the joint in the URDF"
-            raise InputError("joints", f"name {name!r}", rule, hint, value=name)
+            raise InputError(
+                "joints",
+                f"name {name!r}",
+                f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}",
+                "rename the joint in the URDF",
+                value=name,
+            )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule = "a map has two or three different joints"
-        hint = "name them, and pass held_joints= for the others"
-        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
+        raise InputError(
+            "joints",
+            f"are {', '.join(names)}",
+            "a map has two or three different joints",
+            "name them, and pass held_joints= for the others",
+            value=names,
+        )
     return names
 
 
@@ -262,19 +271,23 @@ class JointMap(CSpace):
             chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
             cells, pairs = cells[chosen], pairs[chosen]
         places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
-        centers = geometry.configurations(grid.lower + grid.spacing * (places + 0.5))
+        centers = np.asarray(grid.lower + grid.spacing * (places + 0.5), dtype=np.float64)
+        rows = geometry.configurations(centers)
         found = Counter[tuple[str, str]]()
         for pair in np.unique(pairs).tolist():
-            found.update(geometry.snapshot.nearest_parts(pair, centers[pairs == pair]))
+            found.update(geometry.snapshot.nearest_parts(pair, rows[pairs == pair]))
         return dict(found.most_common())
 
     @lazy
     def _exact(self) -> ExactQueries:
-        """Queries with exact geometry, that of the arm until the cells change."""
-        geometry = self._geometry
-        if geometry is None:
-            return ExactQueries(self._problem)
-        return ExactQueries(self._problem, partial(JointProofs, geometry))
+        """Queries with exact geometry."""
+        return ExactQueries(self._problem, self._make_proofs)
+
+    def _make_proofs(self, problem: Problem) -> Proofs:
+        """Return proofs by the arm, or by the cells once they changed."""
+        if self._geometry is None:
+            return BoundaryProofs(problem)
+        return JointProofs(self._geometry, problem)
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop the geometry too, which belongs to the cells before the update."""
@@ -325,9 +338,13 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     """
     found = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
     if found is None:
-        rule = "maps from files and maps with changed cells have none"
-        hint = "pass the map that build_joint_map made"
-        raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
+        raise InputError(
+            "joint_map",
+            "has no geometry of an arm",
+            "maps from files and maps with changed cells have none",
+            "pass the map that build_joint_map made",
+            value=joint_map,
+        )
     return found
 
 
@@ -352,14 +369,22 @@ def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | 
     if held_joints is None:
         others = [name for n, name in enumerate(arm.joints) if n not in joint_indices]
         if others:
-            rule = f"the map holds {', '.join(others)} still"
-            hint = f"pass the arm's {arm.dof} joint values"
-            raise InputError("held_joints", "is missing", rule, hint)
+            raise InputError(
+                "held_joints",
+                "is missing",
+                f"the map holds {', '.join(others)} still",
+                f"pass the arm's {arm.dof} joint values",
+            )
         return np.zeros(arm.dof)
     held = arm.check_configurations(held_joints, "held_joints").copy()
     if held.ndim != 1:
-        problem, rule = f"has shape {held.shape}", "it must be one configuration of the arm"
-        raise InputError("held_joints", problem, rule, "pass one", value=held_joints)
+        raise InputError(
+            "held_joints",
+            f"has shape {held.shape}",
+            "it must be one configuration of the arm",
+            "pass one",
+            value=held_joints,
+        )
     held[joint_indices] = arm.clamp(held)[joint_indices]
     arm.check_limits(held, "held_joints")
     return held
@@ -375,22 +400,32 @@ def _joint_range(
         argument = f"limits[{name!r}]"
         given = check_finite(limits[name], argument)
         if given.shape != (2,) or not low <= given[0] < given[1] <= high:
-            rule = f"they must be two ascending numbers within {low:.12g} and {high:.12g}"
-            problem = f"are {limits[name]}"
-            raise InputError(argument, problem, rule, "correct them", value=limits[name])
+            raise InputError(
+                argument,
+                f"are {limits[name]}",
+                f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
+                "correct them",
+                value=limits[name],
+            )
         return float(given[0]), float(given[1])
     if low == high:
-        problem, rule = f"name {name!r}, which stays at {low:g}", "a map is of what moves"
-        hint = "name the other joints; held_joints= says where it is held"
-        raise InputError("joints", problem, rule, hint, value=name)
+        raise InputError(
+            "joints",
+            f"name {name!r}, which stays at {low:g}",
+            "a map is of what moves",
+            "name the other joints; held_joints= says where it is held",
+            value=name,
+        )
     if math.isfinite(low):
         return low, high
     if not space.periodic_axes[number]:
-        problem = (
-            f"are missing for {name!r}, which is continuous and moves other joints by another angle"
+        raise InputError(
+            "limits",
+            f"are missing for {name!r}, which is continuous and moves others by another angle",
+            "a turn does not restore the arm",
+            f"pass limits={{{name!r}: (-3.14, 3.14)}}",
+            value=limits,
         )
-        rule, hint = "a turn does not restore the arm", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
-        raise InputError("limits", problem, rule, hint, value=limits)
     return -math.pi, math.pi
 
 
@@ -416,7 +451,7 @@ def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
 
 
 def _refuse_held_contact(
-    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Bools
+    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Ints
 ) -> None:
     """Raise ConfigurationError if pairs touch that the mapped joints do not move.
 
@@ -425,10 +460,13 @@ def _refuse_held_contact(
     scene, q = snapshot.outer.select_pairs(still), held[np.newaxis]
     if not snapshot.are_free(q, q, scene)[0]:
         link, other, *_ = snapshot.contact(scene, q)
-        problem = f"has {link} touch {other!r}, or come nearer than the margin"
-        rule = f"{', '.join(names)} do not move them apart"
-        hint = "hold the other joints elsewhere"
-        raise ConfigurationError("held_joints", problem, rule, hint, value=held)
+        raise ConfigurationError(
+            "held_joints",
+            f"has {link} touch {other!r}, or come nearer than the margin",
+            f"{', '.join(names)} do not move them apart",
+            "hold the other joints elsewhere",
+            value=held,
+        )
 
 
 def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:

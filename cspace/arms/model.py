@@ -250,8 +250,13 @@ class Arm:
             if link is not None:
                 check_known(link, name, urdf.link_map)
         if tip is not None and joints is not None:
-            rule = "both say which joints move"
-            raise InputError("joints", "is given with tip", rule, "leave one out", value=joints)
+            raise InputError(
+                "joints",
+                "is given with tip",
+                "both say which joints move",
+                "leave one out",
+                value=joints,
+            )
         tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
         read = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
         chosen = None if joints is None else _choose_joints(joints, read.groups, tree)
@@ -414,9 +419,12 @@ class Arm:
         """Return a frame's branch, and its pose on the last body."""
         body, tool = self.placements[check_known(frame, "frame", self.placements)]
         if body == 0:
-            rule = "no joint of the arm moves it"
             raise InputError(
-                "frame", f"is {frame!r}", rule, "name a frame beyond a joint", value=frame
+                "frame",
+                f"is {frame!r}",
+                "no joint of the arm moves it",
+                "name a frame beyond a joint",
+                value=frame,
             )
         return branch_to(self.chain, body), tool
 
@@ -493,13 +501,22 @@ class Arm:
         for joint, held in self.held_joints.items():
             value = checked.get(joint, held)
             if abs(value - held) > LIMIT_SLACK:
-                hint = "pass these values as held_joints= to Arm.from_urdf"
-                problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
-                raise InputError("values", problem, rule, hint, value=value)
+                raise InputError(
+                    "values",
+                    f"has {joint} at {value:.12g}",
+                    f"the arm holds it at {held:.12g}",
+                    "pass these values as held_joints= to Arm.from_urdf",
+                    value=value,
+                )
         missing = [joint for joint in self.joints if joint not in checked]
         if missing and all_joints:
-            problem, rule = f"lack {', '.join(missing)}", "they are values of all joints of a robot"
-            raise InputError("values", problem, rule, "pass base= with the others", value=values)
+            raise InputError(
+                "values",
+                f"lack {', '.join(missing)}",
+                "they are values of all joints of a robot",
+                "pass base= with the others",
+                value=values,
+            )
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
@@ -520,8 +537,13 @@ class Arm:
         if name in self._states:
             named = [name]
         if not self._states:
-            rule, hint = "the arm has none", "pass srdf= to Arm.from_urdf, or values by joint"
-            raise InputError(argument, f"is {name!r}", rule, hint, value=name)
+            raise InputError(
+                argument,
+                f"is {name!r}",
+                "the arm has none",
+                "pass srdf= to Arm.from_urdf, or values by joint",
+                value=name,
+            )
         if len(named) != 1:
             check_known(name, argument, named or self._states)
         return {
@@ -596,8 +618,13 @@ class Arm:
         check_known(name, "name", self.carriers)
         for other, link in self.carriers.items():
             if link == name:
-                hint = f"detach {other!r} first"
-                raise InputError("name", f"is {name!r}", f"it carries {other!r}", hint, value=name)
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
+                    f"it carries {other!r}",
+                    f"detach {other!r} first",
+                    value=name,
+                )
         return replace(
             self,
             links=tuple(link for link in self.links if link.name != name),
@@ -685,9 +712,12 @@ class Arm:
         """
         array = check_finite(q, name)
         if array.ndim == 0 or array.shape[-1] != self.dof:
-            rule = f"the last axis must hold one number for each of {', '.join(self.joints)}"
             raise InputError(
-                name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q
+                name,
+                f"has shape {array.shape}",
+                f"the last axis must hold one number for each of {', '.join(self.joints)}",
+                f"pass {self.dof} numbers",
+                value=q,
             )
         return array
 
@@ -695,9 +725,13 @@ class Arm:
         """Return one configuration, within the limits."""
         point = np.empty((0, 0)) if q is None else self.check_configurations(q, name)
         if point.ndim != 1:
-            problem = "is missing" if q is None else f"has shape {point.shape}"
-            hint = f"pass ({', '.join(self.joints)})"
-            raise InputError(name, problem, "it must be one configuration", hint, value=q)
+            raise InputError(
+                name,
+                "is missing" if q is None else f"has shape {point.shape}",
+                "it must be one configuration",
+                f"pass ({', '.join(self.joints)})",
+                value=q,
+            )
         self.check_limits(point, name)
         return point
 
@@ -713,9 +747,12 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
     Raises InputError if they are no mapping, name another joint, or are not finite numbers.
     """
     if not isinstance(values, Mapping):
-        hint = f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}"
         raise InputError(
-            argument, f"is {values!r}", "it must map names of joints to numbers", hint, value=values
+            argument,
+            f"is {values!r}",
+            "it must map names of joints to numbers",
+            f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}",
+            value=values,
         )
     checked = {}
     for joint, value in values.items():
@@ -723,8 +760,13 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
         place = f"{argument}[{joint!r}]"
         number = check_finite(value, place)
         if number.ndim:
-            problem, rule = f"has shape {number.shape}", "a joint has one number"
-            raise InputError(place, problem, rule, "pass a float", value=value)
+            raise InputError(
+                place,
+                f"has shape {number.shape}",
+                "a joint has one number",
+                "pass a float",
+                value=value,
+            )
         checked[joint] = float(number)
     return checked
 
@@ -738,8 +780,13 @@ def _choose_joints(
     """
     if isinstance(joints, str):
         if not groups:
-            rule, hint = "no SRDF gives groups", "pass srdf=, or a list of joints"
-            raise InputError("joints", f"is {joints!r}", rule, hint, value=joints)
+            raise InputError(
+                "joints",
+                f"is {joints!r}",
+                "no SRDF gives groups",
+                "pass srdf=, or a list of joints",
+                value=joints,
+            )
         return groups[check_known(joints, "joints", groups)]
     names = check_names(joints, "joints")
     movable = [name for name, joint in tree.items() if is_independent(joint)]
@@ -785,13 +832,21 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return the limits of a joint of yourdfpy."""
     limits: Any = [getattr(joint.limit, end, None) for end in ("lower", "upper")]
     if None in limits:
-        rule = "revolute and prismatic joints have"
-        raise InputError(where, "has no limits", rule, "add <limit lower= upper=>")
+        raise InputError(
+            where,
+            "has no limits",
+            "revolute and prismatic joints have",
+            "add <limit lower= upper=>",
+        )
     lower, upper = check_finite(limits, f"{where}: limit").tolist()
     if lower > upper:
-        problem = f"are {lower:.12g} and {upper:.12g}"
-        rule = "the lower one must not be above the upper one"
-        raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
+        raise InputError(
+            f"{where}: limits",
+            f"are {lower:.12g} and {upper:.12g}",
+            "the lower one must not be above the upper one",
+            "exchange them",
+            value=(lower, upper),
+        )
     return lower, upper
 
 
@@ -831,8 +886,12 @@ class _Assembly:
         for joint in self._order:
             self._check_leader(joint)
         if not self._moving:
-            problem, rule = "has no joint that moves there", "an arm has at least one"
-            raise InputError(file, problem, rule, "name another base, tip or joints")
+            raise InputError(
+                file,
+                "has no joint that moves there",
+                "an arm has at least one",
+                "name another base, tip or joints",
+            )
 
     def _check_leader(self, joint: Joint) -> None:
         """Raise InputError if a joint mimics one that it cannot."""
@@ -840,8 +899,13 @@ class _Assembly:
         leaders = [each.name for each in self._order if each.leader == each.name]
         leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
         if joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(leader.upper):
-            problem, rule = f"mimics {leader.name!r}", "a prismatic joint would slide without end"
-            raise InputError(where, problem, rule, "correct it", value=joint.leader)
+            raise InputError(
+                where,
+                f"mimics {leader.name!r}",
+                "a prismatic joint would slide without end",
+                "correct it",
+                value=joint.leader,
+            )
 
     def _is_moved(self, joint: Joint) -> bool:
         """Return True if the arm's configuration moves a joint."""
@@ -862,9 +926,13 @@ class _Assembly:
         for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
-                rule = f"its limits are {joint.lower:.12g} and {joint.upper:.12g}"
-                problem = f"has {name} at {value:.12g}"
-                raise InputError("held_joints", problem, rule, "stay within them", value=value)
+                raise InputError(
+                    "held_joints",
+                    f"has {name} at {value:.12g}",
+                    f"its limits are {joint.lower:.12g} and {joint.upper:.12g}",
+                    "stay within them",
+                    value=value,
+                )
 
     def arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm."""
@@ -881,13 +949,21 @@ class _Assembly:
             else:
                 bodies[joint.child] = Frame(body, frame @ self._fixed_pose(joint))
         if len(parents) > MAX_BODIES:
-            problem = f"has {len(parents)} bodies that move against each other"
-            rule, hint = f"at most {MAX_BODIES} are allowed", "name a base or a tip"
-            raise InputError(self._file, problem, rule, hint, value=len(parents))
+            raise InputError(
+                self._file,
+                f"has {len(parents)} bodies that move against each other",
+                f"at most {MAX_BODIES} are allowed",
+                "name a base or a tip",
+                value=len(parents),
+            )
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
-            rule = "an arm's links need some"
-            raise InputError(self._file, "has no collision geometry", rule, "add <collision>")
+            raise InputError(
+                self._file,
+                "has no collision geometry",
+                "an arm's links need some",
+                "add <collision>",
+            )
         moving = [self._joints[name] for name in self._moving]
         return Arm(
             name=str(self._urdf.robot.name),
@@ -937,12 +1013,11 @@ class _Assembly:
 
     def _max_velocity(self, leader: str) -> float:
         """Return the largest speed of a joint within the limits of itself and its mimics."""
-        followers = [
-            joint
+        return min(
+            joint.max_velocity / abs(joint.factor)
             for joint in self._order
-            if joint.leader == leader and joint.factor and joint.kind != FIXED
-        ]
-        return min(joint.max_velocity / abs(joint.factor) for joint in followers)
+            if joint.leader == leader and self._is_moved(joint)
+        )
 
     def _fixed_pose(self, joint: Joint) -> Floats:
         """Return the motion of a joint that no configuration moves."""
@@ -1005,8 +1080,9 @@ def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     links, link = set[str](), tip
     while link != base:
         if link not in above:
-            rule = f"it is not below {base!r}"
-            raise InputError("tip", f"is {tip!r}", rule, "name a link that is", value=tip)
+            raise InputError(
+                "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is", value=tip
+            )
         links.add(link)
         link = above[link].parent
     return links

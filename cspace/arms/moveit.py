@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
-from typing import Any, Final, NamedTuple
+from itertools import chain, combinations, product
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,28 +42,8 @@ _BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
 """Radius of the largest ball around the center of a primitive, from its dimensions, metres."""
 
 
-class Contacts(NamedTuple):
-    """Pairs that may touch, from an allowed collision matrix.
-
-    Attributes
-    ----------
-    rows : dict of str to dict of str to bool
-        Entries by the two names.
-    defaults : dict of str to bool
-    """
-
-    rows: dict[str, dict[str, bool]]
-    defaults: dict[str, bool]
-
-    def may_touch(self, one: str, other: str) -> bool:
-        """Return True if all entries and defaults of a pair agree that it may touch."""
-        entries = [
-            self.rows.get(one, {}).get(other),
-            self.rows.get(other, {}).get(one),
-            self.defaults.get(one),
-            self.defaults.get(other),
-        ]
-        return any(entries) and False not in entries
+Contacts: TypeAlias = dict[tuple[str, ...], bool]
+"""Entries of an allowed collision matrix by two names, and defaults by one name."""
 
 
 class AttachedObject(NamedTuple):
@@ -127,11 +107,12 @@ class PlanningScene:
         Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree.
         The pair may touch only if they agree. Without a matrix, no pair may.
         """
-        return self._contacts is not None and self._contacts.may_touch(
-            self._ids.get(one, one), self._ids.get(other, other)
-        )
+        contacts = self._contacts or {}
+        one, other = (self._ids.get(name, name) for name in (one, other))
+        found = [contacts.get(key) for key in ((one, other), (other, one), (one,), (other,))]
+        return any(found) and False not in found
 
-    def _place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
+    def place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
 
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If
@@ -163,14 +144,23 @@ class PlanningScene:
         """
         for name in dict.fromkeys([*self._ids.values(), *self._ids]):
             if name in arm.frames:
-                problem, rule = f"has the object {name!r}", "the arm has a frame of that name"
-                raise InputError(self.source, problem, rule, "rename the object", value=name)
+                raise InputError(
+                    self.source,
+                    f"has the object {name!r}",
+                    "the arm has a frame of that name",
+                    "rename the object",
+                    value=name,
+                )
         for joint, held in arm.held_joints.items():
             value = self.robot_state.get(joint, held)
             if abs(value - held) > LIMIT_SLACK:
-                problem, rule = f"has {joint} at {value:.12g}", f"the arm holds it at {held:.12g}"
-                hint = "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state"
-                raise InputError(self.source, problem, rule, hint, value=value)
+                raise InputError(
+                    self.source,
+                    f"has {joint} at {value:.12g}",
+                    f"the arm holds it at {held:.12g}",
+                    "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
+                    value=value,
+                )
 
     def _pose_on_link(self, arm: Arm, each: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame."""
@@ -201,8 +191,13 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
         return np.linalg.inv(pose).astype(np.float64)
     # MoveIt takes the root for the world.
     if frame != WORLD or not arm.base_is_root:
-        rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
-        raise InputError(source, problem, rule, hint, value=frame)
+        raise InputError(
+            source,
+            problem,
+            f"the arm has no such frame; its base is {arm.frames[0]!r}",
+            hint,
+            value=frame,
+        )
     return np.eye(4)
 
 
@@ -257,14 +252,15 @@ def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
     names, rows = fields["entry_names"], fields["entry_values"]
     others, defaults = fields["default_entry_names"], fields["default_entry_values"]
     if {len(names)} != {len(rows), *map(len, rows), len(names)} or len(others) != len(defaults):
-        problem = "has an allowed_collision_matrix of another size than its names"
-        raise ContentError(problem, "it is square, with a default for each name", "correct it")
+        raise ContentError(
+            "has an allowed_collision_matrix of another size than its names",
+            "it is square, with a default for each name",
+            "correct it",
+        )
     if not names and not others:
         return None
-    by_name = {
-        name: dict(zip(names, row, strict=True)) for name, row in zip(names, rows, strict=True)
-    }
-    return Contacts(by_name, dict(zip(others, defaults, strict=True)))
+    entries = dict(zip(product(names, names), chain.from_iterable(rows), strict=True))
+    return entries | {(name,): may for name, may in zip(others, defaults, strict=True)}
 
 
 class JointGoal(NamedTuple):
@@ -355,10 +351,13 @@ class MotionPlanRequest:
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
                 if not lower - LIMIT_SLACK <= held <= upper + LIMIT_SLACK:
-                    problem = f"has {joint} at {value:.12g}"
-                    rule = f"the arm holds it at {held:.12g}"
-                    hint = "pass other joints= to Arm.from_urdf"
-                    raise InputError(argument, problem, rule, hint, value=value)
+                    raise InputError(
+                        argument,
+                        f"has {joint} at {value:.12g}",
+                        f"the arm holds it at {held:.12g}",
+                        "pass other joints= to Arm.from_urdf",
+                        value=value,
+                    )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))
             limit = float(np.clip(value, arm.lower[index], arm.upper[index]))
@@ -437,8 +436,11 @@ def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> Joint
     joints = fields["joint_constraints"]
     poses = fields["position_constraints"] + fields["orientation_constraints"]
     if bool(joints) == bool(poses):
-        problem = f"has {len(joints)} joint and {len(poses)} pose constraints at {place}"
-        raise ContentError(problem, "a goal has one of the two kinds", "add or remove some")
+        raise ContentError(
+            f"has {len(joints)} joint and {len(poses)} pose constraints at {place}",
+            "a goal has one of the two kinds",
+            "add or remove some",
+        )
     return _read_joint_goal(joints, place) if joints else _read_pose_goal(fields, place, frames)
 
 
@@ -448,8 +450,9 @@ def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> Jo
     for each in constraints:
         name, value = each["joint_name"], each["position"]
         if name in goal.values:
-            problem = f"has {name[:40]!r} twice at {place}"
-            raise ContentError(problem, "names must differ", "remove one")
+            raise ContentError(
+                f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
+            )
         goal.values[name] = value
         goal.lower[name] = value - each["tolerance_below"]
         goal.upper[name] = value + each["tolerance_above"]
@@ -462,8 +465,11 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
     constraints = positions + orientations
     links = sorted({each["link_name"] for each in constraints})
     if len(links) > 1 or max(len(positions), len(orientations)) > 1:
-        problem = f"has {len(constraints)} constraints of {', '.join(links)} at {place}"
-        raise ContentError(problem, "a goal has at most one of each, for one link", "remove some")
+        raise ContentError(
+            f"has {len(constraints)} constraints of {', '.join(links)} at {place}",
+            "a goal has at most one of each, for one link",
+            "remove some",
+        )
     frames |= {each["header"]["frame_id"] or WORLD for each in constraints}
     pose, radius, angle = np.eye(4), math.inf, math.inf
     for each in positions:
@@ -471,8 +477,11 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
     for each in orientations:
         pose[:3, :3], angle = each["orientation"], _read_angle(each, place)
     if math.isinf(radius) and math.isinf(angle):
-        problem = f"has tolerances beyond half a turn at {place}"
-        raise ContentError(problem, "then any pose would do", "tighten them")
+        raise ContentError(
+            f"has tolerances beyond half a turn at {place}",
+            "then any pose would do",
+            "tighten them",
+        )
     return PoseGoal(links[0], pose, (radius, angle))
 
 
@@ -481,9 +490,11 @@ def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
     # MoveIt takes the tolerances as absolute.
     tolerance = min(abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz")
     if tolerance == 0.0:
-        hint = "make it larger, e.g. 1e-3"
-        problem = f"has a tolerance of zero at {place}"
-        raise ContentError(problem, "no computed pose would be within it", hint)
+        raise ContentError(
+            f"has a tolerance of zero at {place}",
+            "no computed pose would be within it",
+            "make it larger, e.g. 1e-3",
+        )
     return math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
 
 
@@ -492,7 +503,10 @@ def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
     shapes = region["primitives"]
     poses = check_poses(region, "primitives", "primitive_poses", place)
     if len(shapes) != 1 or shapes[0][0] not in _BALL_RADII:
-        kinds = ", ".join(kind for kind, _ in shapes) or "nothing"
-        raise wrong_value(kinds, place, f"it must be one of {', '.join(_BALL_RADII)}")
+        raise wrong_value(
+            ", ".join(kind for kind, _ in shapes) or "nothing",
+            place,
+            f"it must be one of {', '.join(_BALL_RADII)}",
+        )
     kind, sizes = shapes[0]
     return poses[0][:3, 3], _BALL_RADII[kind](*sizes)

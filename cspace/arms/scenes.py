@@ -76,10 +76,7 @@ def _pack(
     trees, tree_roots = join_trees([part.tree for part in parts], NO_TREE)
     closed = [part.surface_tree for part in parts if len(part.surface[0])]
     surfaces, surface_roots = join_trees(closed, _NO_SURFACE)
-    filled = [
-        any(part.is_filled and len(part.tree.boxes) for part in own)
-        for own in _split(solids, parts)
-    ]
+    filled = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
     anchors, starts = _pack_points(solids, parts, points)
     boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
     return Solids(
@@ -93,17 +90,9 @@ def _pack(
         surfaces=surfaces,
         surface_roots=surface_roots,
         anchors=anchors,
-        has_solids=np.array(filled, dtype=np.bool_),
+        has_solids=np.diff(np.cumsum([0, *filled])[starts[:, 2]]) > 0,
         starts=starts,
     )
-
-
-def _split(solids: Sequence[Solid], parts: Sequence[PosedShape]) -> list[Sequence[PosedShape]]:
-    """Return the parts of each solid."""
-    stops = np.cumsum([len(solid.parts) for solid in solids]).tolist()
-    return [
-        parts[stop - len(solid.parts) : stop] for solid, stop in zip(solids, stops, strict=True)
-    ]
 
 
 def _pack_points(

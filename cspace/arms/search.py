@@ -353,8 +353,9 @@ def _plant_trees(start: Floats, goals: Floats) -> Forest:
 
 def _double_capacity(forest: Forest) -> Forest:
     """Return the same trees with twice the capacity."""
-    return forest._replace(
+    return Forest(
         nodes=np.concatenate([forest.nodes] * 2, axis=1),
         parents=np.concatenate([forest.parents] * 2, axis=1),
         reaches=np.concatenate([forest.reaches] * 2, axis=1),
+        counts=forest.counts,
     )

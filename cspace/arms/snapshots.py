@@ -20,7 +20,6 @@ from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pa
 from cspace.arms.proofs import (
     Scene,
     are_blocked,
-    are_free,
     make_scene_scratch,
     motions_are_free,
     pair_distances,
@@ -161,7 +160,7 @@ class Snapshot:
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
         link, other = self._name_parts(scene.pairs[pair], nodes)
-        return Contact(link, other, float(distances[0]), _nearest_points(*hulls, radii))
+        return Contact(link, other, float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
         """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
@@ -220,7 +219,9 @@ def make_snapshot(
     )
     pairs, fixed = _pair_groups(groups, may_touch)
     solids = [group.solid for group in groups]
-    outer = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    extra = _pad_pairs(groups, pairs + fixed)
+    every = make_scene(arm.chain, solids, pairs + fixed, extra, margin)
+    outer = every.select_pairs(slice(len(pairs)))
     inner = make_inner_scene(outer, solids)
     made = Snapshot(
         arm,
@@ -234,7 +235,7 @@ def make_snapshot(
         outer,
         inner,
     )
-    _refuse_fixed(made, fixed, _pad_pairs(groups, fixed))
+    _refuse_fixed(made, every.select_pairs(slice(len(pairs), None)))
     _refuse_always(made)
     return made
 
@@ -322,18 +323,13 @@ def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Flo
     return np.array(extra, dtype=np.float64)
 
 
-def _refuse_fixed(snapshot: Snapshot, pairs: Sequence[tuple[int, int]], padding: Floats) -> None:
+def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
     """Raise ConfigurationError if a fixed link touches an obstacle.
 
-    No joint moves such a link.
+    ``scene`` has the pairs of such links, which no joint moves.
     """
-    if not pairs:
-        return
-    scene, q = (
-        snapshot.outer._replace(pairs=np.array(pairs), padding=padding),
-        np.zeros((1, snapshot.arm.dof)),
-    )
-    if not are_free(scene, q, q)[0]:
+    q = np.zeros((1, snapshot.arm.dof))
+    if not snapshot.are_free(q, q, scene)[0]:
         link, obstacle, *_ = snapshot.contact(scene, q)
         raise ConfigurationError(
             link,
@@ -383,9 +379,12 @@ def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Flo
     "Solving Least Squares Problems", 1974, chapter 23).
     """
     differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
-    weights, _ = scipy.optimize.nnls(
-        np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0]
+    equations = np.vstack([differences.T, np.ones(len(differences))])
+    # scipy's nnls misses the least sum on some machines if points lie symmetrically.
+    solution = scipy.optimize.lsq_linear(
+        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
     )
+    weights = solution.x
     shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
     points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
     offset = points[1] - points[0]

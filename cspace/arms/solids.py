@@ -45,6 +45,10 @@ PROBES_PER_PART: Final = 60
 collisions."""
 
 
+MAX_ROTATION_ERROR: Final = 5e-7
+"""Largest error of an entry of a rotation matrix, because files round them."""
+
+
 _BYTES_PER_CELL: Final = 4
 """Memory per workspace cell while cells are converted to boxes, bytes."""
 
@@ -130,11 +134,14 @@ class PosedShape:
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
-        """Triangles of closed bodies, shape (n, 3, 3), and their multiplicities."""
-        if not self._exact.encloses or self._exact.boundary().simplices.shape[1] < 3:
+        """Triangles of closed bodies, shape (n, 3, 3), and their multiplicities.
+
+        There are none if the rows are solids.
+        """
+        exact = self._exact
+        if self.is_filled or not exact.encloses or exact.boundary().simplices.shape[1] < 3:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
-        shape = self._exact
-        mesh = shape if isinstance(shape, Mesh) else Mesh(*shape.surface)
+        mesh = exact if isinstance(exact, Mesh) else Mesh(*exact.surface)
         # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
         # last bit.
         corners, index = unique_rows(mesh.vertices)
@@ -150,12 +157,17 @@ class PosedShape:
 
     @cached_property
     def anchors(self) -> Floats:
-        """One point of each connected part, shape (n, 3)."""
-        return part_anchors(self.boundary)[0]
+        """One point of each connected part, shape (n, 3); none if the rows are solids."""
+        return np.empty((0, 3)) if self.is_filled else part_anchors(self.boundary)[0]
 
     @cached_property
     def probes(self) -> Floats:
-        """Some corners of the boundary, and lattice points inside, shape (n, 3)."""
+        """Some corners of the boundary, and lattice points inside, shape (n, 3).
+
+        There are none if the rows are solids.
+        """
+        if self.is_filled:
+            return np.empty((0, 3))
         corners = np.unique(self.boundary.simplices.reshape(-1, 3), axis=0)
         corners = corners[:: -(-len(corners) // PROBES_PER_PART)]
         if not self._exact.encloses:
@@ -206,25 +218,6 @@ class StaticShape(PosedShape):
         rows = pack_triangles(self.boundary)
         return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
-    @cached_property
-    def surface(self) -> tuple[Floats, Ints]:
-        """Triangles of closed bodies; none if the rows are solids."""
-        return (
-            (np.empty((0, 3, 3)), np.empty(0, dtype=np.int64))
-            if self.is_filled
-            else super().surface
-        )
-
-    @cached_property
-    def anchors(self) -> Floats:
-        """One point of each connected part; none if the rows are solids."""
-        return np.empty((0, 3)) if self.is_filled else super().anchors
-
-    @cached_property
-    def probes(self) -> Floats:
-        """Corners and inner points; none if the rows are solids."""
-        return np.empty((0, 3)) if self.is_filled else super().probes
-
 
 class Solid(NamedTuple):
     """A link or an obstacle, moved and tested as one.
@@ -253,25 +246,21 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         If it is no rigid motion.
     """
     matrix = check_finite(pose, name)
-    good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
-    if good:
-        turn = matrix[:3, :3]
-        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(
-            np.linalg.det(turn) > 0.0
-        )
-    if not good:
-        hint = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
-        raise InputError(
-            name,
-            f"has shape {matrix.shape}",
-            "it must be a rigid motion, shape (4, 4)",
-            hint,
-            value=pose,
-        )
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    matrix = matrix.copy()
-    matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
-    return matrix
+    if matrix.shape == (4, 4):
+        # Digits of a file are few, so take the nearest rotation.
+        left, _, right = np.linalg.svd(matrix[:3, :3])
+        rigid = np.eye(4)
+        rigid[:3, :3] = left @ right
+        rigid[:3, 3] = matrix[:3, 3]
+        if np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR and np.linalg.det(rigid) > 0.0:
+            return rigid
+    raise InputError(
+        name,
+        f"has shape {matrix.shape}",
+        "it must be a rigid motion, shape (4, 4)",
+        "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R",
+        value=pose,
+    )
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:
@@ -284,8 +273,13 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
     """
     named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
     if not isinstance(named, Mapping):
-        problem, rule = f"is a {type(obstacles).__name__}", "it must be a workspace or a mapping"
-        raise InputError("obstacles", problem, rule, "pass e.g. {'table': shape}", value=obstacles)
+        raise InputError(
+            "obstacles",
+            f"is a {type(obstacles).__name__}",
+            "it must be a workspace or a mapping",
+            "pass e.g. {'table': shape}",
+            value=obstacles,
+        )
     return named
 
 
@@ -308,16 +302,26 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:
-        problem = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}"
-        raise type(error)("obstacles", problem, error.rule, error.hint, value=obstacle) from error
+        raise type(error)(
+            "obstacles",
+            f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}",
+            error.rule,
+            error.hint,
+            value=obstacle,
+        ) from error
     return place_shape(shape, name, base)
 
 
 def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     """Place a shape in space by a rigid motion."""
     if shape.dim != 3:
-        problem = f"hold {name!r}, a shape of the plane"
-        raise InputError("obstacles", problem, "arms are in space", "pass a solid", value=shape)
+        raise InputError(
+            "obstacles",
+            f"hold {name!r}, a shape of the plane",
+            "arms are in space",
+            "pass a solid",
+            value=shape,
+        )
     return PosedShape(shape, check_rigid(pose, name))
 
 
@@ -325,9 +329,13 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
     """Place the cells of a workspace, or its one shape."""
     grid = obstacle.grid
     if grid.dim != 3:
-        problem = f"hold {name!r}, a map of the plane"
-        hint = "pass a map in space"
-        raise InputError("obstacles", problem, "arms are in space", hint, value=obstacle)
+        raise InputError(
+            "obstacles",
+            f"hold {name!r}, a map of the plane",
+            "arms are in space",
+            "pass a map in space",
+            value=obstacle,
+        )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
     held = load_workspace(obstacle)

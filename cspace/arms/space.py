@@ -242,11 +242,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         at = self._base if pose is None else self._base @ check_rigid(pose, "pose")
         if isinstance(shape, Workspace | PosedShape):
             if radius is not None:
-                problem, rule = (
+                raise InputError(
+                    "radius",
                     f"is given with a {type(shape).__name__}",
                     "only points have a radius",
+                    "leave it out",
+                    value=radius,
                 )
-                raise InputError("radius", problem, rule, "leave it out", value=radius)
             placed = place_obstacle(shape, name, at)
         else:
             placed = place_shape(as_shape(shape, radius, "shape"), name, at)
@@ -255,11 +257,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self.snapshot
             links = {link.name for link in now.arm.links}
             if name in links:
-                rule, hint = (
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
                     "a link or an attached object has it",
                     "choose another name, or detach it",
+                    value=name,
                 )
-                raise InputError("name", f"is {name!r}", rule, hint, value=name)
             pairs = now.allowed | _pair_with_links(name, touch_links, links)
             obstacles = {**now.obstacles, name: placed}
             self._replace(now, obstacles, pairs, _set_entry(now.padding, name, extra))
@@ -322,19 +326,34 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             left, carrier = dict(now.obstacles), check_known(link, "link", now.arm.frames)
             if shape is None:
                 if pose is not None:
-                    rule, hint = "the obstacle is where it is", "leave it out, or pass a shape"
-                    raise InputError("pose", "is given for an obstacle", rule, hint, value=pose)
+                    raise InputError(
+                        "pose",
+                        "is given for an obstacle",
+                        "the obstacle is where it is",
+                        "leave it out, or pass a shape",
+                        value=pose,
+                    )
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
                 del left[name]
                 on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
                 shape, pose = placed.shape, np.linalg.inv(on_base) @ placed.pose
             elif q is not None:
-                rule, hint = "only an obstacle is picked up at q", "leave out q, or the shape"
-                raise InputError("q", "is given for a new object", rule, hint, value=q)
+                raise InputError(
+                    "q",
+                    "is given for a new object",
+                    "only an obstacle is picked up at q",
+                    "leave out q, or the shape",
+                    value=q,
+                )
             elif name in left:
-                hint = "leave out the shape to attach the obstacle, or choose another name"
-                raise InputError("name", f"is {name!r}", "an obstacle has it", hint, value=name)
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
+                    "an obstacle has it",
+                    "leave out the shape to attach the obstacle, or choose another name",
+                    value=name,
+                )
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
             self._replace(now, left, now.allowed, _set_entry(now.padding, name, extra), arm)
 
@@ -375,9 +394,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     name, touch_links, [each.name for each in arm.links]
                 )
             elif touch_links:
-                rule, hint = "they are those of the obstacle", "pass q, or leave them out"
                 raise InputError(
-                    "touch_links", "are given without q", rule, hint, value=touch_links
+                    "touch_links",
+                    "are given without q",
+                    "they are those of the obstacle",
+                    "pass q, or leave them out",
+                    value=touch_links,
                 )
             else:
                 allowed, padding = _without(allowed, name), _set_entry(padding, name, 0.0)
@@ -437,8 +459,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             now = self.snapshot
             given = _check_allowed(pairs, "pairs", now.names)
             for pair in sorted(given - now.allowed):
-                rule, hint = "only allowed pairs are taken back", "see space.allowed_collisions"
-                raise InputError("pairs", f"hold {pair}", rule, hint, value=pair)
+                raise InputError(
+                    "pairs",
+                    f"hold {pair}",
+                    "only allowed pairs are taken back",
+                    "see space.allowed_collisions",
+                    value=pair,
+                )
             self._replace(now, now.obstacles, now.allowed - given, now.padding)
 
     def _replace(
@@ -604,10 +631,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         if not goals and len(alternatives) == 1:
             raise errors[0]
         if not goals:
-            problem = f"has {len(alternatives)} alternatives, none of them proven free"
-            rule, nearest = "a path must end in FREE", errors[0].nearest
             raise ConfigurationError(
-                "goal", problem, rule, str(errors[0]), value=goal, nearest=nearest
+                "goal",
+                f"has {len(alternatives)} alternatives, none of them proven free",
+                "a path must end in FREE",
+                str(errors[0]),
+                value=goal,
+                nearest=errors[0].nearest,
             )
         lengths = self.distance(np.array(start), np.array(goals))
         return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
@@ -629,9 +659,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         )
         hint = f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})]"
         hint += " if they may touch"
-        nearest = tuple(points[0].tolist())
         raise ConfigurationError(
-            name, problem, "a path must end in FREE", hint, value=goal, nearest=nearest
+            name,
+            problem,
+            "a path must end in FREE",
+            hint,
+            value=goal,
+            nearest=tuple(points[0].tolist()),
         )
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
@@ -660,8 +694,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         point, snapshot = self.arm.check_configuration(q, "q"), self.snapshot
         if not len(snapshot.outer.pairs):
-            rule = "there is nothing to touch"
-            raise InputError("obstacles", "are none", rule, "add an obstacle")
+            raise InputError(
+                "obstacles", "are none", "there is nothing to touch", "add an obstacle"
+            )
         return snapshot.contact(snapshot.outer, point[np.newaxis])
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
@@ -698,10 +733,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if tried >= _MAX_FAILED_SAMPLES and not found:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
-                problem = f"was free in none of {tried} configurations"
-                rule = f"of {CONTACT_SAMPLES}, these touch in all: {always or 'none'}"
-                hint = "check space.closest(q), and the pairs that may touch"
-                raise ConfigurationError(snapshot.arm.name, problem, rule, hint)
+                raise ConfigurationError(
+                    snapshot.arm.name,
+                    f"was free in none of {tried} configurations",
+                    f"of {CONTACT_SAMPLES}, these touch in all: {always or 'none'}",
+                    "check space.closest(q), and the pairs that may touch",
+                )
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
 
@@ -762,9 +799,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         start = self.arm.check_configuration(q0, "q0")
         goals = np.atleast_2d(self._check_configurations(q1, "q1"))
         if goals.ndim != 2 or not len(goals):
-            rule = f"it must be one configuration of {self.size} numbers or rows of them"
-            hint = f"pass ({', '.join(self.axes)})"
-            raise InputError("q1", f"has shape {goals.shape}", rule, hint, value=q1)
+            raise InputError(
+                "q1",
+                f"has shape {goals.shape}",
+                f"it must be one configuration of {self.size} numbers or rows of them",
+                f"pass ({', '.join(self.axes)})",
+                value=q1,
+            )
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self.snapshot
@@ -880,10 +921,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
             first, last = (edge, edge + 1) if pairs is None else pairs[edge].tolist()
             turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
-            problem = f"{turn} from row {first} to row {last}"
-            rule = "a joint turns by at most half a turn, so that the edge is the shorter way"
-            hint = "add whole turns to the rows (numpy.unwrap), or rows between them"
-            raise InputError("path", problem, rule, hint, value=(first, last))
+            raise InputError(
+                "path",
+                f"{turn} from row {first} to row {last}",
+                "a joint turns by at most half a turn, so that the edge is the shorter way",
+                "add whole turns to the rows (numpy.unwrap), or rows between them",
+                value=(first, last),
+            )
 
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
@@ -1050,14 +1094,19 @@ def build_arm_space(
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        (arm, pairs), obstacles = scene._place(arm, given), scene.obstacles
+        (arm, pairs), obstacles = scene.place(arm, given), scene.obstacles
     pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
         if name in links:
-            problem, rule = f"name one {name!r}", "a link has that name"
-            raise InputError("obstacles", problem, rule, "choose another name", value=name)
+            raise InputError(
+                "obstacles",
+                f"name one {name!r}",
+                "a link has that name",
+                "choose another name",
+                value=name,
+            )
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
@@ -1079,8 +1128,13 @@ def _check_allowed(
     try:
         found = [(one, other) for one, other in pairs]
     except (TypeError, ValueError) as error:
-        rule, hint = "it must hold pairs of names", "pass e.g. [('hand', 'table')]"
-        raise InputError(argument, f"is {pairs!r}", rule, hint, value=pairs) from error
+        raise InputError(
+            argument,
+            f"is {pairs!r}",
+            "it must hold pairs of names",
+            "pass e.g. [('hand', 'table')]",
+            value=pairs,
+        ) from error
     return {
         sort_pair(*(check_known(name, argument, known, "names") for name in pair)) for pair in found
     }

@@ -95,8 +95,9 @@ def only(*accepted: Any, hint: str = "correct it") -> Parser:
         # True == 1 in Python, but not in a message.
         is_flag = isinstance(value, bool)
         if value not in [each for each in accepted if isinstance(each, bool) == is_flag]:
-            rule = f"it must be {' or '.join(repr(each) for each in accepted)}"
-            raise wrong_value(value, place, rule, hint)
+            raise wrong_value(
+                value, place, f"it must be {' or '.join(repr(each) for each in accepted)}", hint
+            )
         return value
 
     return parse
@@ -112,14 +113,15 @@ def table(fields: Mapping[str, Parser]) -> Parser:
 
     def parse(value: Any, place: str) -> dict[str, Any]:
         if not isinstance(value, dict | None):
-            rule = "it must be a table of names and values"
-            raise wrong_value(value, place or "the file", rule)
+            raise wrong_value(value, place or "the file", "it must be a table of names and values")
         given = value or {}
         for name in given:
             if name not in fields:
-                problem = f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}"
-                rule = f"the fields are {', '.join(fields)}"
-                raise ContentError(problem, rule, "correct or remove it")
+                raise ContentError(
+                    f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
+                    f"the fields are {', '.join(fields)}",
+                    "correct or remove it",
+                )
         return {
             name: parser(given.get(name), f"{place}.{name}".lstrip("."))
             for name, parser in fields.items()
@@ -163,8 +165,9 @@ def parse_names(value: Any, place: str) -> list[str]:
     names: list[str] = list_of(parse_name)(value, place)
     for name, following in zip(sorted(names), sorted(names)[1:], strict=False):
         if name == following:
-            problem = f"has {name[:40]!r} twice in {place}"
-            raise ContentError(problem, "names must differ", "remove one")
+            raise ContentError(
+                f"has {name[:40]!r} twice in {place}", "names must differ", "remove one"
+            )
     return names
 
 
@@ -224,8 +227,11 @@ def parse_identity(value: Any, place: str) -> None:
     fields = _TRANSFORM(value, place)
     motion = _make_motion(fields["translation"], fields["rotation"], place)
     if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
-        hint = "remove it; write poses in the planning frame, and pass base_pose= for the arm"
-        raise ContentError(f"has a motion as {place}", "frames are not transformed", hint)
+        raise ContentError(
+            f"has a motion as {place}",
+            "frames are not transformed",
+            "remove it; write poses in the planning frame, and pass base_pose= for the arm",
+        )
 
 
 def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
@@ -233,8 +239,11 @@ def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
     from scipy.spatial.transform import Rotation
 
     if np.abs(position).max() > MAX_POSITION_METRES:
-        problem = f"has a position beyond {MAX_POSITION_METRES:g} m at {place}"
-        raise ContentError(problem, "its digits would be lost", "use metres and a nearer frame")
+        raise ContentError(
+            f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
+            "its digits would be lost",
+            "use metres and a nearer frame",
+        )
     motion = np.eye(4)
     motion[:3, 3] = position
     if quaternion[:3].any():
@@ -267,8 +276,9 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     # Messages often pad dimensions to three numbers with zeros.
     used, padding = sizes[: len(names)], sizes[len(names) :]
     if len(used) < len(names) or any(padding) or min(used) <= 0.0:
-        rule = f"a {kind} has {', '.join(names)}, metres above zero"
-        raise wrong_value(sizes, f"{place}.dimensions", rule)
+        raise wrong_value(
+            sizes, f"{place}.dimensions", f"a {kind} has {', '.join(names)}, metres above zero"
+        )
     return kind, used
 
 
@@ -279,8 +289,11 @@ def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -
     if not found and count == 1:
         return [np.eye(4)]
     if len(found) != count:
-        problem = f"has {count} {items} but {len(found)} {poses} at {place}"
-        raise ContentError(problem, "each needs a pose", "add or remove some")
+        raise ContentError(
+            f"has {count} {items} but {len(found)} {poses} at {place}",
+            "each needs a pose",
+            "add or remove some",
+        )
     return found
 
 
@@ -507,15 +520,20 @@ def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
     """Return the values of joints in a parsed state of a robot."""
     names, positions = state["joint_state"]["name"], state["joint_state"]["position"]
     if len(names) != len(positions):
-        problem = f"has {len(names)} joints but {len(positions)} positions at {place}"
-        raise ContentError(problem, "each joint needs one", "add or remove some")
+        raise ContentError(
+            f"has {len(names)} joints but {len(positions)} positions at {place}",
+            "each joint needs one",
+            "add or remove some",
+        )
     return dict(zip(names, positions, strict=True))
 
 
 def find_frame(frames: set[str]) -> str:
     """Return the one frame of all poses."""
     if len(frames) > 1:
-        problem = f"has poses in the frames {', '.join(map(repr, sorted(frames)))}"
-        hint = "write them in the planning frame; an attached object may be in its link's frame"
-        raise ContentError(problem, "they must be in one frame", hint)
+        raise ContentError(
+            f"has poses in the frames {', '.join(map(repr, sorted(frames)))}",
+            "they must be in one frame",
+            "write them in the planning frame; an attached object may be in its link's frame",
+        )
     return next(iter(frames), WORLD)

@@ -12,6 +12,7 @@ import os
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 from xml.etree import ElementTree
@@ -147,8 +148,11 @@ def _check_robot(root: Element) -> None:
     Raises ContentError.
     """
     if root.tag != "robot":
-        problem = f"holds <{root.tag:.60}>, not <robot>"
-        raise ContentError(problem, "a URDF file describes a robot", "pass the right file")
+        raise ContentError(
+            f"holds <{root.tag:.60}>, not <robot>",
+            "a URDF file describes a robot",
+            "pass the right file",
+        )
     check_expanded(root)
     names = _read_names(root, "link")
     if not names:
@@ -189,15 +193,22 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
         name = joint.get("name")
         parent, child = (_read_attribute(joint, end, "link") for end in ("parent", "child"))
         if parent not in links or child not in links:
-            problem = f"joins {parent!r} to {child!r} by the joint {name!r}"
-            raise ContentError(problem, "both must be links of the robot", "correct the names")
+            raise ContentError(
+                f"joins {parent!r} to {child!r} by the joint {name!r}",
+                "both must be links of the robot",
+                "correct the names",
+            )
         axis = _read_attribute(joint, "axis", "xyz") or "1 0 0"
         if joint.get("type") != "fixed" and np.linalg.norm([*map(float, axis.split())]) == 0.0:
-            problem = f"has the axis {axis!r} at the joint {name!r}"
-            raise ContentError(problem, "it must not be zero", "correct it")
+            raise ContentError(
+                f"has the axis {axis!r} at the joint {name!r}", "it must not be zero", "correct it"
+            )
         if child in parents:
-            problem = f"joins {child!r} to {parents[child]!r} and {parent!r}"
-            raise ContentError(problem, "a link has one parent", "remove a joint")
+            raise ContentError(
+                f"joins {child!r} to {parents[child]!r} and {parent!r}",
+                "a link has one parent",
+                "remove a joint",
+            )
         parents[child] = parent
     return parents
 
@@ -210,28 +221,15 @@ def _read_attribute(element: Element, tag: str, name: str) -> str | None:
 
 def _check_tree(names: list[str], parents: dict[str, str]) -> None:
     """Refuse links that form a loop or have several roots."""
-    rooted: set[str] = set()
-    for name in names:
-        above = {name}
-        child = name
-        while child in parents and child not in rooted:
-            child = parents[child]
-            if child in above:
-                raise ContentError(
-                    f"joins {name!r} in a loop of joints",
-                    "links must form a tree",
-                    "remove a joint",
-                )
-            above.add(child)
-        rooted |= above
+    try:
+        TopologicalSorter({child: [parent] for child, parent in parents.items()}).prepare()
+    except CycleError as error:
+        problem = f"joins {error.args[1][0]!r} in a loop of joints"
+        raise ContentError(problem, "links must form a tree", "remove a joint") from error
     roots = [name for name in names if name not in parents]
     if len(roots) != 1:
-        loose = ", ".join(roots) or "none"
-        raise ContentError(
-            f"has these links without a parent: {loose}",
-            "there must be one root",
-            "join the others",
-        )
+        problem = f"has these links without a parent: {', '.join(roots)}"
+        raise ContentError(problem, "there must be one root", "join the others")
 
 
 def _check_numbers(element: Element, place: str) -> None:
@@ -247,9 +245,10 @@ def _check_numbers(element: Element, place: str) -> None:
             except ValueError:
                 numbers = []
             if len(numbers) not in {count, 1 if name == "scale" else count}:
-                rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
                 raise ContentError(
-                    f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it"
+                    f"has {name}={text!r} at the {part.tag} of {place}",
+                    "it must be one number" if count == 1 else f"it must be {count} numbers",
+                    "correct it",
                 )
 
 
@@ -261,12 +260,16 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in GEOMETRIES:
         kinds = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
-        problem = f"has {kinds} as the geometry of {place}"
-        raise ContentError(problem, f"it must be one of {', '.join(GEOMETRIES)}", "correct it")
+        raise ContentError(
+            f"has {kinds} as the geometry of {place}",
+            f"it must be one of {', '.join(GEOMETRIES)}",
+            "correct it",
+        )
     for name in GEOMETRIES[shapes[0].tag]:
         if name not in shapes[0].attrib:
-            problem = f"lacks the {name} of the {shapes[0].tag} of {place}"
-            raise ContentError(problem, "it must be there", "add it")
+            raise ContentError(
+                f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it"
+            )
 
 
 def root_link(urdf: URDF) -> str:
@@ -306,17 +309,16 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     poses, order = {root: np.eye(4)}, [root]
     for name in order:  # the list grows in the loop
         for joint in below[name]:
-            motion = np.eye(4)
-            offset = joint.mimic.offset if joint.mimic is not None else None
-            if offset and joint.type in ("revolute", "continuous"):
-                motion[:3, :3] = Rotation.from_rotvec(
-                    offset * joint.axis / np.linalg.norm(joint.axis)
-                ).as_matrix()
-            elif offset and joint.type == "prismatic":
-                motion[:3, 3] = offset * joint.axis / np.linalg.norm(joint.axis)
-            poses[joint.child] = (
-                poses[name] @ (np.eye(4) if joint.origin is None else joint.origin) @ motion
-            )
+            pose = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin)
+            if joint.mimic is not None and joint.type in _MOVING_TYPES:
+                motion = np.eye(4)
+                step = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
+                if joint.type == "prismatic":
+                    motion[:3, 3] = step
+                else:
+                    motion[:3, :3] = Rotation.from_rotvec(step).as_matrix()
+                pose = pose @ motion
+            poses[joint.child] = pose
             order.append(joint.child)
     return poses
 
@@ -335,15 +337,21 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
             else [*map(Path, package_dirs)]
         )
     except TypeError as error:
-        rule = "it must be a folder, or a list of folders"
         raise InputError(
-            "package_dirs", f"is {package_dirs!r}", rule, "pass paths", value=package_dirs
+            "package_dirs",
+            f"is {package_dirs!r}",
+            "it must be a folder, or a list of folders",
+            "pass paths",
+            value=package_dirs,
         ) from error
     for folder in folders:
         if not os.path.isdir(folder):  # noqa: PTH112 - Path.is_dir raises OSError for some names
-            rule = "each must be an existing folder that holds the folders of packages"
             raise InputError(
-                "package_dirs", f"names {folder}", rule, "correct its name", value=folder
+                "package_dirs",
+                f"names {folder}",
+                "each must be an existing folder that holds the folders of packages",
+                "correct its name",
+                value=folder,
             )
     return folders
 
@@ -395,8 +403,12 @@ def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
         )
         raise FileError(place, "does not exist", f"the search covers {places}", hint)
     if len(found) > 1:
-        rule = f"several files match a part of it: {', '.join(map(str, found))}"
-        raise FileError(place, "does not exist under its full name", rule, hint)
+        raise FileError(
+            place,
+            "does not exist under its full name",
+            f"several files match a part of it: {', '.join(map(str, found))}",
+            hint,
+        )
 
 
 _SRDF_KIND: Final = "SRDF"
@@ -457,8 +469,11 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     with decoding(path, _SRDF_KIND):
         root = parse_xml(data)
         if root.tag != "robot":
-            problem = f"holds <{root.tag:.60}>, not <robot>"
-            raise ContentError(problem, "an SRDF file describes a robot", "pass the right file")
+            raise ContentError(
+                f"holds <{root.tag:.60}>, not <robot>",
+                "an SRDF file describes a robot",
+                "pass the right file",
+            )
         check_expanded(root)
         reader = _Reader(root, urdf)
         srdf = Srdf(reader.allowed(), reader.groups(), reader.states(), reader.end_effectors())
@@ -603,8 +618,11 @@ def _parse_value(text: str, state: str, joint: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        problem = f"has {joint} at {text!r} in the state {state!r}"
-        raise ContentError(problem, "it must be one finite number", "correct it")
+        raise ContentError(
+            f"has {joint} at {text!r} in the state {state!r}",
+            "it must be one finite number",
+            "correct it",
+        )
     return value
 
 
