@@ -111,5 +111,5 @@ def bind_cost(
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * count)
+    query = bind_kernel(kernel, (space.kernel_map,), values(), *fixed, (0.0,) * count)
     return lambda *numbers: query(values(), *fixed, numbers)

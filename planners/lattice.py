@@ -30,7 +30,7 @@ from cspace.queries.points import position_in_plane
 from cspace.queries.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.support.arrays import FREE, Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
 from planners.local_planner import Endpoints, LocalPlanner
@@ -419,8 +419,7 @@ def _search(
     If n is 0, the note says what ended the search. Raises TimeoutError after ``until``.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
-    map_ = edges.cells._kernel_map
-    map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
+    map_ = edges.bounded_map()
     capacity = max_nodes + motions.costs.shape[1]
     progress = make_progress(capacity, capacity)
     nodes = Nodes(

@@ -15,17 +15,17 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, ClassVar, Final, cast, get_args
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace.errors import InputError
-from cspace.interface import Endpoint, Pieces, Space
+from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
-from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace.record.cells import Map
+from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.space import CSpace
 from cspace.support.arrays import MIXED, Bools, Floats, Ints
 from cspace.support.check import check_flag, check_positive, check_word
@@ -34,11 +34,14 @@ from planners.car_curves import advance, curve_cost, curve_lengths, prove_length
 from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
 from planners.states import check_space, kind_of, with_wrapped_angles
 
+if TYPE_CHECKING:
+    from cspace.tiles.space import TiledCSpace
+
 Endpoints = tuple[Endpoint, ...]
 """A start and its alternative goals. Only arms have several goals."""
 
-MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
-"""Largest rotation between rows of a resampled path, radians (5 degrees)."""
+MAX_RADIANS: Final = math.radians(5.0)
+"""Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
 
 CAR_AXES: Final = ("x", "y", "yaw")
 """Axes of the maps for drives other than the holonomic one."""
@@ -72,6 +75,14 @@ PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
 With a radius a hundred times smaller, rounding would decide the direction of a turn.
 """
+
+
+class Pieces(NamedTuple):
+    """Short pieces of a path."""
+
+    centers: Floats  # (n, size), configurations halfway along each piece
+    lengths: Floats  # (n,), metres of translation along each piece
+    rotations: Floats  # (n,), radians of rotation
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +121,16 @@ class LocalPlanner:
     def cells(self) -> CSpace:
         """The space as a map in memory, which the caller knows it is."""
         return cast(CSpace, self.space)
+
+    @property
+    def tiles(self) -> TiledCSpace:
+        """The space as a map in tiles, which the caller knows it is."""
+        return cast("TiledCSpace", self.space)
+
+    def bounded_map(self) -> Map:
+        """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
+        map_ = self.cells.kernel_map
+        return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
@@ -186,7 +207,7 @@ class LocalPlanner:
         if len(path) < 2:
             return path, None
         step = 2.0 * self.space.resolution
-        _, radians, counts = self._count_pieces(path, step, MAX_RADIANS_PER_ROW)
+        _, radians, counts = self._count_pieces(path, step, MAX_RADIANS)
         if not radians.any():
             return path, None
         edge, index = _index_pieces(np.where(radians > 0.0, counts, 1))
@@ -219,15 +240,43 @@ class LocalPlanner:
         return (1.0 - LENGTH_ROUNDING_SHARE) * (self.space.min_path_length(first, last) + radians)
 
     def clearance(self, path: Floats) -> float:
-        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`."""
-        return self.space.clearance_along(partial(self.split_path, path))
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.
+
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
+        """
+        if not self.space.has_cells:
+            return math.nan
+        pieces, rotations = (
+            self.split_path(path, self.space.resolution, MAX_RADIANS),
+            self.cells.rotations,
+        )
+        rows, cells = rotations.find_cells_within(
+            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        )
+        q = pieces.centers[rows]
+        q[:, self.space.dim :] = rotations.centers[cells]  # constant in a rotation cell
+        return max(0.0, float(np.min(self.cells.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below.
 
-        See :attr:`planners.Plan.obstacle_distance`.
+        See :attr:`planners.Plan.obstacle_distance`. On a map, each edge is split into pieces on
+        which no point of the robot moves by more than half a cell. Each point stays within a
+        quarter of a cell of its position at the piece's center. The distance there minus that much
+        bounds the piece.
         """
-        distance = self.space.obstacle_distance_along(path, partial(self.split_path, path))
+        if self.space.has_cells and self.space.in_memory:
+            step = 0.5 * self.space.resolution
+            pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
+            try:
+                distance = self.cells.obstacle_distance(*pieces)
+            except InputError:  # the map has no geometry
+                return math.nan
+        else:
+            distance = self.space.path_obstacle_distance(path)
         return distance if math.isnan(distance) or self.are_free(path) else 0.0
 
     def may_join(self, exists: bool | None) -> bool:
@@ -412,19 +461,15 @@ class CarCurves(LocalPlanner):
         """
         if not self.space.in_memory:
             return lambda *q: self._window_around(np.reshape(q, (2, 3))).length_prover()(*q)
-        map_ = self.cells._kernel_map
-        # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
-        map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-        return bind_kernel(prove_length, (map_, self.kind, self.radius), *[0.0] * 6)
+        return bind_kernel(prove_length, (self.bounded_map(), self.kind, self.radius), *[0.0] * 6)
 
     def _window_around(self, edge: Floats) -> CarCurves:
         """Return the curves in a part of the map around an edge, in memory."""
-        tiles: Any = self.space  # with windows, because its cells are not in memory
-        margin = 4.0 * tiles.resolution
-        centers = self.split_path(edge, tiles.grid.spacing, MAX_RADIANS_PER_ROW).centers
+        spacing = self.tiles.grid.spacing
+        centers = self.split_path(edge, spacing, MAX_RADIANS).centers
         positions = np.concatenate([edge, centers])[:, :2]
-        corners = positions.min(axis=0) - margin, positions.max(axis=0) + margin
-        return replace(self, space=tiles.window(*corners))
+        corners = positions.min(axis=0) - 2.0 * spacing, positions.max(axis=0) + 2.0 * spacing
+        return replace(self, space=self.tiles.window(*corners))
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
@@ -450,7 +495,7 @@ class CarCurves(LocalPlanner):
         rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
         for a, b in itertools.pairwise(path):
             step = 2.0 * self.space.resolution
-            points, _, _, ahead = self.split_curve(a, b, step, MAX_RADIANS_PER_ROW, 1.0)
+            points, _, _, ahead = self.split_curve(a, b, step, MAX_RADIANS, 1.0)
             points[:, 2] = wrapped(points[:, 2])
             points[-1] = b
             rows.append(points)

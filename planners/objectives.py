@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -156,7 +156,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space._distances,
+            space.distances,
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -237,10 +237,8 @@ def find_clear_path(
         shortfall = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * shortfall * shortfall)
 
-    search = partial(
-        space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._distances, density)
-    )
-    return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
+    cost = edges.edge_cost(space.distances, density)
+    return space.find_cheap_path(endpoints, factor_at, cost, straight=straight, time_limit=seconds)
 
 
 def check_has_cells(space: Space) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, Final, NamedTuple, NoReturn, cast
+from typing import Final, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,6 @@ from cspace.interface import (
     GoalLike,
     SearchOptions,
     Space,
-    Subproblem,
     format_configuration,
 )
 from cspace.rotations.base import TWO_PI
@@ -64,6 +63,9 @@ MAX_SEED: Final = 2**32 - 2
 
 GRID_TIME_SHARE: Final = 0.5
 """Share of the time limit after which another search takes over from "Grid"."""
+
+Subproblem = tuple[Callable[[], Space], Floats, Floats]
+"""A function that opens a part of a space in memory, and the two configurations to join in it."""
 
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
@@ -320,11 +322,10 @@ def plan(
     edges = task.edges
     space, endpoints = edges.space, task.endpoints
     prove = cache(lambda: space.path_exists(*endpoints[:2]))
-    # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or
-    # are known.
-    searches_first = task.search.planner == GRID and not (space.is_labelled or edges.exact)
+    # A path of "Grid" proves that one exists. So components are labelled only if it finds none.
+    searches_first = task.search.planner == GRID and not edges.exact
     may_exist = searches_first or edges.may_join(prove())
-    subproblems = space.subproblems(*endpoints[:2]) if may_exist else []
+    subproblems = _list_subproblems(task) if may_exist else []
     result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
     exists = True if searches_first and result.proven else prove()
     return _make_plan(task, result, exists, began)
@@ -489,6 +490,15 @@ def _make_clearance_objective(edges: LocalPlanner) -> MakeObjective:
     )
 
 
+def _list_subproblems(task: _Task) -> Sequence[Subproblem]:
+    """Split a tiled map into the tiles on the way; other spaces are one part."""
+    space, ends = task.edges.space, task.endpoints[:2]
+    if space.in_memory:
+        first, last = np.array(ends)
+        return [(lambda: space, first, last)]
+    return task.edges.tiles.subproblems(*ends)
+
+
 def _search_tile_by_tile(
     task: _Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
 ) -> SearchResult:
@@ -538,11 +548,10 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
     proven in one batch, because a single look-up in tiles takes as long.
     """
-    tiles: Any = edges.space
     kept = [0]
     while kept[-1] < len(path) - 1:
         after = np.arange(kept[-1] + 1, min(kept[-1] + 1 + MAX_SKIPPED_WAYPOINTS, len(path)))
-        free = np.asarray(tiles.motion_is_free(path[kept[-1]], path[after]))
+        free = np.asarray(edges.tiles.motion_is_free(path[kept[-1]], path[after]))
         free[0] = True  # the edge of the path itself
         kept.append(int(after[np.flatnonzero(free)[-1]]))
     return path[kept]
@@ -721,6 +730,7 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
         if array is not None:
             array.flags.writeable = False
     length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
+    length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
     setup = searched - began - result.planning - result.simplification
     return Plan(
         path=path,
@@ -729,8 +739,8 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
         goal=goal,
         axes=edges.space.axes,
         units=edges.space.units,
-        length_unit=edges.space.length_unit,
-        distance_unit=edges.space.distance_unit,
+        length_unit=length_unit,
+        distance_unit=length_unit if edges.space.has_cells else "m",
         direction=direction,
         solved=solved,
         certified=reached > 0 and result.proven,

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
+    from cspace.tiles.space import TiledCSpace
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +263,9 @@ class Plan:
 
     def _picture(self, hint: str) -> Any:
         """Return the space to draw; raise InputError with `hint` if there is none."""
-        space = self._map(hint).drawable()
+        space = self._map(hint)
+        if not space.in_memory:
+            space = cast("TiledCSpace", space).overview()
         if not hasattr(space, "plot"):
             rule = "only maps and arms are drawn"
             raise InputError("plan", f"is in {space!r}", rule, "draw plan.path yourself")

@@ -100,7 +100,7 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
     # Until the share is set, OMPL uses its own, for example when it prints a space.
     share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
     if extent * share < sys.float_info.epsilon:
-        unit = space.length_unit
+        unit = space.units[0]
         rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
         hint = "use a larger unit, or leave planner out of planners.plan"
         raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=space)
