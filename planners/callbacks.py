@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -36,33 +37,35 @@ class StateValidityChecker(ob.StateValidityChecker):
     space : Space
     exact : bool
         Whether the geometry itself decides states that the map does not.
+
+    Attributes
+    ----------
+    is_free : callable
+        Test of a state; a plan replaces it by one that ends at its time limit.
     """
 
     def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
         check_information(si, space)
         super().__init__(si)
-        self._kind, self._edges = kind_of(space), local_planner(space, exact)
-        self._query_space = self._kind.of_state(space.point_checker(exact=self._edges.exact))
-        self._clearance: Callable[[ob.State], float] | None = None
-        self._override(None)
+        self._kind, self._space = kind_of(space), space
+        exact = local_planner(space, exact).exact
+        self.is_free = self._kind.of_state(space.point_checker(exact=exact))
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""
-        return self._is_free(state)
+        return self.is_free(state)
 
     def clearance(self, state: ob.State) -> float:
         """Bound the clearance of a state from below, in metres.
 
         It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
         """
-        if self._clearance is None:
-            # Distances cost a pass over the map, and few planners need them.
-            self._clearance = self._kind.of_state(self._edges.space.clearance_checker())
         return self._clearance(state)
 
-    def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
-        """Replace the checks (at a deadline); None restores them."""
-        self._is_free = replacement or self._query_space
+    @cached_property
+    def _clearance(self) -> Callable[[ob.State], float]:
+        """Clearance of a state; distances cost a pass over the map, and few planners need them."""
+        return self._kind.of_state(self._space.clearance_checker())
 
 
 class MotionValidator(ob.MotionValidator):
@@ -91,6 +94,11 @@ class MotionValidator(ob.MotionValidator):
         Whether an edge must also be free from its end to its start. Planners that follow edges both
         ways (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive
         backwards.
+
+    Attributes
+    ----------
+    is_free : callable
+        Proof of the edge between two states; a plan replaces it by one that ends at its time limit.
 
     Raises
     ------
@@ -128,16 +136,11 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
-        self._query_space = edges.motion_checker()
-        self._override(None)
+        self.is_free = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if a motion's whole edge is proven free."""
-        return self._is_free(first, second)
-
-    def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Replace the proofs (at a deadline); None restores them."""
-        self._is_free = replacement or self._query_space
+        return self.is_free(first, second)
 
 
 class FreeStateSampler(ob.ValidStateSampler):

@@ -69,6 +69,9 @@ DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 
+MIN_SEGMENT_RADII: Final = 1e-9
+"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
+
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
@@ -80,7 +83,7 @@ With a radius a hundred times smaller, rounding would decide the direction of a 
 class Pieces(NamedTuple):
     """Short pieces of a path."""
 
-    centers: Floats  # (n, size), configurations halfway along each piece
+    points: Floats  # (n, size), a configuration on each piece, by default its center
     lengths: Floats  # (n,), metres of translation along each piece
     rotations: Floats  # (n,), radians of rotation
 
@@ -191,6 +194,7 @@ class LocalPlanner:
 
         ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
+        path = self.breakpoints(path)
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
         metres, radians, counts = self._count_pieces(path, step, rotation)
@@ -204,6 +208,7 @@ class LocalPlanner:
 
         Returns the path and its :attr:`planners.Plan.direction`.
         """
+        path = self.breakpoints(path)
         if len(path) < 2:
             return path, None
         step = 2.0 * self.space.resolution
@@ -254,9 +259,9 @@ class LocalPlanner:
             self.cells.rotations,
         )
         rows, cells = rotations.find_cells_within(
-            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+            pieces.points, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
         )
-        q = pieces.centers[rows]
+        q = pieces.points[rows]
         q[:, self.space.dim :] = rotations.centers[cells]  # constant in a rotation cell
         return max(0.0, float(np.min(self.cells.clearance(q) - 0.5 * pieces.lengths[rows])))
 
@@ -314,31 +319,23 @@ class TurnDriveTurn(LocalPlanner):
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
-        is_free, heading = self.straight_checker(), self.heading
-
-        def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
-            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            # The drive between the turns comes first: it is the longest part and the likeliest to
-            # meet an obstacle.
-            between = is_free(x0, y0, yaw, x1, y1, yaw)
-            return (
-                between
-                and is_free(x0, y0, yaw0, x0, y0, yaw)
-                and is_free(x1, y1, yaw, x1, y1, yaw1)
-            )
-
-        return check
+        is_free, split = self.straight_checker(), self.split_edge
+        return lambda *both: all(is_free(*part) for part in split(*both))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of all three parts."""
-        cost, heading = super().edge_cost(field, density), self.heading
+        cost, split = super().edge_cost(field, density), self.split_edge
+        return lambda *both: sum(cost(*part) for part in split(*both))
 
-        def total(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            turns = cost(x0, y0, yaw0, x0, y0, yaw) + cost(x1, y1, yaw, x1, y1, yaw1)
-            return turns + cost(x0, y0, yaw, x1, y1, yaw)
+    def split_edge(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> tuple[Endpoint, Endpoint, Endpoint]:
+        """Return the drive, the turn before and the turn after, each by its two ends.
 
-        return total
+        The drive comes first: it is the longest part and the likeliest to meet an obstacle.
+        """
+        yaw = self.heading(x0, y0, yaw0, x1, y1, yaw1)
+        return (x0, y0, yaw, x1, y1, yaw), (x0, y0, yaw0, x0, y0, yaw), (x1, y1, yaw, x1, y1, yaw1)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
@@ -367,10 +364,6 @@ class TurnDriveTurn(LocalPlanner):
 
         return min(ahead, back, key=rotation)
 
-    def are_free(self, path: Floats) -> bool:
-        """Return True if every edge is proven free."""
-        return super().are_free(self.breakpoints(path))
-
     def breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which turns and drives begin."""
         rows = path.tolist()
@@ -392,18 +385,13 @@ class TurnDriveTurn(LocalPlanner):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
 
-    def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split turns and drives into pieces of at most ``step`` and ``rotation``."""
-        return super().split_path(self.breakpoints(path), step, rotation)
-
     def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         """Add rows to the turns of a path and return directions."""
-        rows, _ = super().resample(self.breakpoints(path))
+        rows, _ = super().resample(path)
         ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
-        return rows, np.concatenate(
-            [signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs]
-        )
+        first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
+        return rows, np.concatenate([first, signs])
 
 
 class CarCurves(LocalPlanner):
@@ -466,7 +454,7 @@ class CarCurves(LocalPlanner):
     def _window_around(self, edge: Floats) -> CarCurves:
         """Return the curves in a part of the map around an edge, in memory."""
         spacing = self.tiles.grid.spacing
-        centers = self.split_path(edge, spacing, MAX_RADIANS).centers
+        centers = self.split_path(edge, spacing, MAX_RADIANS).points
         positions = np.concatenate([edge, centers])[:, :2]
         corners = positions.min(axis=0) - 2.0 * spacing, positions.max(axis=0) + 2.0 * spacing
         return replace(self, space=self.tiles.window(*corners))
@@ -482,7 +470,7 @@ class CarCurves(LocalPlanner):
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
         curves = [
-            self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)
+            self.split_curve(a, b, step, rotation, 0.5)[0] for a, b in itertools.pairwise(path)
         ]
         centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
         return Pieces(centers, lengths, np.abs(rotations))
@@ -492,73 +480,40 @@ class CarCurves(LocalPlanner):
 
         Rows are at most a cell and 5 degrees apart.
         """
-        rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
+        rows, signs = [path[:1]], list[NDArray[np.int8]]()
         for a, b in itertools.pairwise(path):
-            step = 2.0 * self.space.resolution
-            points, _, _, ahead = self.split_curve(a, b, step, MAX_RADIANS, 1.0)
-            points[:, 2] = wrapped(points[:, 2])
-            points[-1] = b
-            rows.append(points)
+            pieces, ahead = self.split_curve(a, b, 2.0 * self.space.resolution, MAX_RADIANS, 1.0)
+            rows += [self.wrap_yaws(pieces.points[:-1]), b[None]]
             signs.append(ahead)
-        direction = np.concatenate(signs)
-        if len(path) > 1:
-            direction = np.concatenate([direction[:1], direction])
-        return np.concatenate(rows), direction
-
-    def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
-        """Return configurations along a curve, shape (n, 3).
-
-        ``position`` gives their distances from its start, metres, shape (n,).
-        """
-        steering, lengths = self._word(first, last)
-        rows = []
-        for left in (position / self.radius).tolist():
-            pose = (0.0, 0.0, float(first[2]))
-            for steer, length in zip(steering.tolist(), lengths.tolist(), strict=True):
-                part = min(left, abs(length))
-                pose = advance(pose, steer, math.copysign(part, length))
-                left -= part
-            rows.append(pose)
-        points = np.array(rows).reshape(-1, 3)
-        points[:, :2] = first[:2] + self.radius * points[:, :2]
-        return points
-
-    def _word(self, first: Floats, last: Floats) -> tuple[Ints, Floats]:
-        """Return the steering and lengths of a curve's segments.
-
-        Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
-        """
-        steering, lengths, _ = shortest_word(
-            self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist())
-        )
-        return steering, lengths
+        first = signs[0][:1] if signs else np.ones(len(path), dtype=np.int8)
+        return np.concatenate(rows), np.concatenate([first, *signs])
 
     def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
-    ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
+    ) -> tuple[Pieces, NDArray[np.int8]]:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns these
-        configurations, metres, signed radians, and 1 ahead or -1 in reverse. Segments that are only
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns the
+        pieces, with signed rotations, and for each 1 ahead or -1 in reverse. Segments that are only
         rounding errors are left out, but a curve has at least one piece.
         """
-        steering, lengths = self._word(first, last)
-        metres = self.radius * np.abs(lengths)
-        longest = np.where(steering != 0.0, min(step, rotation * self.radius), step)
-        counts = np.where(
-            metres > 1e-9 * self.radius, np.maximum(np.ceil(metres / longest), 1.0), 0.0
-        ).astype(np.int64)
-        counts[np.argmax(metres)] += not counts.any()
-        segment, index = _index_pieces(counts)
-        each = (metres / np.maximum(counts, 1))[segment]
-        position = (np.cumsum(metres) - metres)[segment] + (index + share) * each
-        signs = np.where(lengths < 0.0, -1, 1).astype(np.int8)[segment]
-        return (
-            self.points(first, last, position),
-            each,
-            steering[segment] * signs * each / self.radius,
-            signs,
-        )
+        q0, q1 = tuple(first.tolist()), tuple(last.tolist())
+        steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
+        main = int(np.argmax(np.abs(lengths)))
+        pose, rows = (0.0, 0.0, q0[2]), []
+        for k, (steer, length) in enumerate(zip(steering.tolist(), lengths.tolist(), strict=True)):
+            metres = self.radius * abs(length)
+            if k == main or abs(length) > MIN_SEGMENT_RADII:
+                longest = min(step, rotation * self.radius) if steer else step
+                count = max(math.ceil(metres / longest), 1)
+                sign = -1.0 if length < 0.0 else 1.0
+                for index in range(count):
+                    point = advance(pose, steer, length * (index + share) / count)
+                    rows.append((*point, metres / count, steer * length / count, sign))
+            pose = advance(pose, steer, length)
+        x, y, yaws, metres, radians, signs = np.array(rows).T
+        points = np.column_stack([first[0] + self.radius * x, first[1] + self.radius * y, yaws])
+        return Pieces(points, metres, radians), signs.astype(np.int8)
 
 
 def local_planner(

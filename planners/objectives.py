@@ -53,6 +53,11 @@ class WeightedLength(ob.OptimizationObjective):
     drive, turning_radius
         As for :func:`planners.plan`.
 
+    Attributes
+    ----------
+    edge_cost : callable
+        Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
+
     Raises
     ------
     InputError
@@ -87,7 +92,7 @@ class WeightedLength(ob.OptimizationObjective):
         self._line = self._kind.of_states(
             lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
         )
-        self._cost = self._integrate = self._kind.of_states(edges.edge_cost(field, self._density))
+        self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
 
     @property
     def is_length(self) -> bool:
@@ -101,7 +106,7 @@ class WeightedLength(ob.OptimizationObjective):
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost of an edge."""
-        return ob.Cost(self._cost(first, second))
+        return ob.Cost(self.edge_cost(first, second))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the straight length, a lower bound of the cost."""
@@ -111,10 +116,6 @@ class WeightedLength(ob.OptimizationObjective):
     def _by_metre(self) -> Callable[..., float]:
         """Cost per metre at a configuration, as a function."""
         return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
-
-    def _override(self, replacement: Callable[[ob.State, ob.State], float] | None) -> None:
-        """Replace the cost of edges (at a deadline); None restores it."""
-        self._cost = replacement or self._integrate
 
 
 class ClearanceObjective(WeightedLength):

@@ -54,7 +54,7 @@ from planners.objectives import (
     find_clear_path,
 )
 from planners.result import Plan, Times
-from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
+from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult, run_ompl
 from planners.setup import MakeObjective, make_bounded_states
 from planners.states import check_space, kind_of
 
@@ -519,14 +519,13 @@ def _search_tile_by_tile(
         result = _search(search, part, endpoints, task.time_limit, may_exist)
         planning += result.planning
         simplification += result.simplification
-        found = edges.wrap_yaws(result.path)
-        waypoints = edges.breakpoints(found)
+        found = edges.breakpoints(edges.wrap_yaws(result.path))
         result = replace(
             result,
             path=found,
             planning=planning,
             simplification=simplification,
-            proven=len(waypoints) > 0 and part.are_free(waypoints),
+            proven=len(found) > 0 and part.are_free(found),
         )
         if not is_tiled or not result.proven:
             first_text, last_text = map(format_configuration, endpoints[:2])
@@ -570,7 +569,7 @@ def _search(
     if search.planner in _list_searches(edges.space):
         result = _search_built_in(search, edges, endpoints, limit)
     else:
-        result = search.run(edges, endpoints, limit)
+        result = run_ompl(search, edges, endpoints, limit)
     left = limit if search.fallback == GRID else limit - result.planning
     if len(result.path) or search.fallback is None or left <= 0.0 or not may_exist():
         return result
@@ -721,8 +720,7 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
     reached = 0
     if len(result.path):
         reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
-    edges, search = task.edges, task.search
-    waypoints = edges.breakpoints(result.path)
+    edges, search, waypoints = task.edges, task.search, result.path
     solved = len(waypoints) > 0
     path, direction = edges.resample(waypoints)
     start, goal = np.array(task.endpoints[0]), np.array(task.endpoints[max(reached, 1)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -11,7 +10,7 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.interface import Space
-from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
+from cspace.rotations.base import METRES_PER_RADIAN, shorter, wrapped
 from cspace.support.arrays import Floats
 
 Configuration = tuple[float, ...]
@@ -252,46 +251,17 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
 def with_wrapped_angles(
     check: Callable[..., Value], periodic_axes: Sequence[bool]
 ) -> Callable[..., Value]:
-    """Wrap a function to get angles in [-pi, pi).
+    """Wrap a function of two configurations to get angles in [-pi, pi).
 
-    The function takes floats. Angles of the second configuration are within half a turn of the
-    first. Angles that look-ups refuse become NaN, where no configuration is free.
+    Angles of the second configuration are within half a turn of the first.
     """
-    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not periodic:
+    if not any(periodic_axes):
         return check
 
-    # Local names are faster than global ones.
-    limit, period, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
+    def check_wrapped(*both: float) -> Value:
+        q0, q1 = np.reshape(both, (2, -1))
+        first = wrapped(q0, periodic_axes)
+        last = first + shorter(q1 - q0, periodic_axes)
+        return check(*first.tolist(), *last.tolist())
 
-    def wrapped(*numbers: float) -> Value:
-        near = list(numbers)
-        for k in periodic:
-            first = numbers[k] if -limit <= numbers[k] <= limit else math.nan
-            here = remainder(first, period)
-            near[k] = here = here if here != half else -half
-            if len(near) > size:
-                angle = numbers[size + k]
-                near[size + k] = (
-                    here + remainder(angle - first, period)
-                    if -limit <= angle <= limit
-                    else math.nan
-                )
-        return check(*near)
-
-    return wrapped
-
-
-def below_half_a_turn(
-    check: Callable[..., bool], periodic_axes: Sequence[bool]
-) -> Callable[..., bool]:
-    """Wrap a check to fail for half turns or more.
-
-    The check takes the shorter arc, which is then another motion.
-    """
-    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not periodic:
-        return check
-    return lambda *both: (
-        all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)
-    )
+    return check_wrapped

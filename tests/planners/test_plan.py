@@ -26,8 +26,8 @@ from cspace import (
     build,
 )
 from planners.catalogue import (
+    BIDIRECTIONAL_PLANNERS,
     PLANNER_SETTINGS,
-    PLANNERS_REFUSED_BY_DRIVE,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
 )
@@ -77,7 +77,7 @@ def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("planner", OMPL_PLANNERS)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
-    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+    if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         with pytest.raises(InputError, match="choose another planner"):
             planners.plan(build_room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
@@ -326,7 +326,7 @@ def test_max_clearance_has_at_least_the_clearance_of_other_planners(name: str) -
 def test_a_proof_that_no_path_exists_prevents_the_search(
     name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+    if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         return
     space, start, goal = build_halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
@@ -588,7 +588,7 @@ def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
             path: list[list[float]] = plan.path.tolist()
             return path
 
-        if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+        if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
             continue
         first = run(7)
         planners.plan(build_room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")
