@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any, Final, Literal, TypeAlias, cast
+from typing import Final, Literal, TypeAlias, cast
 
 from ompl import base as ob
 from ompl import geometric as og
@@ -142,40 +142,18 @@ def planner_named(
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Create an OMPL planner by name, with its :data:`PLANNER_SETTINGS`."""
+    """Create an OMPL planner by name, with settings that keep its steps short."""
     planner = getattr(og, name)(si)
-    PLANNER_SETTINGS.get(name, lambda made: None)(planner)
-    return planner
-
-
-def _disable_pruning(planner: Any) -> None:
-    """Switch off the pruning of BIT*.
-
-    Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
-    minutes, so the planner would exceed its time limit.
-    """
-    planner.setPruning(False)
-
-
-def _reduce_samples_along_curves(planner: Any) -> None:
-    """Let FMT begin with fewer samples along curves.
-
-    It draws more if needed. A step of FMT measures from each neighbor to all samples, which takes
-    tenths of a second along curves.
-    """
-    if isinstance(
-        planner.getSpaceInformation().getStateSpace(),
-        (ob.DubinsStateSpace, ob.ReedsSheppStateSpace),
-    ):
+    if name == "BITstar":
+        # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
+        # minutes, so the planner would exceed its time limit.
+        planner.setPruning(False)
+    has_curves = isinstance(si.getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace))
+    if name in ("FMT", "BFMT") and has_curves:
+        # More are drawn if needed. A step measures from each neighbor to all samples, which takes
+        # tenths of a second along curves.
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
-
-
-PLANNER_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
-    "BITstar": _disable_pruning,
-    "BFMT": _reduce_samples_along_curves,
-    "FMT": _reduce_samples_along_curves,
-}
-"""For each planner that needs it, the function that sets up a new instance."""
+    return planner
 
 
 @cache

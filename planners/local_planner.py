@@ -203,24 +203,27 @@ class LocalPlanner:
         centers = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
         return Pieces(centers, (metres / counts)[edge], (radians / counts)[edge])
 
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to drive and draw a path, at most 5 degrees of rotation apart.
-
-        Returns the path and its :attr:`planners.Plan.direction`.
-        """
+    def resample(self, path: Floats) -> Floats:
+        """Add rows to drive and draw a path, at most 5 degrees of rotation apart."""
         path = self.breakpoints(path)
         if len(path) < 2:
-            return path, None
-        step = 2.0 * self.space.resolution
-        _, radians, counts = self._count_pieces(path, step, MAX_RADIANS)
-        if not radians.any():
-            return path, None
+            return path
+        _, radians, counts = self._count_pieces(path, 2.0 * self.space.resolution, MAX_RADIANS)
         edge, index = _index_pieces(np.where(radians > 0.0, counts, 1))
         shares = index / counts[edge]
         rows = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
         rows = self.space.rotations.make_canonical(rows)
         rows[index == 0] = path[:-1]
-        return np.concatenate([rows, path[-1:]]), None
+        return np.concatenate([rows, path[-1:]])
+
+    def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
+        """Return the :attr:`planners.Plan.direction` of resampled rows."""
+        if self.drive == HOLONOMIC:
+            return None
+        ahead = np.column_stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])])
+        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
+        first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
+        return np.concatenate([first, signs])
 
     def _count_pieces(
         self, path: Floats, step: float, rotation: float
@@ -385,14 +388,6 @@ class TurnDriveTurn(LocalPlanner):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
 
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to the turns of a path and return directions."""
-        rows, _ = super().resample(path)
-        ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
-        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
-        first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
-        return rows, np.concatenate([first, signs])
-
 
 class CarCurves(LocalPlanner):
     """Edges along the shortest curve of a car.
@@ -469,51 +464,43 @@ class CarCurves(LocalPlanner):
         """Split each curve into pieces of at most ``step`` and ``rotation``."""
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
-        curves = [
-            self.split_curve(a, b, step, rotation, 0.5)[0] for a, b in itertools.pairwise(path)
-        ]
+        curves = [self.split_curve(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
         centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
-        return Pieces(centers, lengths, np.abs(rotations))
+        return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Sample the curves of a path and return directions.
-
-        Rows are at most a cell and 5 degrees apart.
-        """
-        rows, signs = [path[:1]], list[NDArray[np.int8]]()
+    def resample(self, path: Floats) -> Floats:
+        """Sample the curves of a path; rows are at most a cell and 5 degrees apart."""
+        step, rows = 2.0 * self.space.resolution, [path[:1]]
         for a, b in itertools.pairwise(path):
-            pieces, ahead = self.split_curve(a, b, 2.0 * self.space.resolution, MAX_RADIANS, 1.0)
-            rows += [self.wrap_yaws(pieces.points[:-1]), b[None]]
-            signs.append(ahead)
-        first = signs[0][:1] if signs else np.ones(len(path), dtype=np.int8)
-        return np.concatenate(rows), np.concatenate([first, *signs])
+            points = self.split_curve(a, b, step, MAX_RADIANS, 1.0).points
+            rows += [self.wrap_yaws(points[:-1]), b[None]]
+        return np.concatenate(rows)
 
     def split_curve(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
-    ) -> tuple[Pieces, NDArray[np.int8]]:
+    ) -> Pieces:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns the
-        pieces, with signed rotations, and for each 1 ahead or -1 in reverse. Segments that are only
-        rounding errors are left out, but a curve has at least one piece.
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Lengths are
+        negative in reverse, rotations negative to the right. Segments that are only rounding errors
+        are left out, but a curve has at least one piece.
         """
         q0, q1 = tuple(first.tolist()), tuple(last.tolist())
         steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
         main = int(np.argmax(np.abs(lengths)))
         pose, rows = (0.0, 0.0, q0[2]), []
         for k, (steer, length) in enumerate(zip(steering.tolist(), lengths.tolist(), strict=True)):
-            metres = self.radius * abs(length)
             if k == main or abs(length) > MIN_SEGMENT_RADII:
-                longest = min(step, rotation * self.radius) if steer else step
-                count = max(math.ceil(metres / longest), 1)
-                sign = -1.0 if length < 0.0 else 1.0
+                longest = min(step / self.radius, rotation) if steer else step / self.radius
+                count = max(math.ceil(abs(length) / longest), 1)
                 for index in range(count):
                     point = advance(pose, steer, length * (index + share) / count)
-                    rows.append((*point, metres / count, steer * length / count, sign))
+                    rows.append((*point, length / count, steer * length / count))
             pose = advance(pose, steer, length)
-        x, y, yaws, metres, radians, signs = np.array(rows).T
-        points = np.column_stack([first[0] + self.radius * x, first[1] + self.radius * y, yaws])
-        return Pieces(points, metres, radians), signs.astype(np.int8)
+        table = np.array(rows)
+        points, lengths, rotations = table[:, :3], self.radius * table[:, 3], table[:, 4]
+        points[:, :2] = first[:2] + self.radius * points[:, :2]
+        return Pieces(points, lengths, rotations)
 
 
 def local_planner(

@@ -22,6 +22,9 @@ from planners.integrals import CostDensity, Field, make_edge_cost
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of
 
+LENGTH: Final = "length"
+CLEARANCE: Final = "clearance"
+
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -32,8 +33,8 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner
-from planners.objectives import WeightedLength
+from planners.local_planner import HOLONOMIC, ON_THE_SPOT, Endpoints, LocalPlanner
+from planners.objectives import LENGTH, ClearanceObjective, WeightedLength
 from planners.setup import MakeObjective, make_setup
 from planners.states import kind_of
 
@@ -118,38 +119,53 @@ class SearchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
-    """Planner and options of a search."""
+class Task:
+    """The checked arguments of a plan, or of its search in a part of a space."""
 
+    edges: LocalPlanner
     planner: PlannerName  # name of a planner of OMPL, or of a built-in search
-    objective: MakeObjective | None = None  # takes the space information; None for the length
-    iterations: int | None = None  # largest number of checks of OMPL's termination condition
-    simplify: bool = True
-    seed: int | None = None
+    objective: str | MakeObjective  # LENGTH, CLEARANCE, or a maker of OMPL's objective
+    time_limit: float  # seconds
+    iterations: int | None  # largest number of checks of OMPL's termination condition
+    simplify: bool
+    seed: int | None
+    is_named: bool  # whether the user chose the planner
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
+    endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
 
 
-def run_ompl(
-    search: Search, edges: LocalPlanner, endpoints: Endpoints, time_limit: float
-) -> SearchResult:
+def make_objective(task: Task) -> MakeObjective | None:
+    """Return the maker of OMPL's objective; None for OMPL's length."""
+    edges = task.edges
+    if task.planner in THREADED_PLANNERS:
+        return None
+    if callable(task.objective):
+        return task.objective
+    if task.objective == LENGTH and edges.drive not in ON_THE_SPOT:
+        return None
+    make = WeightedLength if task.objective == LENGTH else ClearanceObjective
+    return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
+
+
+def run_ompl(task: Task) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
-    The path leads from the first configuration to any other. The goals are sorted by their distance
-    from the start. The limit, in seconds, covers the search and the simplification, but neither
-    caches of the map nor compilation.
+    The path leads from the first configuration to any other. The limit, in seconds, covers the
+    search and the simplification, but neither caches of the map nor compilation.
     """
     with _silence():
-        if search.seed is not None:
+        if task.seed is not None:
             # OMPL reports an error if numbers have been drawn, but generators made from here on
             # follow the seed.
-            ou.RNG.setSeed(search.seed + 1)
-        if search.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
-            edges = replace(edges, bidirectional=True)
-        run = _Run(search, edges, endpoints)
+            ou.RNG.setSeed(task.seed + 1)
+        edges, ends = task.edges, task.endpoints[:2]
+        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
+            task = replace(task, edges=replace(edges, bidirectional=True))
+        run = _Run(task)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
-        if run.by_length and edges.edge_checker()(*endpoints[0], *endpoints[1]):
-            return SearchResult(kind_of(edges.space).unwind(np.array(endpoints[:2])), NO_SEARCH)
-        return run.solve(time_limit)
+        if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
+            return SearchResult(kind_of(edges.space).unwind(np.array(ends)), NO_SEARCH)
+        return run.solve()
 
 
 def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
@@ -170,13 +186,13 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
 class _Run:
     """OMPL's objects for one search, and its deadline."""
 
-    def __init__(self, search: Search, edges: LocalPlanner, endpoints: Endpoints) -> None:
-        self._search, self._edges, self._endpoints = search, edges, endpoints
-        self._kind = kind_of(edges.space)
-        self._is_threaded = search.planner in THREADED_PLANNERS
+    def __init__(self, task: Task) -> None:
+        self._task, self._edges = task, task.edges
+        self._kind = kind_of(task.edges.space)
+        self._is_threaded = task.planner in THREADED_PLANNERS
         self._deadline = deadline = Deadline(raises=not self._is_threaded)
-        makes_objective = None if self._is_threaded else search.objective
-        self._setup = setup = make_setup(edges, makes_objective)
+        make = make_objective(task)
+        self._setup = setup = make_setup(task.edges, make)
         for each in (
             setup.getStateValidityChecker(),
             setup.getSpaceInformation().getMotionValidator(),
@@ -187,39 +203,37 @@ class _Run:
         if isinstance(objective, WeightedLength):
             is_length = objective.is_length
             objective.edge_cost = deadline.end_late(objective.edge_cost)
-        self.by_length = makes_objective is None or is_length
-        self._must_beat = (
-            makes_objective is not None and search.planner not in PLANNERS_WITHOUT_OBJECTIVE
-        )
+        self.by_length = make is None or is_length
+        self._must_beat = make is not None and task.planner not in PLANNERS_WITHOUT_OBJECTIVE
 
-    def solve(self, time_limit: float) -> SearchResult:
-        """Search for a path and simplify it, within ``time_limit`` seconds."""
-        setup, search, note, began = self._setup, self._search, "", clock()
+    def solve(self) -> SearchResult:
+        """Search for a path and simplify it, within the time limit."""
+        setup, task, note, began = self._setup, self._task, "", clock()
         self._set_endpoints()
         first, best, found = planner_named(None, self._edges.drive), None, None
-        self._deadline.end = began + time_limit
+        self._deadline.end = began + task.time_limit
         if self._must_beat:
-            self._run_planner(first, INITIAL_TIME_SHARE * time_limit, None)
+            self._run_planner(first, INITIAL_TIME_SHARE * task.time_limit, None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
             setup.getProblemDefinition().clearSolutionPaths()
         left = self._deadline.end - clock()
         if best is None or left > 0.0:
-            note = self._run_planner(search.planner, max(left, 0.0), search.iterations)
+            note = self._run_planner(task.planner, max(left, 0.0), task.iterations)
         self._deadline.end = math.inf
         if setup.haveExactSolutionPath():
             found = setup.getSolutionPath()
         if found is not None and (best is None or self._is_cheaper(found, best)):
             best = found
         elif best is not None:
-            note = f"the first one, by {first}, as {search.planner} found none better"
+            note = f"the first one, by {first}, as {task.planner} found none better"
         planning = clock() - began
         if best is None:
-            return SearchResult(np.empty((0, len(self._endpoints[0]))), note, planning)
-        if not search.simplify:
+            return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
+        if not task.simplify:
             return SearchResult(self._rows(best), note, planning)
         began = clock()
-        until = began + max(time_limit + GRACE_SECONDS - planning, 1e-3)
+        until = began + max(task.time_limit + GRACE_SECONDS - planning, 1e-3)
         if self.by_length:
             path = shorten(self._edges, self._rows(best), until)
         else:
@@ -230,7 +244,7 @@ class _Run:
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
         setup, states = self._setup, []
-        for q in self._endpoints:
+        for q in self._task.endpoints:
             state = setup.getStateSpace().allocState()
             self._kind.write(state, *q)
             states.append(state)
@@ -274,7 +288,7 @@ class _Run:
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
             rows = self._rows(better)
-            reaches_goal = self._kind.reached_goal(rows, self._endpoints)
+            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
             if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
                 return better
         return og.PathGeometric(path)

@@ -91,7 +91,10 @@ def kind_of(space: Space) -> StateKind:
     Raises InputError for a pose of a kind that OMPL has no states for.
     """
     if not space.has_poses:
-        return _make_joint_kind(space.periodic_axes)
+        if not any(space.periodic_axes):
+            return _make_vector_kind(space.size)
+        kind = _make_compound_kind(space.periodic_axes, 1.0)
+        return kind._replace(periodic_axes=space.periodic_axes)
     if space.axes not in _STATE_KINDS:
         rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
         hint = "add its states to planners/states.py, or search with space.find_path"
@@ -139,28 +142,6 @@ def _write_se2(state: ob.State, x: float, y: float, yaw: float) -> None:
     state.setYaw(yaw)
 
 
-def _write_r3_so2(state: ob.State, x: float, y: float, z: float, yaw: float) -> None:
-    """Write a pose to a state of R^3 and SO(2)."""
-    _write_vector(state[0], x, y, z)
-    state[1].value = yaw
-
-
-def _read_r3_so2(state: ob.State) -> Configuration:
-    """Read a pose from a state of R^3 and SO(2)."""
-    position = state[0]
-    return position[0], position[1], position[2], state[1].value
-
-
-def _make_r3_so2() -> ob.StateSpace:
-    """Create the state space of R^3 and SO(2)."""
-    states = ob.CompoundStateSpace()
-    states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
-    states.addSubspace(ob.SO2StateSpace(), METRES_PER_RADIAN)
-    # OMPL has no default projection of such a space, and KPIECE needs one.
-    states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
-    return states
-
-
 def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float) -> None:
     """Write a pose to a state of SE(3)."""
     state.setXYZ(x, y, z)
@@ -185,33 +166,9 @@ def _make_vector_kind(size: int) -> StateKind:
     return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read, _write_vector)
 
 
-_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): _make_vector_kind(2),
-    ("x", "y", "yaw"): StateKind(
-        lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
-    ),
-    ("x", "y", "z"): _make_vector_kind(3),
-    ("x", "y", "z", "yaw"): StateKind(
-        _make_r3_so2,
-        lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
-        _read_r3_so2,
-        _write_r3_so2,
-    ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3
-    ),
-}
-"""Conversions for rigid bodies, by the axes of the space."""
-
-
-def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """Create the conversions for joints, all of the same weight.
-
-    States are a vector, and a circle for each continuous joint.
-    """
+def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:
+    """Create the conversions for a vector of weight 1, and a circle for each periodic axis."""
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
-    if not circles:
-        return _make_vector_kind(size)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     # Index of the first circle: the joints with limits, if any, share subspace 0.
     first = bool(limited)
@@ -221,7 +178,8 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         if limited:
             states.addSubspace(ob.RealVectorStateSpace(len(limited)), 1.0)
         for _ in circles:
-            states.addSubspace(ob.SO2StateSpace(), 1.0)
+            states.addSubspace(ob.SO2StateSpace(), weight)
+        # OMPL has no default projection of such a space, and KPIECE needs one.
         states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
         return states
 
@@ -245,7 +203,21 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return StateKind(make, set_bounds, read, write, periodic_axes)
+    return StateKind(make, set_bounds, read, write)
+
+
+_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
+    ("x", "y"): _make_vector_kind(2),
+    ("x", "y", "yaw"): StateKind(
+        lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
+    ),
+    ("x", "y", "z"): _make_vector_kind(3),
+    ("x", "y", "z", "yaw"): _make_compound_kind((False, False, False, True), METRES_PER_RADIAN),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
+        lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3
+    ),
+}
+"""Conversions for rigid bodies, by the axes of the space."""
 
 
 def with_wrapped_angles(

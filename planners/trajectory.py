@@ -451,17 +451,15 @@ def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
 
 def _split_curves(path: DrivenPath) -> Segments:
     """Return the arcs and straights of a car's path."""
-    curves = CarCurves(cast("Any", path.space), False, path.drive, path.turning_radius)
-    empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)
-    parts = [empty]
-    for a, b in itertools.pairwise(path.waypoints):
-        pieces, signs = curves.split_curve(a, b, np.inf, np.inf, 0.0)
-        parts.append((*pieces, signs * pieces.lengths))
-    starts, lengths, radians, metres = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
+    curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
+    parts = [(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
+    parts += [
+        curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
+    ]
+    starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
     steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
-    return _make_segments(np.concatenate([starts, path.waypoints[-1:]]), steps, lengths, radians)
+    points = np.concatenate([starts, path.waypoints[-1:]])
+    return _make_segments(points, steps, np.abs(metres), radians)
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:

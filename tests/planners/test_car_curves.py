@@ -292,7 +292,8 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
 ) -> None:
     curves = curve(name, 0.5, space)
     waypoints = np.concatenate([pairs(20, 0.5, seed=6).reshape(-1, 3)])
-    path, direction = curves.resample(waypoints)
+    path = curves.resample(waypoints)
+    direction = curves.find_directions(path)
     assert direction is not None and len(direction) == len(path)
     rows = [tuple(row) for row in path.tolist()]
     indices = [rows.index(tuple(q)) for q in waypoints.tolist()]
@@ -323,7 +324,9 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
 def test_a_path_of_one_configuration_stays_in_place(space: CSpace) -> None:
     q = np.array([[1.0, 1.0, 0.0]])
     assert all(metres(curve(name, 0.5), q[0], q[0]) == 0.0 for name in CURVES)
-    path, direction = curve("dubins", 0.5, space).resample(q)
+    curves = curve("dubins", 0.5, space)
+    path = curves.resample(q)
+    direction = curves.find_directions(path)
     assert path.tolist() == q.tolist() and direction is not None and direction.tolist() == [1]
-    path, direction = curve("dubins", 0.5, space).resample(np.concatenate([q, q]))
+    path = curves.resample(np.concatenate([q, q]))
     assert path[0].tolist() == path[-1].tolist() == q[0].tolist()

@@ -27,9 +27,9 @@ from cspace import (
 )
 from planners.catalogue import (
     BIDIRECTIONAL_PLANNERS,
-    PLANNER_SETTINGS,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    make_planner,
 )
 from planners.local_planner import CURVES
 from tests.helpers.planning import (
@@ -61,8 +61,14 @@ OPTIMIZING_PLANNERS = sorted(
 @pytest.fixture
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give FMT and BFMT 300 samples; 1000 take two seconds along curves."""
-    few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
-    monkeypatch.setattr("planners.catalogue.PLANNER_SETTINGS", PLANNER_SETTINGS | few)
+
+    def make_with_few_samples(name: str, si: ob.SpaceInformation) -> ob.Planner:
+        planner = make_planner(name, si)
+        if name in ("FMT", "BFMT"):
+            planner.setNumSamples(300)
+        return planner
+
+    monkeypatch.setattr("planners.search.make_planner", make_with_few_samples)
 
 
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
