@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from ompl import base as ob
@@ -14,14 +14,14 @@ from ompl import util as ou
 from cspace.errors import InputError
 from cspace.interface import Space
 from cspace.space import CSpace
-from cspace.support.check import check_rng
+from cspace.support.arrays import Floats
+from cspace.support.check import check_flag, check_rng
 from cspace.support.words import Drive
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
 _DRAWS_PER_BATCH: Final = 256
-"""Random draws per call of numpy. Single draws would spend their time in the overhead of the calls.
-"""
+"""Random draws per call of numpy."""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -46,9 +46,9 @@ class StateValidityChecker(ob.StateValidityChecker):
 
     def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
         check_information(si, space)
+        check_flag(exact, "exact")
         super().__init__(si)
         self._kind, self._space = kind_of(space), space
-        exact = local_planner(space, exact).exact
         self.is_free = self._kind.of_state(space.point_checker(exact=exact))
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
@@ -172,8 +172,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations
-        self._points = _draw_points(space, rng)
-        self._numbers = _draw_numbers(rng)
+        # Batches, because a single draw would spend its time in the overhead of a call.
+        self._points = _draw_batches(lambda n: space.sample_free(n, rng))
+        self._numbers = _draw_batches(rng.random)
         self._is_free = space.point_checker()
         self._box = tuple(zip(space.grid.lower, space.grid.upper, strict=True))
 
@@ -212,13 +213,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         return False
 
 
-def _draw_points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
-    """Yield FREE configurations without end."""
+def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:
+    """Yield random rows or numbers without end, from batches."""
     while True:
-        yield from space.sample_free(_DRAWS_PER_BATCH, rng).tolist()
-
-
-def _draw_numbers(rng: np.random.Generator) -> Iterator[float]:
-    """Yield uniform numbers from [0, 1) without end."""
-    while True:
-        yield from rng.random(_DRAWS_PER_BATCH).tolist()
+        yield from draw(_DRAWS_PER_BATCH).tolist()

@@ -342,13 +342,9 @@ class TurnDriveTurn(LocalPlanner):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
-        yaws = [
-            self.heading(*first, *last)
-            for first, last in zip(starts.tolist(), ends.tolist(), strict=True)
-        ]
-        radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
-        metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
-        return metres + self.rotation_weight * radians
+        edges = zip(starts.tolist(), ends.tolist(), strict=True)
+        parts = np.reshape([self.split_edge(*first, *last) for first, last in edges], (-1, 3, 6))
+        return np.asarray(self.space.distance(parts[..., :3], parts[..., 3:]).sum(axis=1))
 
     def heading(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
@@ -372,11 +368,10 @@ class TurnDriveTurn(LocalPlanner):
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
-            yaw = self.heading(*first, *last)
-            waypoints += [
-                [*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]
-            ]
-            waypoints.append(last)
+            drive, _, _ = self.split_edge(*first, *last)
+            for q in list(drive[:3]), list(drive[3:]), last:
+                if q != waypoints[-1]:
+                    waypoints.append(q)
         return np.array(waypoints).reshape(-1, 3)
 
     def remove_turns(self, path: Floats) -> Floats:

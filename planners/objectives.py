@@ -262,9 +262,6 @@ def _check_field(space: CSpace, field: object) -> None:
 
 def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
     """Return the largest overlap in a FREE cell; 1 if none."""
-    parts = zip(field.cells, space.slice_rotations, strict=True)
-    largest = max(
-        float(values[space.states_at(rotation) == FREE].max(initial=0.0))
-        for values, rotation in parts
-    )
+    states = space.kernel_map.states
+    largest = float(field.cells.reshape(states.shape)[states == FREE].max(initial=0.0))
     return largest if largest > 0.0 else 1.0

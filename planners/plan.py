@@ -21,7 +21,7 @@ from cspace.interface import (
     format_configuration,
 )
 from cspace.rotations.base import TWO_PI
-from cspace.support.arrays import Floats
+from cspace.support.arrays import Floats, frozen
 from cspace.support.check import check_count, check_flag, check_positive
 from cspace.support.compiling import clock
 from cspace.support.words import Drive
@@ -545,16 +545,12 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence, limits = "unknown whether one exists", []
-    if edges.space.has_cells:
-        sideways = (
-            "a path exists"
-            if edges.drive == HOLONOMIC
-            else "one exists for a robot that also moves sideways"
-        )
-        existence = sideways if exists else "undecided whether one exists"
+    existence, limits = "undecided whether one exists", list[str]()
+    if exists:
+        existence = "a path exists"
     if edges.drive != HOLONOMIC:
         limits = _describe_free_yaws(edges, task.endpoints)
+        existence = "one exists for a robot that also moves sideways" if exists else existence
     is_late = result.planning >= 0.95 * task.time_limit
     hints = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
@@ -638,23 +634,19 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
     solved = len(waypoints) > 0
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
-    start, goal = np.array(task.endpoints[0]), np.array(task.endpoints[max(reached, 1)])
-    for array in (path, waypoints, start, goal, direction):
-        if array is not None:
-            array.flags.writeable = False
     length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
     length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
     setup = searched - began - result.planning - result.simplification
     return Plan(
-        path=path,
-        waypoints=waypoints,
-        start=start,
-        goal=goal,
+        path=frozen(path),
+        waypoints=frozen(waypoints),
+        start=frozen(np.array(task.endpoints[0])),
+        goal=frozen(np.array(task.endpoints[max(reached, 1)])),
         axes=edges.space.axes,
         units=edges.space.units,
         length_unit=length_unit,
         distance_unit=length_unit if edges.space.has_cells else "m",
-        direction=direction,
+        direction=None if direction is None else frozen(direction),
         solved=solved,
         certified=reached > 0 and result.proven,
         status=status,

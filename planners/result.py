@@ -20,7 +20,7 @@ from cspace.support.arrays import Bools, Floats
 from cspace.support.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
-from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
+from planners.trajectory import DrivenPath, MotionLimits, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -159,15 +159,12 @@ class Plan:
     time_limit: float
     times: Times
     space: Space | None = None
-    _clearance: float = math.nan
-    _obstacle_distance: float = math.nan
-    _lower_bound: float = math.nan
+    _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     def __getstate__(self) -> list[Any]:
         """Return the state for pickling: distances instead of the map."""
-        replaced = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
-        if math.isnan(self.clearance):
-            replaced["_obstacle_distance"] = self.obstacle_distance
+        distance = self.obstacle_distance if math.isnan(self.clearance) else math.nan
+        replaced = {"space": None, "_kept": (self.clearance, distance, self.lower_bound)}
         return [replaced.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
@@ -180,7 +177,7 @@ class Plan:
         one on a map takes longer.
         """
         edges = self._edges
-        return edges.clearance(self.waypoints) if edges else self._clearance
+        return edges.clearance(self.waypoints) if edges else self._kept[0]
 
     @property
     def obstacle_distance(self) -> float:
@@ -197,7 +194,7 @@ class Plan:
         a map takes longer.
         """
         edges = self._edges
-        return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
+        return edges.obstacle_distance(self.waypoints) if edges else self._kept[1]
 
     @property
     def lower_bound(self) -> float:
@@ -211,7 +208,7 @@ class Plan:
         not solved. Computed at each access.
         """
         edges = self._edges
-        return edges.min_length(self.start, self.goal) if edges else self._lower_bound
+        return edges.min_length(self.start, self.goal) if edges else self._kept[2]
 
     @property
     def gap(self) -> float:
@@ -495,10 +492,13 @@ class Plan:
         (5.0, [1.5, 1.5])
         """
         self._check_solved("a trajectory follows a path")
-        rotation = {
-            "max_angular_velocity": max_angular_velocity,
-            "max_angular_acceleration": max_angular_acceleration,
-        }
+        limits = MotionLimits(
+            max_velocity,
+            max_acceleration,
+            max_angular_velocity,
+            max_angular_acceleration,
+            max_lateral_acceleration,
+        )
         path = DrivenPath(
             self.space,
             self.waypoints,
@@ -508,15 +508,7 @@ class Plan:
             self.drive,
             self.turning_radius,
         )
-        return make_trajectory(
-            path,
-            max_velocity,
-            max_acceleration,
-            rotation,
-            max_lateral_acceleration,
-            duration,
-            time_step,
-        )
+        return make_trajectory(path, limits, duration, time_step)
 
     @property
     def _moves_joints(self) -> bool:
@@ -549,7 +541,6 @@ class Plan:
         if self.direction is not None:
             names = (*names, "direction")
             rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
-
         write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -557,11 +548,7 @@ class Plan:
 
         NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
-        names = [
-            each.name
-            for each in fields(self)
-            if each.name != "space" and not each.name.startswith("_")
-        ]
+        names = [each.name for each in fields(self) if each.name not in ("space", "_kept")]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
         record = {name: _plain(getattr(self, name)) for name in names}
         with replacing(path, overwrite) as temporary:

@@ -213,14 +213,9 @@ def _choose_sampler(
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:
-            problem = (
-                "is given and exact is True"
-                if exact
-                else "is given and valid_state_sampler is given"
-            )
-            raise InputError(
-                "rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng
-            )
+            problem = f"is given and {'exact' if exact else 'valid_state_sampler'} is given"
+            hint = "leave one of the two out"
+            raise InputError("rng", problem, "it is for FreeStateSampler", hint, value=rng)
     if sampler is None:
         if space.has_cells and space.in_memory and not exact:
             return lambda info: FreeStateSampler(info, edges.cells, rng)

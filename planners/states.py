@@ -38,7 +38,7 @@ class StateKind(NamedTuple):
     """Writes the numbers of a configuration to a state."""
 
     periodic_axes: tuple[bool, ...] = ()
-    """True for angles of continuous joints; empty if there are none."""
+    """Whether each number is the angle of a continuous joint."""
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -52,8 +52,6 @@ class StateKind(NamedTuple):
 
     def unwind(self, path: Floats) -> Floats:
         """Unwrap a path's continuous joints, to move the shorter way."""
-        if not self.periodic_axes:
-            return path
         unwound, steps = path.copy(), np.diff(path, axis=0)
         unwound[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
         return unwound
@@ -63,14 +61,8 @@ class StateKind(NamedTuple):
 
         Continuous joints are compared modulo 2 pi.
         """
-        if not self.periodic_axes:
-            return np.array_equal(first, second)
-        return bool(
-            (
-                np.abs(shorter(first - second, self.periodic_axes))
-                <= WRAP_TOLERANCE * np.array(self.periodic_axes)
-            ).all()
-        )
+        gaps = np.abs(shorter(first - second, self.periodic_axes))
+        return bool((gaps <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all())
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
         """Return the index of the endpoint that a path reaches.
@@ -90,16 +82,17 @@ def kind_of(space: Space) -> StateKind:
 
     Raises InputError for a pose of a kind that OMPL has no states for.
     """
-    if not space.has_poses:
-        if not any(space.periodic_axes):
-            return _make_vector_kind(space.size)
+    if space.has_poses:
+        kind = _STATE_KINDS.get(space.axes)
+    elif any(space.periodic_axes):
         kind = _make_compound_kind(space.periodic_axes, 1.0)
-        return kind._replace(periodic_axes=space.periodic_axes)
-    if space.axes not in _STATE_KINDS:
+    else:
+        kind = _make_vector_kind(space.size)
+    if kind is None:
         rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
         hint = "add its states to planners/states.py, or search with space.find_path"
         raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
-    return _STATE_KINDS[space.axes]
+    return kind._replace(periodic_axes=space.periodic_axes)
 
 
 def check_information(si: object, space: object) -> None:
@@ -157,13 +150,13 @@ def _read_se3(state: ob.State) -> Configuration:
 
 def _make_vector_kind(size: int) -> StateKind:
     """Create the conversions for vectors."""
-    # Planners read states all the time, and these two are twice as quick as a loop.
-    reads: dict[int, Callable[[ob.State], Configuration]] = {
-        2: lambda state: (state[0], state[1]),
-        3: lambda state: (state[0], state[1], state[2]),
-    }
-    read = reads.get(size, lambda state: tuple(map(state.__getitem__, range(size))))
-    return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read, _write_vector)
+    axes = range(size)
+    return StateKind(
+        lambda: ob.RealVectorStateSpace(size),
+        _bound,
+        lambda state: tuple(map(state.__getitem__, axes)),
+        _write_vector,
+    )
 
 
 def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:

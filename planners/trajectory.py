@@ -47,9 +47,6 @@ MIN_PHASE_SHARE: Final = 1e-12
 """Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
 """
 
-CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
-"""Colours of the curves of a plot; most are from Okabe and Ito (2008)."""
-
 
 class Line(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
@@ -181,10 +178,8 @@ class Trajectory:
                 "path", problem, "a trajectory follows proven motions", "plan again", value=path
             )
         driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
-        rotation = {"max_angular_velocity": None, "max_angular_acceleration": None}
-        return make_trajectory(
-            driven, max_velocity, max_acceleration, rotation, None, duration, time_step
-        )
+        limits = MotionLimits(max_velocity, max_acceleration)
+        return make_trajectory(driven, limits, duration, time_step)
 
     @property
     def duration(self) -> float:
@@ -251,11 +246,11 @@ class Trajectory:
         left.set_xlabel("time (s)")
         sides: dict[str, Axes] = {}
         handles: list[Any] = []
-        for (name, unit, curve), color in zip(curves, itertools.cycle(CURVE_COLORS), strict=False):
+        for k, (name, unit, curve) in enumerate(curves):
             if unit not in sides:
                 sides[unit] = left.twinx() if sides else left
                 sides[unit].set_ylabel(f"{'velocity' if self._moves_joints else name} ({unit}/s)")
-            handles += sides[unit].plot(self.times, curve, color=color, linewidth=1.6, label=name)
+            handles += sides[unit].plot(self.times, curve, color=f"C{k}", label=name)
         if ax is None:
             legend_below(cast("Figure", left.figure), handles)
         return left
@@ -334,6 +329,16 @@ def write_csv(
         writer.writerows(rows)
 
 
+class MotionLimits(NamedTuple):
+    """Limits of a motion, as :meth:`planners.Plan.trajectory` takes them."""
+
+    max_velocity: Limits
+    max_acceleration: Limits
+    max_angular_velocity: float | None = None
+    max_angular_acceleration: float | None = None
+    max_lateral_acceleration: float | None = None
+
+
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
@@ -347,32 +352,23 @@ class DrivenPath(NamedTuple):
 
 
 def make_trajectory(
-    path: DrivenPath,
-    velocity: Limits,
-    acceleration: Limits,
-    rotation: Mapping[str, float | None],
-    max_lateral_acceleration: float | None,
-    duration: float | None,
-    time_step: float,
+    path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
 ) -> Trajectory:
-    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`.
-
-    ``rotation`` holds the limits of angular velocity and angular acceleration, by name.
-    """
+    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
     joints, is_curved, axes = path.moves_joints, path.drive in CURVES, path.axes
     rotations = rotations_of(() if joints else axes)
     dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
     known = path.space.max_velocity if path.space is not None else {}
     linear = (
-        _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
-        _check_limits(acceleration, "max_acceleration", axes[:dim], {}, joints),
+        _check_limits(limits.max_velocity, "max_velocity", axes[:dim], known, joints),
+        _check_limits(limits.max_acceleration, "max_acceleration", axes[:dim], {}, joints),
     )
     angular = [
-        _check_option(value, name, rotates, rotates and not is_curved)
-        for name, value in rotation.items()
+        _check_option(limits, name, rotates, rotates and not is_curved)
+        for name in ("max_angular_velocity", "max_angular_acceleration")
     ]
-    lateral = _check_option(max_lateral_acceleration, "max_lateral_acceleration", is_curved, False)
-    for name, limit in zip(("max_velocity", "max_acceleration"), linear, strict=True):
+    lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
+    for name, limit in zip(limits._fields, linear, strict=False):
         if is_curved and limit.ndim:
             raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
     segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
@@ -424,9 +420,10 @@ def _check_limits(
 
 
 def _check_option(
-    value: float | None, name: str, is_allowed: bool, is_needed: bool
+    limits: MotionLimits, name: str, is_allowed: bool, is_needed: bool
 ) -> float | None:
     """Return a limit that only some robots have, or None."""
+    value: float | None = getattr(limits, name)
     if value is None and is_needed:
         raise InputError(
             name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
@@ -477,17 +474,13 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
     """Return each segment's largest rate within the limits, shape (m,)."""
-    parts = [
-        np.abs(rates[:, :dim])
-        if linear.ndim
-        else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
-    ]
-    limits = [np.atleast_1d(linear)]
-    if angular is not None:
-        parts.append(np.linalg.norm(rates[:, dim:], axis=1, keepdims=True))
-        limits.append(np.array([angular]))
+    moved = np.abs(rates[:, :dim])
+    if not linear.ndim:
+        moved = np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
+    turned = np.linalg.norm(rates[:, dim:], axis=1)
     with np.errstate(divide="ignore"):
-        return np.asarray((np.concatenate(limits) / np.concatenate(parts, axis=1)).min(axis=1))
+        largest = (linear / moved).min(axis=1)
+        return largest if angular is None else np.minimum(largest, angular / turned)
 
 
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
@@ -507,20 +500,23 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
         squares[k + 1] = min(squares[k + 1], squares[k] + gains[k])
     for k in reversed(range(len(lengths))):
         squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    before, after = squares[:-1], squares[1:]
-    # Rounding must not put the peak below the speed at an end.
-    peaks = np.maximum(np.minimum(caps, 0.5 * (before + after + gains)), np.maximum(before, after))
-    up, down = (peaks - before) / (2.0 * accelerations), (peaks - after) / (2.0 * accelerations)
-    first, last, peak = np.sqrt(before), np.sqrt(after), np.sqrt(peaks)
-    cruise = np.where(peaks < caps, 0.0, np.maximum(lengths - up - down, 0.0))
-    numbers, zeros = np.arange(len(lengths)), np.zeros(len(lengths))
-    # Each phase has a duration, and the fields of Phases from the segment on.
-    faster = (peak - first) / accelerations, numbers, zeros, first, accelerations
-    steady = cruise / speeds, numbers, up, peak, zeros
-    slower = (peak - last) / accelerations, numbers, lengths - down, peak, -accelerations
-    table = np.array([faster, steady, slower]).transpose(2, 0, 1).reshape(-1, 5)
+    rows = []
+    for k, (length, limit) in enumerate(zip(lengths, accelerations, strict=True)):
+        before, after = squares[k], squares[k + 1]
+        # Rounding must not put the peak below the speed at an end.
+        peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
+        up, down = (peak - before) / (2.0 * limit), (peak - after) / (2.0 * limit)
+        cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
+        first, last, fastest = np.sqrt([before, after, peak])
+        # Each phase has a duration, and the fields of Phases from the segment on.
+        rows += [
+            ((fastest - first) / limit, k, 0.0, first, limit),
+            (cruise / speeds[k], k, up, fastest, 0.0),
+            ((fastest - last) / limit, k, length - down, fastest, -limit),
+        ]
+    table = np.array(rows)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
-    rest = 0.0, numbers[-1], lengths[-1], 0.0, 0.0
+    rest = 0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0
     durations, segments, *others = np.vstack([table, rest]).T
     return Phases(np.cumsum([0.0, *durations[:-1]]), segments.astype(np.int64), *others)
 
@@ -536,12 +532,13 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
         raise InputError(
             "duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration
         )
-    times, speeds, accelerations = (
+    return Phases(
         phases.times * factor,
+        phases.segments,
+        phases.positions,
         phases.speeds / factor,
         phases.accelerations / factor**2,
     )
-    return phases._replace(times=times, speeds=speeds, accelerations=accelerations)
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
