@@ -164,9 +164,13 @@ class Space(ABC):
         """Return :attr:`bounds` as arrays; raise InputError if they do not fit the axes."""
         lower, upper = (check_finite(bound, "bounds") for bound in self.bounds)
         if not lower.shape == upper.shape == (self.dim,) or (lower > upper).any():
-            rule = f"they must be two rows of {self.dim} numbers, the lower ones first"
-            hint = f"give one for each of {', '.join(self.axes[: self.dim])}"
-            raise InputError("bounds", f"are {self.bounds!r}", rule, hint, value=self.bounds)
+            raise InputError(
+                "bounds",
+                f"are {self.bounds!r}",
+                f"they must be two rows of {self.dim} numbers, the lower ones first",
+                f"give one for each of {', '.join(self.axes[: self.dim])}",
+                value=self.bounds,
+            )
         return lower, upper
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
@@ -268,8 +272,13 @@ class Space(ABC):
             problem, rule = "is not free", "a path starts and ends in free configurations"
         else:
             return tuple(point.tolist())
-        text = f"{format_configuration(point.tolist())} {problem}"
-        raise ConfigurationError(name, text, rule, "choose another", value=q)
+        raise ConfigurationError(
+            name,
+            f"{format_configuration(point.tolist())} {problem}",
+            rule,
+            "choose another",
+            value=q,
+        )
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
@@ -279,17 +288,26 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
-            problem, rule = f"is a {type(goal).__name__}", "the space of an arm is needed for that"
-            raise InputError("goal", problem, rule, "pass a configuration", value=goal)
+            raise InputError(
+                "goal",
+                f"is a {type(goal).__name__}",
+                "the space of an arm is needed for that",
+                "pass a configuration",
+                value=goal,
+            )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
-            rule = f"it must be one configuration of {self.size} numbers"
-            hint = f"pass ({', '.join(self.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+                value=q,
+            )
         return point
 
 
@@ -482,11 +500,13 @@ class ConfigurationSpace(SpaceView, Space):
             starts, ends = points[pairs[:, 0]], points[pairs[:, 1]]
             return evaluate_rows(starts, ends, partial(self._write_motions, exact))
         if points.ndim < 2 or points.shape[-2] == 0:
-            rule, hint = (
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
                 "a path has at least one configuration",
                 f"pass an array of shape (n, {self.size})",
+                value=path,
             )
-            raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
         shape = (*points.shape[:-2], points.shape[-2] - 1)
         starts = points[..., :-1, :].reshape(-1, self.size)
         ends = points[..., 1:, :].reshape(-1, self.size)

@@ -167,8 +167,13 @@ class FreeStateSampler(ob.ValidStateSampler):
     ) -> None:
         check_information(si, space)
         if not (space.has_cells and space.in_memory):
-            rule, hint = "it must be a CSpace", "use ompl.base.UniformValidStateSampler"
-            raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
+            raise InputError(
+                "space",
+                f"is a {type(space).__name__}",
+                "it must be a CSpace",
+                "use ompl.base.UniformValidStateSampler",
+                value=space,
+            )
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations

@@ -20,7 +20,7 @@ import numpy as np
 from cspace.queries.points import around_is_free, position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import TWO_PI
-from cspace.support.arrays import Floats, Ints
+from cspace.support.arrays import Floats, Ints, Numbers
 from cspace.support.compiling import allocating, kernel
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
@@ -143,13 +143,15 @@ def curve_cost(
     field: Values,
     density: CostDensity,
     curve: tuple[int, float],
-    both: tuple[float, ...],
+    both: Numbers,
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 
-    The midpoint rule has steps of at most one cell and 5 degrees.
+    They are numbers after zeros, as of :func:`straight_edge_cost`. The midpoint rule has steps of
+    at most one cell and 5 degrees.
     """
-    (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
+    kind, radius = curve
+    x0, y0, yaw0, x1, y1, yaw1 = both[-6:]
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     steering, lengths, _, _, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
     pose, total = (0.0, 0.0, yaw0), 0.0

@@ -128,16 +128,26 @@ def planner_named(
         hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
         own = "".join(f", {each}" for each in searches if each not in BUILT_IN_SEARCHES)
         built_in = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
-        rule = f"it must be a geometric planner of the installed OMPL{own}, {built_in}"
-        raise InputError("planner", f"is {name!r}", rule, hint, value=name)
+        raise InputError(
+            "planner",
+            f"is {name!r}",
+            f"it must be a geometric planner of the installed OMPL{own}, {built_in}",
+            hint,
+            value=name,
+        )
     planner = cast(PlannerName, known[name.lower()])
     problem, reason = f"is {planner!r}", UNSAFE_PLANNERS.get(planner)
     if drive == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         problem = f"{problem} and drive is {drive!r}"
         reason = "also follows edges from end to start, which no such car drives"
     if reason:
-        hint = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-        raise InputError("planner", problem, f"{planner} {reason}", hint, value=name)
+        raise InputError(
+            "planner",
+            problem,
+            f"{planner} {reason}",
+            "choose another planner, e.g. planner='RRT' or 'RRTstar'",
+            value=name,
+        )
     return planner
 
 

@@ -143,7 +143,6 @@ class Guide(NamedTuple):
     headings: Floats  # (h,), yaws
     costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
     reached: Ints  # (h, nx, ny), 0 for states that were not reached
-    spacing: float  # of the cells
     unreached: float  # metres added to the straight distance of states not reached
 
 
@@ -180,12 +179,11 @@ def find_lattice_path(
         guide, reaches_start = _measure_guide(edges, endpoints, until)
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
-        for level in range(len(CAR_HEADINGS) if is_car else 1):
-            if is_car:
-                motions = _car_motions(edges, start, level, guide)
-            else:
-                motions = _spot_motions(edges, endpoints)
-            path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
+        levels = [_spot_motions(edges, endpoints)]
+        if is_car:
+            levels = [_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+        for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
+            path, reason = _search(edges, motions, guide, endpoints, max_nodes, until)
             if len(path):
                 break
     except TimeoutError:
@@ -253,7 +251,7 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
         unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
     costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
     goal_pose = cast(Pose, endpoints[1])
-    guide = Guide(goal_pose, yaws, costs, reached, grid.spacing, unreached)
+    guide = Guide(goal_pose, yaws, costs, reached, unreached)
     return guide, reaches_start
 
 
@@ -358,13 +356,13 @@ def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     )
 
 
-def _car_motions(edges: LocalPlanner, start: Pose, level: int, guide: Guide) -> Motions:
+def _car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
-    These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is
-    an index into :data:`CAR_HEADINGS`; the first heading is the start's.
+    These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
+    The first heading is the start's.
     """
-    count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
+    radius = float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.cells.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
@@ -671,5 +669,5 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     k = motions.nearest[heading]
     if guide.reached[k, i, j] == 0:
         return straight + guide.unreached
-    metres: float = guide.costs[k, i, j] * guide.spacing
+    metres: float = guide.costs[k, i, j] * map_.spacing
     return max(straight, metres)

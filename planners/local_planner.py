@@ -25,13 +25,13 @@ from cspace.errors import InputError
 from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
 from cspace.record.cells import Map
-from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
 from cspace.space import CSpace
-from cspace.support.arrays import MIXED, Bools, Floats, Ints
+from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
 from cspace.support.words import Drive
 from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
-from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
+from planners.integrals import CostDensity, Field, bind_cost, straight_edge_cost
 from planners.states import check_space, kind_of, with_wrapped_angles
 
 if TYPE_CHECKING:
@@ -170,16 +170,11 @@ class LocalPlanner:
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
-        return make_edge_cost(self.cells, field, density)
+        return bind_cost(straight_edge_cost, self.cells, field, density, self.space.size)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
         return self.space.distance(starts, ends)
-
-    def wrap_yaws(self, path: Floats) -> Floats:
-        """Wrap the yaws of a path into [-pi, pi)."""
-        is_yaw = [name == "yaw" for name in self.space.rotations.names]
-        return wrapped(path, [False] * self.space.dim + is_yaw)
 
     def breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes."""
@@ -189,32 +184,44 @@ class LocalPlanner:
         """Remove needless turns while all edges remain proven free."""
         return path
 
+    def split_edge(
+        self, first: Floats, last: Floats, step: float, rotation: float, share: float
+    ) -> Pieces:
+        """Split an edge into equal pieces of at most ``step`` and ``rotation``.
+
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
+        lengths are negative in reverse, and rotations negative to the right.
+        """
+        steps, dim = self.space.steps_between(first, last), self.space.dim
+        metres, radians = np.linalg.norm(steps[:dim]), np.linalg.norm(steps[dim:])
+        count = max(math.ceil(max(metres / step, radians / rotation)), 1)
+        shares = (np.arange(count) + share) / count
+        points = self.space.interpolate(first, last, shares[:, None])
+        return Pieces(points, np.full(count, metres / count), np.full(count, radians / count))
+
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each edge into equal pieces of at most ``step`` and ``rotation``.
+        """Split each edge into pieces of at most ``step`` and ``rotation``.
 
         ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
         path = self.breakpoints(path)
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
-        metres, radians, counts = self._count_pieces(path, step, rotation)
-        edge, index = _index_pieces(counts)
-        shares = (index + 0.5) / counts[edge]
-        centers = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
-        return Pieces(centers, (metres / counts)[edge], (radians / counts)[edge])
+        pieces = [self.split_edge(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
+        centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
+        return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
     def resample(self, path: Floats) -> Floats:
-        """Add rows to drive and draw a path, at most 5 degrees of rotation apart."""
-        path = self.breakpoints(path)
-        if len(path) < 2:
-            return path
-        _, radians, counts = self._count_pieces(path, 2.0 * self.space.resolution, MAX_RADIANS)
-        edge, index = _index_pieces(np.where(radians > 0.0, counts, 1))
-        shares = index / counts[edge]
-        rows = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
-        rows = self.space.rotations.make_canonical(rows)
-        rows[index == 0] = path[:-1]
-        return np.concatenate([rows, path[-1:]])
+        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
+        path, step = self.breakpoints(path), 2.0 * self.space.resolution
+        rows = [path[:1]]
+        for a, b in itertools.pairwise(path):
+            turns = self.split_edge(a, b, math.inf, math.inf, 1.0).rotations.any()
+            if turns or self.drive in CURVES:
+                points = self.split_edge(a, b, step, MAX_RADIANS, 1.0).points
+                rows.append(self.space.rotations.make_canonical(points[:-1]))
+            rows.append(b[None])
+        return np.concatenate(rows)
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
         """Return the :attr:`planners.Plan.direction` of resampled rows."""
@@ -224,17 +231,6 @@ class LocalPlanner:
         signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
         first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
         return np.concatenate([first, signs])
-
-    def _count_pieces(
-        self, path: Floats, step: float, rotation: float
-    ) -> tuple[Floats, Floats, Ints]:
-        """Return each edge's metres, radians and number of pieces."""
-        steps, dim = self.space.steps_between(path[:-1], path[1:]), self.space.dim
-        metres, radians = (
-            np.linalg.norm(part, axis=1) for part in (steps[:, :dim], steps[:, dim:])
-        )
-        counts = np.ceil(np.maximum(metres / step, radians / rotation))
-        return metres, radians, np.maximum(counts, 1.0).astype(np.int64)
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return ``length`` and ``total_rotation`` of a path, as :class:`planners.Plan` has."""
@@ -322,15 +318,15 @@ class TurnDriveTurn(LocalPlanner):
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
-        is_free, split = self.straight_checker(), self.split_edge
-        return lambda *both: all(is_free(*part) for part in split(*both))
+        is_free, find_parts = self.straight_checker(), self.find_parts
+        return lambda *both: all(is_free(*part) for part in find_parts(*both))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of all three parts."""
-        cost, split = super().edge_cost(field, density), self.split_edge
-        return lambda *both: sum(cost(*part) for part in split(*both))
+        cost, find_parts = super().edge_cost(field, density), self.find_parts
+        return lambda *both: sum(cost(*part) for part in find_parts(*both))
 
-    def split_edge(
+    def find_parts(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> tuple[Endpoint, Endpoint, Endpoint]:
         """Return the drive, the turn before and the turn after, each by its two ends.
@@ -343,7 +339,7 @@ class TurnDriveTurn(LocalPlanner):
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
         edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        parts = np.reshape([self.split_edge(*first, *last) for first, last in edges], (-1, 3, 6))
+        parts = np.reshape([self.find_parts(*first, *last) for first, last in edges], (-1, 3, 6))
         return np.asarray(self.space.distance(parts[..., :3], parts[..., 3:]).sum(axis=1))
 
     def heading(
@@ -368,7 +364,7 @@ class TurnDriveTurn(LocalPlanner):
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
-            drive, _, _ = self.split_edge(*first, *last)
+            drive, _, _ = self.find_parts(*first, *last)
             for q in list(drive[:3]), list(drive[3:]), last:
                 if q != waypoints[-1]:
                     waypoints.append(q)
@@ -416,7 +412,7 @@ class CarCurves(LocalPlanner):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius), count=6)
+        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius))
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.
@@ -455,30 +451,12 @@ class CarCurves(LocalPlanner):
             self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends)
         )
 
-    def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each curve into pieces of at most ``step`` and ``rotation``."""
-        if len(path) == 1:
-            return Pieces(path, np.zeros(1), np.zeros(1))
-        curves = [self.split_curve(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
-        centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
-        return Pieces(centers, np.abs(lengths), np.abs(rotations))
-
-    def resample(self, path: Floats) -> Floats:
-        """Sample the curves of a path; rows are at most a cell and 5 degrees apart."""
-        step, rows = 2.0 * self.space.resolution, [path[:1]]
-        for a, b in itertools.pairwise(path):
-            points = self.split_curve(a, b, step, MAX_RADIANS, 1.0).points
-            rows += [self.wrap_yaws(points[:-1]), b[None]]
-        return np.concatenate(rows)
-
-    def split_curve(
+    def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> Pieces:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Lengths are
-        negative in reverse, rotations negative to the right. Segments that are only rounding errors
-        are left out, but a curve has at least one piece.
+        Segments that are only rounding errors are left out, but a curve has at least one piece.
         """
         q0, q1 = tuple(first.tolist()), tuple(last.tolist())
         steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
@@ -537,42 +515,50 @@ def _check_drive(
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and not has_drives(space):
-        problem = f"is {drive!r} and the axes are ({', '.join(space.axes)})"
-        rule = "it is for the axes (x, y, yaw) of a map"
-        hint = "build a map of a plane with rotations=72, or leave drive out"
-        raise InputError("drive", problem, rule, hint, value=drive)
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+            "build a map of a plane with rotations=72, or leave drive out",
+            value=drive,
+        )
     if drive not in CURVES:
         if turning_radius is not None:
-            problem = f"is {turning_radius!r} and drive is {drive!r}"
-            hint = "add drive='dubins' or drive='reeds-shepp', or leave the radius out"
             raise InputError(
-                "turning_radius", problem, "a radius is for curves", hint, value=turning_radius
+                "turning_radius",
+                f"is {turning_radius!r} and drive is {drive!r}",
+                "a radius is for curves",
+                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
+                value=turning_radius,
             )
         return None
     if turning_radius is None:
-        rule = f"drive={drive!r} needs the radius of its tightest curve"
-        raise InputError("turning_radius", "is missing", rule, "pass it in metres, e.g. 0.5")
+        raise InputError(
+            "turning_radius",
+            "is missing",
+            f"drive={drive!r} needs the radius of its tightest curve",
+            "pass it in metres, e.g. 0.5",
+        )
     radius = check_positive(turning_radius, "turning_radius")
     if exact:
-        problem, rule = f"is True and drive is {drive!r}", "curves are proven by FREE cells alone"
-        hint = "leave exact out, or build the map with a finer spacing or more rotations"
-        raise InputError("exact", problem, rule, hint, value=exact)
+        raise InputError(
+            "exact",
+            f"is True and drive is {drive!r}",
+            "curves are proven by FREE cells alone",
+            "leave exact out, or build the map with a finer spacing or more rotations",
+            value=exact,
+        )
     spacing = 2.0 * space.resolution
     lowest, highest = 1e-3 * spacing, 1e3 * spacing
     if not lowest <= radius <= highest:
-        rule = f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small"
-        hint = "for a robot that turns on the spot, use drive='differential'"
-        raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
+        raise InputError(
+            "turning_radius",
+            f"is {radius!r}",
+            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
+            "for a robot that turns on the spot, use drive='differential'",
+            value=radius,
+        )
     return radius
-
-
-def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
-    """Return each piece's edge and its index on that edge.
-
-    Edge k has ``counts[k]`` pieces.
-    """
-    edge = np.repeat(np.arange(len(counts)), counts)
-    return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _wrap_yaw(yaw: float) -> float:

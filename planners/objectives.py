@@ -18,7 +18,7 @@ from cspace.spectral import OverlapField
 from cspace.support.arrays import FREE, Floats
 from cspace.support.check import check_not_negative, check_positive
 from cspace.support.words import Drive
-from planners.integrals import CostDensity, Field, make_edge_cost
+from planners.integrals import CostDensity, Field
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of
 
@@ -118,7 +118,8 @@ class WeightedLength(ob.OptimizationObjective):
     @cached_property
     def _by_metre(self) -> Callable[..., float]:
         """Cost per metre at a configuration, as a function."""
-        return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
+        density = self._density._replace(by_metre=True)
+        return LocalPlanner(self._space).edge_cost(self._field, density)
 
 
 class ClearanceObjective(WeightedLength):
@@ -204,9 +205,18 @@ class OverlapObjective(WeightedLength):
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
-        _check_field(space, field)
+        if not isinstance(field, OverlapField) or field.space is not space:
+            raise InputError(
+                "field",
+                "is no overlap field of this map",
+                "field and objective must share a map",
+                "pass OverlapField.of(space, overlap)",
+                value=field,
+            )
         if saturation is None:
-            saturation = _find_largest_overlap(space, field)
+            states = space.kernel_map.states
+            overlaps = field.cells.reshape(states.shape)[states == FREE]
+            saturation = float(overlaps.max(initial=0.0)) or 1.0
         else:
             saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
@@ -248,20 +258,10 @@ def find_clear_path(
 def check_has_cells(space: Space) -> None:
     """Raise InputError for an objective in a space that is no map."""
     if not space.has_cells:
-        problem, rule = f"is for maps, and space is {space!r}", "it weighs cells"
-        hint = "use the length, or a function that returns an objective"
-        raise InputError("objective", problem, rule, hint, value=space)
-
-
-def _check_field(space: CSpace, field: object) -> None:
-    """Raise InputError unless this is an overlap field of the map."""
-    if not isinstance(field, OverlapField) or field.space is not space:
-        rule, hint = "field and objective must share a map", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", "is no overlap field of this map", rule, hint, value=field)
-
-
-def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
-    """Return the largest overlap in a FREE cell; 1 if none."""
-    states = space.kernel_map.states
-    largest = float(field.cells.reshape(states.shape)[states == FREE].max(initial=0.0))
-    return largest if largest > 0.0 else 1.0
+        raise InputError(
+            "objective",
+            f"is for maps, and space is {space!r}",
+            "it weighs cells",
+            "use the length, or a function that returns an objective",
+            value=space,
+        )

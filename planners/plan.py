@@ -341,9 +341,13 @@ def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
     checked = edges.space.check_endpoint(start, "start", edges.exact)
     goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
     if name in _WHY_ONE_GOAL and len(goals) > 1:
-        problem = f"has {len(goals)} configurations and planner is {name!r}"
-        hint = "pass one configuration or choose another planner"
-        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
+        raise InputError(
+            "goal",
+            f"has {len(goals)} configurations and planner is {name!r}",
+            f"{name} {_WHY_ONE_GOAL[name]}",
+            "pass one configuration or choose another planner",
+            value=goal,
+        )
     return replace(task, endpoints=(checked, *goals))
 
 
@@ -354,10 +358,13 @@ def _choose_planner(task: Task) -> PlannerName:
     """
     edges, objective = task.edges, task.objective
     if callable(objective):
-        problem = "is a function and no planner is named"
-        rule = "the default planners minimise the length"
-        hint = "name a planner that optimises: planner='RRTstar'"
-        raise InputError("objective", problem, rule, hint, value=objective)
+        raise InputError(
+            "objective",
+            "is a function and no planner is named",
+            "the default planners minimise the length",
+            "name a planner that optimises: planner='RRTstar'",
+            value=objective,
+        )
     if not edges.space.has_cells:
         return next(iter(_list_searches(edges.space)), task.planner)
     if objective == CLEARANCE:
@@ -371,13 +378,21 @@ def _check_planner(task: Task) -> None:
     """Raise InputError if a built-in search is not for the space or the drive."""
     name, edges, searches = task.planner, task.edges, _list_searches(task.edges.space)
     if name in BUILT_IN_SEARCHES and name not in searches:
-        rule = f"its built-in searches are {', '.join(searches) or 'none'}"
-        problem = f"is {name!r} and space is {edges.space!r}"
-        raise InputError("planner", problem, rule, "leave planner out", value=name)
+        raise InputError(
+            "planner",
+            f"is {name!r} and space is {edges.space!r}",
+            f"its built-in searches are {', '.join(searches) or 'none'}",
+            "leave planner out",
+            value=name,
+        )
     if name == LATTICE and edges.drive == HOLONOMIC:
-        problem, rule = f"is {name!r} and drive is {HOLONOMIC!r}", f"{name} is for all other drives"
-        hint = "use planner='Grid', or pass drive='differential'"
-        raise InputError("planner", problem, rule, hint, value=name)
+        raise InputError(
+            "planner",
+            f"is {name!r} and drive is {HOLONOMIC!r}",
+            f"{name} is for all other drives",
+            "use planner='Grid', or pass drive='differential'",
+            value=name,
+        )
 
 
 def _check_options(task: Task) -> None:
@@ -386,43 +401,52 @@ def _check_options(task: Task) -> None:
     if objective == CLEARANCE:
         check_has_cells(edges.space)
     elif objective != LENGTH and not callable(objective):
-        rule = f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective"
-        hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
-        raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
-    if name in THREADED_PLANNERS and task.iterations is not None:
-        _refuse_option(task, "iterations", task.iterations, NO_SECOND_THREAD)
-    if name in THREADED_PLANNERS and objective != LENGTH:
-        _refuse_option(task, "objective", objective, NO_SECOND_THREAD)
-    if name in PLANNERS_WITHOUT_OBJECTIVE and objective != LENGTH:
-        _refuse_option(task, "objective", objective, "ignores objectives")
-    if name in _list_searches(edges.space):
-        _check_options_of_search(task)
-
-
-def _check_options_of_search(task: Task) -> None:
-    """Raise InputError if a built-in search does not support an option."""
-    edges, name = task.edges, task.planner
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    if task.objective != LENGTH and not keeps_away:
-        minimised = "length or clearance" if name == GRID else "the length"
-        _refuse_option(task, "objective", task.objective, f"minimises {minimised}")
-    if name != LATTICE and edges.drive != HOLONOMIC:
-        _refuse_option(task, "drive", edges.drive, "is for holonomic robots")
-    if edges.exact and edges.space.has_cells and (keeps_away or name != GRID):
+        raise InputError(
+            "objective",
+            f"is {objective!r}",
+            f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
+            "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
+            value=objective,
+        )
+    is_threaded, has_aim = name in THREADED_PLANNERS, objective != LENGTH
+    if name not in _list_searches(edges.space):
+        refusals = {
+            "iterations": (is_threaded and task.iterations is not None, NO_SECOND_THREAD),
+            "objective": (
+                has_aim and (is_threaded or name in PLANNERS_WITHOUT_OBJECTIVE),
+                NO_SECOND_THREAD if is_threaded else "ignores objectives",
+            ),
+        }
+    else:
+        is_map, keeps_away = edges.space.has_cells, name == GRID and objective == CLEARANCE
+        aims = "length or clearance" if name == GRID else "the length"
         why = f" for objective={CLEARANCE!r}" * keeps_away
-        _refuse_option(task, "exact", True, f"uses FREE cells{why}")
-    if task.iterations is not None and edges.space.has_cells:
-        _refuse_option(task, "iterations", task.iterations, "counts none")
+        refusals = {
+            "objective": (has_aim and not keeps_away, f"minimises {aims}"),
+            "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
+            "exact": (
+                edges.exact and is_map and (keeps_away or name != GRID),
+                f"uses FREE cells{why}",
+            ),
+            "iterations": (task.iterations is not None and is_map, "counts none"),
+        }
+    for option, (is_refused, rule) in refusals.items():
+        if is_refused:
+            _refuse_option(task, option, rule)
 
 
-def _refuse_option(task: Task, option: str, value: object, rule: str) -> NoReturn:
+def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
     """Raise InputError for an option that the planner does not support."""
-    name, is_length = task.planner, task.objective == LENGTH
-    other = planner_named(None, task.edges.drive) if is_length else "RRTstar"
+    name, value = task.planner, getattr(task if hasattr(task, option) else task.edges, option)
+    other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
     chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
-    problem = f"is {value!r} and planner is {name!r}{chosen}"
-    hint = f"leave {option} out, or use planner={other!r}"
-    raise InputError(option, problem, f"{name} {rule}", hint, value=value)
+    raise InputError(
+        option,
+        f"is {value!r} and planner is {name!r}{chosen}",
+        f"{name} {rule}",
+        f"leave {option} out, or use planner={other!r}",
+        value=value,
+    )
 
 
 def _list_subproblems(task: Task) -> Sequence[Subproblem]:
@@ -452,7 +476,7 @@ def _search_tile_by_tile(
         result = _search(part_task, may_exist)
         planning += result.planning
         simplification += result.simplification
-        found = edges.breakpoints(edges.wrap_yaws(result.path))
+        found = edges.breakpoints(edges.space.rotations.make_canonical(result.path))
         result = replace(
             result,
             path=found,
@@ -572,9 +596,13 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     if not space.has_cells:
         return [more, "another seed", "another planner"]
     finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
+    has_no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
+    exact = "planner='RRTConnect' with " * has_no_exact_search + "exact=True"
+    exact += " on space.window(lower, upper)" * (not space.in_memory)
+    exact_hints = [] if edges.drive in CURVES or edges.exact else [exact]
     if not edges.may_join(exists):
         wider = ["a workspace with wider bounds"] * (edges.cells.outside == "free")
-        return [*_hint_at_exact(task), finer, *wider]
+        return [*exact_hints, finer, *wider]
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
@@ -582,20 +610,10 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
         needs_more = is_late or planner != LATTICE or task.fallback is not None
         other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
         radius = ["a smaller turning_radius"] * (edges.drive in CURVES)
-        return [*[more] * needs_more, finer, *_hint_at_exact(task), *radius, other]
+        return [*[more] * needs_more, finer, *exact_hints, *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
     return [*["planner='Grid', which finds one"] * task.is_named, more]
-
-
-def _hint_at_exact(task: Task) -> list[str]:
-    """Return the hint that lets the geometry decide, if that is possible."""
-    edges = task.edges
-    if edges.drive in CURVES or edges.exact:
-        return []
-    no_exact_search = task.is_named and task.planner in (MAX_CLEARANCE, LATTICE)
-    exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
-    return [exact if edges.space.in_memory else f"{exact} on space.window(lower, upper)"]
 
 
 def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:

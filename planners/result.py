@@ -264,8 +264,12 @@ class Plan:
         if not space.in_memory:
             space = cast("TiledCSpace", space).overview()
         if not hasattr(space, "plot"):
-            rule = "only maps and arms are drawn"
-            raise InputError("plan", f"is in {space!r}", rule, "draw plan.path yourself")
+            raise InputError(
+                "plan",
+                f"is in {space!r}",
+                "only maps and arms are drawn",
+                "draw plan.path yourself",
+            )
         return space
 
     def recheck(self, space: Space | None = None) -> Bools:
@@ -300,15 +304,16 @@ class Plan:
         >>> plan.certified, plan.recheck().tolist()
         (True, [False])
         """
-        if not self.solved:
-            raise InputError(
-                "plan", "has no path", f"the search ended with: {self.status}", "plan again"
-            )
+        self._check_solved("only a path has edges")
         space = self._map("pass the map: plan.recheck(space)") if space is None else space
         if space.axes != self.axes:
-            expected = f"the plan has {', '.join(self.axes)}"
-            given = f"has the axes {', '.join(space.axes)}"
-            raise InputError("space", given, expected, "pass a map of the same robot", value=space)
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the plan has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+                value=space,
+            )
         return self._edges_on(space).edges_are_free(self.waypoints)
 
     def __repr__(self) -> str:
@@ -432,9 +437,11 @@ class Plan:
         from cspace.files.ros import Path
 
         if self._moves_joints:
-            hint = "use trajectory(...).to_joint_trajectory()"
             raise InputError(
-                "plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint
+                "plan",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use trajectory(...).to_joint_trajectory()",
             )
         self._check_solved("a message holds a path")
         return fill_path(self.axes, self.path, Path() if msg is None else msg, frame_id)

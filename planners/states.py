@@ -28,9 +28,6 @@ class StateKind(NamedTuple):
     make: Callable[[], ob.StateSpace]
     """Creates the state space for straight edges, without bounds."""
 
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
-    """Sets the bounds of positions or joints."""
-
     read: Callable[[ob.State], Configuration]
     """Reads the numbers of a configuration from a state."""
 
@@ -39,6 +36,17 @@ class StateKind(NamedTuple):
 
     periodic_axes: tuple[bool, ...] = ()
     """Whether each number is the angle of a continuous joint."""
+
+    def set_bounds(self, states: ob.StateSpace, lower: Floats, upper: Floats) -> None:
+        """Set the bounds of positions, or of joints that are not continuous."""
+        limited = ~np.array(self.periodic_axes[: len(lower)])
+        bounds = ob.RealVectorBounds(int(limited.sum()))
+        for axis, (low, high) in enumerate(zip(lower[limited], upper[limited], strict=True)):
+            bounds.setLow(axis, float(low))
+            bounds.setHigh(axis, float(high))
+        if limited.any():
+            part = states if hasattr(states, "setBounds") else states.getSubspace(0)
+            part.setBounds(bounds)
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -89,38 +97,39 @@ def kind_of(space: Space) -> StateKind:
     else:
         kind = _make_vector_kind(space.size)
     if kind is None:
-        rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
-        hint = "add its states to planners/states.py, or search with space.find_path"
-        raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
+        raise InputError(
+            "space",
+            f"has the axes {' '.join(space.axes)}",
+            f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
+            "add its states to planners/states.py, or search with space.find_path",
+            value=space,
+        )
     return kind._replace(periodic_axes=space.periodic_axes)
 
 
 def check_information(si: object, space: object) -> None:
     """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
     if not isinstance(si, ob.SpaceInformation):
-        rule, hint = (
+        raise InputError(
+            "si",
+            f"is a {type(si).__name__}",
             "it must be an ompl.base.SpaceInformation",
             "pass e.g. setup.getSpaceInformation()",
+            value=si,
         )
-        raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
 
 
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
     if not isinstance(space, Space):
-        rule = "it must be a cspace.Space, as the results of cspace.build and cspace.open are"
-        hint = "check the order of arguments"
-        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
-
-
-def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
-    """Set the bounds of a vector state space."""
-    bounds = ob.RealVectorBounds(len(lower))
-    for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
-        bounds.setLow(axis, float(low))
-        bounds.setHigh(axis, float(high))
-    states.setBounds(bounds)
+        raise InputError(
+            "space",
+            f"is a {type(space).__name__}",
+            "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
+            "check the order of arguments",
+            value=space,
+        )
 
 
 def _write_vector(state: ob.State, *q: float) -> None:
@@ -153,7 +162,6 @@ def _make_vector_kind(size: int) -> StateKind:
     axes = range(size)
     return StateKind(
         lambda: ob.RealVectorStateSpace(size),
-        _bound,
         lambda state: tuple(map(state.__getitem__, axes)),
         _write_vector,
     )
@@ -176,10 +184,6 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
         states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
         return states
 
-    def set_bounds(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
-        if limited:
-            _bound(states.getSubspace(0), [lower[k] for k in limited], [upper[k] for k in limited])
-
     def read(state: ob.State) -> Configuration:
         q = [0.0] * size
         if limited:
@@ -196,18 +200,18 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return StateKind(make, set_bounds, read, write)
+    return StateKind(make, read, write)
 
 
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): _make_vector_kind(2),
     ("x", "y", "yaw"): StateKind(
-        lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
+        lambda: ob.SE2StateSpace(), lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
     ),
     ("x", "y", "z"): _make_vector_kind(3),
     ("x", "y", "z", "yaw"): _make_compound_kind((False, False, False, True), METRES_PER_RADIAN),
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3
+        lambda: ob.SE3StateSpace(), _read_se3, _write_se3
     ),
 }
 """Conversions for rigid bodies, by the axes of the space."""

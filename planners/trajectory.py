@@ -158,24 +158,39 @@ class Trajectory:
         """
         moves_joints = not getattr(space, "has_poses", True)
         if not (moves_joints and hasattr(space, "certify_path")):
-            rule, hint = "it must be the space of an arm", "use plan.trajectory() on a map"
-            raise InputError("space", f"is {space!r}", rule, hint, value=space)
+            raise InputError(
+                "space",
+                f"is {space!r}",
+                "it must be the space of an arm",
+                "use plan.trajectory() on a map",
+                value=space,
+            )
         if not getattr(path, "certified", True):
-            rule, hint = "a trajectory follows the whole line", "check motion.certified first"
-            problem = f"is not certified: {getattr(path, 'status', '')}"
-            raise InputError("path", problem, rule, hint, value=path)
+            raise InputError(
+                "path",
+                f"is not certified: {getattr(path, 'status', '')}",
+                "a trajectory follows the whole line",
+                "check motion.certified first",
+                value=path,
+            )
         rows: Any = path
         waypoints = check_finite(getattr(path, "waypoints", rows), "path")
         if waypoints.ndim != 2 or not len(waypoints):
-            rule, hint = "it must be rows of configurations", "pass e.g. motion.waypoints"
-            raise InputError("path", f"has shape {waypoints.shape}", rule, hint, value=path)
+            raise InputError(
+                "path",
+                f"has shape {waypoints.shape}",
+                "it must be rows of configurations",
+                "pass e.g. motion.waypoints",
+                value=path,
+            )
         free = np.asarray(space.certify_path(waypoints))
         if not free.all():
-            problem = (
-                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free"
-            )
             raise InputError(
-                "path", problem, "a trajectory follows proven motions", "plan again", value=path
+                "path",
+                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free",
+                "a trajectory follows proven motions",
+                "plan again",
+                value=path,
             )
         driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
         limits = MotionLimits(max_velocity, max_acceleration)
@@ -265,9 +280,11 @@ class Trajectory:
         from cspace.files.ros import Path
 
         if self._moves_joints:
-            problem = f"moves the joints {', '.join(self.axes)}"
             raise InputError(
-                "trajectory", problem, "a path holds poses", "use to_joint_trajectory()"
+                "trajectory",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use to_joint_trajectory()",
             )
         return fill_path(
             self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times
@@ -291,8 +308,12 @@ class Trajectory:
         from cspace.files.ros import JointTrajectory
 
         if not self._moves_joints:
-            problem, rule = f"moves {', '.join(self.axes)}", "a joint trajectory holds joints"
-            raise InputError("trajectory", problem, rule, "use to_path()")
+            raise InputError(
+                "trajectory",
+                f"moves {', '.join(self.axes)}",
+                "a joint trajectory holds joints",
+                "use to_path()",
+            )
         filled = JointTrajectory() if msg is None else msg
         return fill_joint_trajectory(
             self.axes, self.positions, self.velocities, self.times, filled, frame_id
@@ -401,8 +422,8 @@ def _check_limits(
     """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
-        given = {axis: limit for axis, limit in known.items() if limit < np.inf} | dict(value or {})
-        if missing := [axis for axis in axes if axis not in given]:
+        given = {**known, **(value or {})}
+        if missing := [axis for axis in axes if given.get(axis, np.inf) == np.inf]:
             raise InputError(
                 name,
                 f"lacks {', '.join(missing)}",
@@ -451,7 +472,7 @@ def _split_curves(path: DrivenPath) -> Segments:
     curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
     parts = [(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
     parts += [
-        curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
+        curves.split_edge(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
     ]
     starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
     steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
@@ -479,7 +500,7 @@ def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | Non
         moved = np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
     turned = np.linalg.norm(rates[:, dim:], axis=1)
     with np.errstate(divide="ignore"):
-        largest = (linear / moved).min(axis=1)
+        largest: Floats = (linear / moved).min(axis=1)
         return largest if angular is None else np.minimum(largest, angular / turned)
 
 
@@ -528,9 +549,12 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
         return phases
     factor = check_positive(duration, "duration", "seconds") / total
     if factor < 1.0 - 1e-9:
-        hint = "raise it, or the limits"
         raise InputError(
-            "duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration
+            "duration",
+            f"is {duration!r}",
+            f"the limits need {total:.6g} s",
+            "raise it, or the limits",
+            value=duration,
         )
     return Phases(
         phases.times * factor,
@@ -545,9 +569,12 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
     """Return row times, at most ``time_step`` apart, with phase starts."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
-        rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
         raise InputError(
-            "time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step
+            "time_step",
+            f"is {time_step:g}",
+            f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible",
+            "raise it, or the limits",
+            value=time_step,
         )
     spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
     rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]
