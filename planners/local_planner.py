@@ -25,7 +25,7 @@ from cspace.errors import InputError
 from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
 from cspace.record.cells import Map
-from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
+from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.space import CSpace
 from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
@@ -339,8 +339,10 @@ class TurnDriveTurn(LocalPlanner):
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
         edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        parts = np.reshape([self.find_parts(*first, *last) for first, last in edges], (-1, 3, 6))
-        return np.asarray(self.space.distance(parts[..., :3], parts[..., 3:]).sum(axis=1))
+        yaws = [self.heading(*first, *last) for first, last in edges]
+        radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
+        metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
+        return metres + self.rotation_weight * radians
 
     def heading(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
