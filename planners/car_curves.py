@@ -132,8 +132,12 @@ def prove_length(
         if not pose_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
-        if not word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
-            return -1.0
+        pose = (0.0, 0.0, yaw0)
+        for k in range(5):
+            steer, length = steering[row, k], lengths[row, k]
+            if not segment_is_free(map_, radius, q0, pose, steer, length, spare):
+                return -1.0
+            pose = advance(pose, steer, length)
     return radius * shortest
 
 
@@ -179,19 +183,6 @@ def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
 
 
 @kernel
-def word_is_free(
-    map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float
-) -> bool:
-    """Return True if all configurations within ``spare`` of a word, except its ends, are FREE."""
-    pose = (0.0, 0.0, q0[2])
-    for k in range(5):
-        if not segment_is_free(map_, radius, q0, pose, steering[k], lengths[k], spare):
-            return False
-        pose = advance(pose, steering[k], lengths[k])
-    return True
-
-
-@kernel
 def segment_is_free(
     map_: Map, radius: float, q0: Pose, begin: Pose, steer: int, length: float, spare: float
 ) -> bool:
@@ -228,17 +219,6 @@ def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, F
     """Return the shortest word's steering, lengths and gap."""
     steering, lengths, _, gap, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
     return steering[0], lengths[0], gap
-
-
-@allocating
-def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
-    """Return the metres of the shortest curves between rows of configurations."""
-    metres = np.empty(len(starts))
-    for row in range(len(starts)):
-        q0 = (starts[row, 0], starts[row, 1], starts[row, 2])
-        q1 = (ends[row, 0], ends[row, 1], ends[row, 2])
-        metres[row] = radius * find_shortest_words(kind, radius, q0, q1, 0.0)[4]
-    return metres
 
 
 @allocating

@@ -30,7 +30,13 @@ from cspace.space import CSpace
 from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
 from cspace.support.words import Drive
-from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
+from planners.car_curves import (
+    advance,
+    curve_cost,
+    find_shortest_words,
+    prove_length,
+    shortest_word,
+)
 from planners.integrals import CostDensity, Field, bind_cost, straight_edge_cost
 from planners.states import check_space, kind_of, with_wrapped_angles
 
@@ -449,9 +455,9 @@ class CarCurves(LocalPlanner):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        return curve_lengths(
-            self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        )
+        edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
+        radii = [find_shortest_words(self.kind, self.radius, a, b, 0.0)[-1] for a, b in edges]
+        return self.radius * np.array(radii)
 
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float

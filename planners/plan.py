@@ -397,9 +397,9 @@ def _check_planner(task: Task) -> None:
 
 def _check_options(task: Task) -> None:
     """Raise InputError if the planner does not support an option."""
-    edges, name, objective = task.edges, task.planner, task.objective
+    objective = task.objective
     if objective == CLEARANCE:
-        check_has_cells(edges.space)
+        check_has_cells(task.edges.space)
     elif objective != LENGTH and not callable(objective):
         raise InputError(
             "objective",
@@ -408,31 +408,33 @@ def _check_options(task: Task) -> None:
             "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
             value=objective,
         )
-    is_threaded, has_aim = name in THREADED_PLANNERS, objective != LENGTH
-    if name not in _list_searches(edges.space):
-        refusals = {
-            "iterations": (is_threaded and task.iterations is not None, NO_SECOND_THREAD),
-            "objective": (
-                has_aim and (is_threaded or name in PLANNERS_WITHOUT_OBJECTIVE),
-                NO_SECOND_THREAD if is_threaded else "ignores objectives",
-            ),
-        }
-    else:
-        is_map, keeps_away = edges.space.has_cells, name == GRID and objective == CLEARANCE
-        aims = "length or clearance" if name == GRID else "the length"
-        why = f" for objective={CLEARANCE!r}" * keeps_away
-        refusals = {
-            "objective": (has_aim and not keeps_away, f"minimises {aims}"),
-            "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
-            "exact": (
-                edges.exact and is_map and (keeps_away or name != GRID),
-                f"uses FREE cells{why}",
-            ),
-            "iterations": (task.iterations is not None and is_map, "counts none"),
-        }
-    for option, (is_refused, rule) in refusals.items():
+    for option, (is_refused, rule) in _list_refusals(task).items():
         if is_refused:
             _refuse_option(task, option, rule)
+
+
+def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
+    """Return for each option whether the planner refuses it, and why."""
+    edges, name, has_aim = task.edges, task.planner, task.objective != LENGTH
+    counts = task.iterations is not None
+    if name not in _list_searches(edges.space):
+        is_threaded = name in THREADED_PLANNERS
+        is_deaf = is_threaded or name in PLANNERS_WITHOUT_OBJECTIVE
+        why = NO_SECOND_THREAD if is_threaded else "ignores objectives"
+        return {
+            "iterations": (is_threaded and counts, NO_SECOND_THREAD),
+            "objective": (is_deaf and has_aim, why),
+        }
+    is_map, keeps_away = edges.space.has_cells, name == GRID and task.objective == CLEARANCE
+    aims = "length or clearance" if name == GRID else "the length"
+    why = f" for objective={CLEARANCE!r}" * keeps_away
+    needs_free = is_map and (keeps_away or name != GRID)
+    return {
+        "objective": (has_aim and not keeps_away, f"minimises {aims}"),
+        "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
+        "exact": (edges.exact and needs_free, f"uses FREE cells{why}"),
+        "iterations": (counts and is_map, "counts none"),
+    }
 
 
 def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
