@@ -36,23 +36,6 @@ GoalLike = ArrayLike | Goal | Sequence[Goal | ArrayLike]
 """A goal of a plan, or several for an arm."""
 
 
-class Pieces(NamedTuple):
-    """Short pieces of a path.
-
-    ``centers``, shape (n, size), are the configurations halfway along each piece. ``lengths`` and
-    ``rotations``, shape (n,), are the translation, metres, and the rotation, radians, along each
-    piece.
-    """
-
-    centers: Floats
-    lengths: Floats
-    rotations: Floats
-
-
-Split = Callable[[float, float], Pieces]
-"""Function that splits a path into pieces of at most a length and a rotation."""
-
-
 class SearchOptions(NamedTuple):
     """Options of a space's own search."""
 
@@ -97,9 +80,7 @@ class Space(ABC):
         Whether cells of a map prove motions: then a path without ``exact`` leads through FREE
         cells. Other spaces decide every configuration.
     in_memory : bool
-        Whether the cells are in memory. If not, the space has a ``window(lower, upper)``.
-    is_labelled : bool
-        Whether :meth:`path_exists` answers at once.
+        Whether the cells are in memory; False for a :class:`cspace.TiledCSpace` alone.
     searches : tuple of str
         Names of the space's own searches, which :meth:`search` runs; the first is the default of
         :func:`planners.plan`.
@@ -107,7 +88,6 @@ class Space(ABC):
 
     has_cells: bool = False
     in_memory: bool = True
-    is_labelled: bool = True
     searches: tuple[str, ...] = ()
 
     # ---- what every space says -------------------------------------------------------------------
@@ -149,16 +129,6 @@ class Space(ABC):
         """
         return tuple(Rotations.all_units().get(axis, "m") for axis in self.axes)
 
-    @property
-    def length_unit(self) -> str:
-        """Unit of the lengths of paths, such as "m" or "rad or m"."""
-        return " or ".join(dict.fromkeys(self.units[: self.dim]))
-
-    @property
-    def distance_unit(self) -> str:
-        """Unit of clearances and distances."""
-        return self.length_unit
-
     @cached_property
     def size(self) -> int:
         """Length of a configuration, ``len(axes)``.
@@ -194,9 +164,13 @@ class Space(ABC):
         """Return :attr:`bounds` as arrays; raise InputError if they do not fit the axes."""
         lower, upper = (check_finite(bound, "bounds") for bound in self.bounds)
         if not lower.shape == upper.shape == (self.dim,) or (lower > upper).any():
-            rule = f"they must be two rows of {self.dim} numbers, the lower ones first"
-            hint = f"give one for each of {', '.join(self.axes[: self.dim])}"
-            raise InputError("bounds", f"are {self.bounds!r}", rule, hint, value=self.bounds)
+            raise InputError(
+                "bounds",
+                f"are {self.bounds!r}",
+                f"they must be two rows of {self.dim} numbers, the lower ones first",
+                f"give one for each of {', '.join(self.axes[: self.dim])}",
+                value=self.bounds,
+            )
         return lower, upper
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
@@ -256,12 +230,11 @@ class Space(ABC):
 
         return clearance
 
-    def clearance_along(self, split: Split) -> float:
-        """Return a lower bound of the clearance along a path; NaN if unknown, the default."""
-        return math.nan
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Return a lower bound of a path's distance from obstacles; NaN if unknown, the default.
 
-    def obstacle_distance_along(self, path: Floats, split: Split) -> float:
-        """Return a lower bound of a path's distance from obstacles; NaN if unknown."""
+        The motions between its rows are straight.
+        """
         return math.nan
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
@@ -299,8 +272,13 @@ class Space(ABC):
             problem, rule = "is not free", "a path starts and ends in free configurations"
         else:
             return tuple(point.tolist())
-        text = f"{format_configuration(point.tolist())} {problem}"
-        raise ConfigurationError(name, text, rule, "choose another", value=q)
+        raise ConfigurationError(
+            name,
+            f"{format_configuration(point.tolist())} {problem}",
+            rule,
+            "choose another",
+            value=q,
+        )
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
@@ -310,35 +288,27 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
-            problem, rule = f"is a {type(goal).__name__}", "the space of an arm is needed for that"
-            raise InputError("goal", problem, rule, "pass a configuration", value=goal)
+            raise InputError(
+                "goal",
+                f"is a {type(goal).__name__}",
+                "the space of an arm is needed for that",
+                "pass a configuration",
+                value=goal,
+            )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
-
-    def subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Subproblem]:
-        """Split a planning problem into problems on parts of the space in memory.
-
-        Return for each a function that opens the part, and two configurations to join in it. Only a
-        tiled map has several parts. The configurations have been checked.
-        """
-        first, last = (np.array(q, dtype=np.float64) for q in (q0, q1))
-        return [(lambda: self, first, last)]
-
-    def drawable(self) -> Space:
-        """Return the space that pictures show."""
-        return self
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
-            rule = f"it must be one configuration of {self.size} numbers"
-            hint = f"pass ({', '.join(self.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+                value=q,
+            )
         return point
-
-
-Subproblem = tuple[Callable[[], Space], Floats, Floats]
-"""A function that opens a part of a space in memory, and the two configurations to join in it."""
 
 
 class ConfigurationSpace(SpaceView, Space):
@@ -530,11 +500,13 @@ class ConfigurationSpace(SpaceView, Space):
             starts, ends = points[pairs[:, 0]], points[pairs[:, 1]]
             return evaluate_rows(starts, ends, partial(self._write_motions, exact))
         if points.ndim < 2 or points.shape[-2] == 0:
-            rule, hint = (
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
                 "a path has at least one configuration",
                 f"pass an array of shape (n, {self.size})",
+                value=path,
             )
-            raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
         shape = (*points.shape[:-2], points.shape[-2] - 1)
         starts = points[..., :-1, :].reshape(-1, self.size)
         ends = points[..., 1:, :].reshape(-1, self.size)

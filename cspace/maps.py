@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +15,6 @@ from cspace.grid import Grid
 from cspace.interface import (
     ConfigurationSpace,
     Endpoint,
-    Split,
     format_configuration,
 )
 from cspace.methods import MapPlot
@@ -24,7 +22,7 @@ from cspace.queries.batches import Configuration, evaluate, evaluate_edges
 from cspace.record.states import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, angle_axes, warn_of_degrees
+from cspace.rotations.base import angle_axes, warn_of_degrees
 from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.support.check import check_not_negative, check_rows
 
@@ -34,9 +32,6 @@ if TYPE_CHECKING:
 
 
 Result = TypeVar("Result")
-
-MAX_RADIANS_PER_PIECE: Final = math.radians(5.0)
-"""Largest rotation along a piece of a path whose clearance is bounded, radians (5 degrees)."""
 
 
 class Components(Protocol):
@@ -347,22 +342,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         if self.is_connected(q0, q1):
             return True
         return False if self.is_disconnected(q0, q1) else None
-
-    def clearance_along(self, split: Split) -> float:
-        """Bound the clearance along a path from below, metres.
-
-        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
-        lie within half its length of its center, and clearance changes by at most the length moved.
-        So the clearance at the center minus half the length bounds the piece, in each rotation cell
-        within half the piece's rotation.
-        """
-        pieces = split(self.resolution, MAX_RADIANS_PER_PIECE)
-        rows, cells = self.rotations.find_cells_within(
-            pieces.centers, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
-        )
-        q = pieces.centers[rows]
-        q[:, self.dim :] = self.rotations.centers[cells]  # constant in a rotation cell
-        return max(0.0, float(np.min(self.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal in canonical form.

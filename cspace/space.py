@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.interface import Endpoint, SearchOptions, Split
+from cspace.interface import Endpoint, SearchOptions
 from cspace.limits import check_memory
 from cspace.maps import ConfigurationMap, Result
 from cspace.methods import MapExport
@@ -408,6 +408,41 @@ class CSpace(ConfigurationMap, MapExport):
 
         return clearance_checker(self._kernel_map, self._distances, self.size)
 
+    # ---- for planners ----------------------------------------------------------------------------
+
+    @property
+    def kernel_map(self) -> Map:
+        """The map as input of compiled functions; it follows updates."""
+        return self._kernel_map
+
+    @property
+    def distances(self) -> DistanceMap:
+        """Distances of cells to those that are not FREE; they follow updates."""
+        return self._distances
+
+    def find_cheap_path(
+        self,
+        endpoints: Sequence[Endpoint],
+        factor_at: Callable[[Distances], Costs],
+        cost: Callable[..., float],
+        *,
+        straight: bool,
+        time_limit: float,
+    ) -> Floats:
+        """Find a path of low cost, otherwise as :meth:`find_path`.
+
+        The cost is at most that of the path of :meth:`find_path`.
+
+        Parameters
+        ----------
+        factor_at : callable
+            Returns the cost of a metre at an array of clearances in metres; it does not increase.
+        cost : callable
+            Integrates it along an edge, given by the coordinates of two configurations.
+        """
+        search = partial(self._cheapest_path, factor_at=factor_at, cost=cost)
+        return self._in_time(search, endpoints[0], endpoints[1], straight, time_limit)
+
     # ---- paths through FREE cells ----------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
@@ -494,20 +529,6 @@ class CSpace(ConfigurationMap, MapExport):
         return self.find_path(
             start, goal, straight=straight, exact=options.exact, time_limit=seconds
         )
-
-    def obstacle_distance_along(self, path: Floats, split: Split) -> float:
-        """Bound the obstacle distance along a path from below, metres.
-
-        Returns NaN if the map has no geometry. Each edge is split into pieces on which no point of
-        the robot moves by more than half a cell. Each point stays within a quarter of a cell of its
-        position at the piece's center. The distance there minus that much bounds the piece.
-        """
-        step = 0.5 * self.resolution
-        pieces = split(step, step / max(self.robot.span, step))
-        try:
-            return self.obstacle_distance(*pieces)
-        except InputError:  # the map has no geometry
-            return math.nan
 
     def _in_time(
         self,
@@ -603,6 +624,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.paths import in_time, pulled_straight, waypoints
         from cspace.queries.search import NO_FACTORS, find_chain
 
+        if "_components" in vars(self) and not self.is_connected(*endpoints):
+            return endpoints[:0]
         dim, rotations = self.grid.dim, self.rotations
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
@@ -632,14 +655,7 @@ class CSpace(ConfigurationMap, MapExport):
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
-        """Find a path of low cost, otherwise as :meth:`_free_path`.
-
-        The cost is at most that of the path of :meth:`find_path`.
-
-        ``factor_at`` returns the cost of a metre at an array of clearances in metres; it does not
-        increase. ``cost`` integrates it along an edge, given by the coordinates of two
-        configurations.
-        """
+        """Find a path as :meth:`find_cheap_path`; raise TimeoutError if time runs out."""
         from cspace.queries.paths import edge_costs, in_time, pulled_straight
 
         endpoints = np.stack(
@@ -1121,11 +1137,6 @@ class CSpace(ConfigurationMap, MapExport):
             self.margin,
             exterior_blocked,
         )
-
-    @property
-    def is_labelled(self) -> bool:  # type: ignore[override]  # other spaces have a constant
-        """Whether the components are known, so that :meth:`path_exists` answers at once."""
-        return "_components" in vars(self)
 
     @derived
     def _components(self) -> Components:

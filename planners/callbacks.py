@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Final
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
 from ompl import base as ob
@@ -13,14 +14,14 @@ from ompl import util as ou
 from cspace.errors import InputError
 from cspace.interface import Space
 from cspace.space import CSpace
-from cspace.support.check import check_rng
+from cspace.support.arrays import Floats
+from cspace.support.check import check_flag, check_rng
 from cspace.support.words import Drive
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
 _DRAWS_PER_BATCH: Final = 256
-"""Random draws per call of numpy. Single draws would spend their time in the overhead of the calls.
-"""
+"""Random draws per call of numpy."""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -36,33 +37,35 @@ class StateValidityChecker(ob.StateValidityChecker):
     space : Space
     exact : bool
         Whether the geometry itself decides states that the map does not.
+
+    Attributes
+    ----------
+    is_free : callable
+        Test of a state; a plan replaces it by one that ends at its time limit.
     """
 
     def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
         check_information(si, space)
+        check_flag(exact, "exact")
         super().__init__(si)
-        self._kind, self._edges = kind_of(space), local_planner(space, exact)
-        self._query_space = self._kind.of_state(space.point_checker(exact=self._edges.exact))
-        self._clearance: Callable[[ob.State], float] | None = None
-        self._override(None)
+        self._kind, self._space = kind_of(space), space
+        self.is_free = self._kind.of_state(space.point_checker(exact=exact))
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""
-        return self._is_free(state)
+        return self.is_free(state)
 
     def clearance(self, state: ob.State) -> float:
         """Bound the clearance of a state from below, in metres.
 
         It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
         """
-        if self._clearance is None:
-            # Distances cost a pass over the map, and few planners need them.
-            self._clearance = self._kind.of_state(self._edges.space.clearance_checker())
         return self._clearance(state)
 
-    def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
-        """Replace the checks (at a deadline); None restores them."""
-        self._is_free = replacement or self._query_space
+    @cached_property
+    def _clearance(self) -> Callable[[ob.State], float]:
+        """Clearance of a state; distances cost a pass over the map, and few planners need them."""
+        return self._kind.of_state(self._space.clearance_checker())
 
 
 class MotionValidator(ob.MotionValidator):
@@ -91,6 +94,11 @@ class MotionValidator(ob.MotionValidator):
         Whether an edge must also be free from its end to its start. Planners that follow edges both
         ways (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive
         backwards.
+
+    Attributes
+    ----------
+    is_free : callable
+        Proof of the edge between two states; a plan replaces it by one that ends at its time limit.
 
     Raises
     ------
@@ -128,16 +136,11 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
-        self._query_space = edges.motion_checker()
-        self._override(None)
+        self.is_free = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if a motion's whole edge is proven free."""
-        return self._is_free(first, second)
-
-    def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Replace the proofs (at a deadline); None restores them."""
-        self._is_free = replacement or self._query_space
+        return self.is_free(first, second)
 
 
 class FreeStateSampler(ob.ValidStateSampler):
@@ -164,13 +167,19 @@ class FreeStateSampler(ob.ValidStateSampler):
     ) -> None:
         check_information(si, space)
         if not (space.has_cells and space.in_memory):
-            rule, hint = "it must be a CSpace", "use ompl.base.UniformValidStateSampler"
-            raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
+            raise InputError(
+                "space",
+                f"is a {type(space).__name__}",
+                "it must be a CSpace",
+                "use ompl.base.UniformValidStateSampler",
+                value=space,
+            )
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations
-        self._points = _draw_points(space, rng)
-        self._numbers = _draw_numbers(rng)
+        # Batches, because a single draw would spend its time in the overhead of a call.
+        self._points = _draw_batches(lambda n: space.sample_free(n, rng))
+        self._numbers = _draw_batches(rng.random)
         self._is_free = space.point_checker()
         self._box = tuple(zip(space.grid.lower, space.grid.upper, strict=True))
 
@@ -209,13 +218,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         return False
 
 
-def _draw_points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
-    """Yield FREE configurations without end."""
+def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:
+    """Yield random rows or numbers without end, from batches."""
     while True:
-        yield from space.sample_free(_DRAWS_PER_BATCH, rng).tolist()
-
-
-def _draw_numbers(rng: np.random.Generator) -> Iterator[float]:
-    """Yield uniform numbers from [0, 1) without end."""
-    while True:
-        yield from rng.random(_DRAWS_PER_BATCH).tolist()
+        yield from draw(_DRAWS_PER_BATCH).tolist()

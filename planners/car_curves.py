@@ -20,7 +20,7 @@ import numpy as np
 from cspace.queries.points import around_is_free, position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import TWO_PI
-from cspace.support.arrays import Floats, Ints
+from cspace.support.arrays import Floats, Ints, Numbers
 from cspace.support.compiling import allocating, kernel
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
@@ -110,18 +110,21 @@ def prove_length(
     because the robot may drive any one.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
-    count, gap, shortest = find_shortest_words(
-        kind, radius, q0, q1, TIE_TOLERANCE, steering, lengths, 0, False
+    steering, lengths, count, gap, shortest = find_shortest_words(
+        kind, radius, q0, q1, TIE_TOLERANCE
     )
     if not gap <= MAX_GAP:
         return -1.0
     if kind == REEDS_SHEPP:
         # OMPL may compute its curve from the other end, where rounding can prefer another of the
         # tied curves.
-        count, _, _ = find_shortest_words(
-            kind, radius, q1, q0, TIE_TOLERANCE, steering, lengths, count, True
+        back_steering, back_lengths, back_count, _, _ = find_shortest_words(
+            kind, radius, q1, q0, TIE_TOLERANCE
         )
+        for row in range(back_count):
+            steering[count] = back_steering[row, ::-1]
+            lengths[count] = -back_lengths[row, ::-1]
+            count += is_new(steering, lengths, count)
     # The driven curve stays this close to ours, however the gap spreads along it and from whichever
     # end it starts.
     spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
@@ -129,8 +132,12 @@ def prove_length(
         if not pose_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
-        if not word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
-            return -1.0
+        pose = (0.0, 0.0, yaw0)
+        for k in range(5):
+            steer, length = steering[row, k], lengths[row, k]
+            if not segment_is_free(map_, radius, q0, pose, steer, length, spare):
+                return -1.0
+            pose = advance(pose, steer, length)
     return radius * shortest
 
 
@@ -140,16 +147,17 @@ def curve_cost(
     field: Values,
     density: CostDensity,
     curve: tuple[int, float],
-    both: tuple[float, ...],
+    both: Numbers,
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 
-    The midpoint rule has steps of at most one cell and 5 degrees.
+    They are numbers after zeros, as of :func:`straight_edge_cost`. The midpoint rule has steps of
+    at most one cell and 5 degrees.
     """
-    (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
-    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    kind, radius = curve
+    x0, y0, yaw0, x1, y1, yaw1 = both[-6:]
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
+    steering, lengths, _, _, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
     pose, total = (0.0, 0.0, yaw0), 0.0
     for k in range(5):
         steer, length = steering[0, k], lengths[0, k]
@@ -175,83 +183,56 @@ def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
 
 
 @kernel
-def word_is_free(
-    map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float
+def segment_is_free(
+    map_: Map, radius: float, q0: Pose, begin: Pose, steer: int, length: float, spare: float
 ) -> bool:
-    """Return True if a word lies in FREE cells.
+    """Return True if a segment lies in FREE cells, with all within ``spare`` except its ends.
 
-    All configurations within ``spare`` of the word, except its ends, must be FREE. A piece of
-    length l lies within l / 2 of its center and turns by at most l / (2 radius) from there. So a
-    box of that size around the center contains it. If the box is not free, the piece is halved,
-    until its center is not free or the piece is shorter than ``MIN_PIECE_CELLS``.
+    It starts at ``begin``, in turning radii from the position of ``q0``. A piece of length l lies
+    within l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size
+    around the center contains it. If the box is not free, the piece is halved, until its center is
+    not free or the piece is shorter than ``MIN_PIECE_CELLS``.
     """
-    longest, shortest = (
-        MAX_PIECE_CELLS * map_.spacing / radius,
-        MIN_PIECE_CELLS * map_.spacing / radius,
-    )
-    pose = (0.0, 0.0, q0[2])
-    for k in range(5):
-        total, sign, steer = abs(lengths[k]), math.copysign(1.0, lengths[k]), steering[k]
-        done, step = 0.0, longest
-        while done < total:
-            last = step >= total - done
-            piece = total - done if last else step
-            half = 0.5 * piece
-            u, v, yaw = advance(pose, steer, sign * (done + half))
-            center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
-            if pose_is_free(
-                map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare
-            ):
-                if last:
-                    break
-                done, step = done + piece, min(2.0 * step, longest)
-            elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
-                return False
-            else:
-                step = half
-        pose = advance(pose, steer, lengths[k])
+    longest = MAX_PIECE_CELLS * map_.spacing / radius
+    shortest = MIN_PIECE_CELLS * map_.spacing / radius
+    total, sign = abs(length), math.copysign(1.0, length)
+    done, step = 0.0, longest
+    while done < total:
+        last = step >= total - done
+        piece = total - done if last else step
+        half = 0.5 * piece
+        turned = half if steer != 0 else 0.0
+        u, v, yaw = advance(begin, steer, sign * (done + half))
+        center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
+        if pose_is_free(map_, center, (half + spare) * radius, turned + spare):
+            if last:
+                return True
+            done, step = done + piece, min(2.0 * step, longest)
+        elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
+            return False
+        else:
+            step = half
     return True
 
 
 def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
     """Return the shortest word's steering, lengths and gap."""
-    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    _, gap, _ = find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
+    steering, lengths, _, gap, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
     return steering[0], lengths[0], gap
 
 
 @allocating
-def curve_lengths(kind: int, radius: float, starts: Floats, ends: Floats) -> Floats:
-    """Return the metres of the shortest curves between rows of configurations."""
-    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
-    metres = np.empty(len(starts))
-    for row in range(len(starts)):
-        q0 = (starts[row, 0], starts[row, 1], starts[row, 2])
-        q1 = (ends[row, 0], ends[row, 1], ends[row, 2])
-        _, _, shortest = find_shortest_words(kind, radius, q0, q1, 0.0, steering, lengths, 0, False)
-        metres[row] = radius * shortest
-    return metres
-
-
-@allocating
 def find_shortest_words(
-    kind: int,
-    radius: float,
-    q0: Pose,
-    q1: Pose,
-    tie: float,
-    steering: Ints,
-    lengths: Floats,
-    count: int,
-    is_reversed: bool,
-) -> tuple[int, float, float]:
-    """Write the shortest words between two configurations, after ``count`` other words.
+    kind: int, radius: float, q0: Pose, q1: Pose, tie: float
+) -> tuple[Ints, Floats, int, float, float]:
+    """Find the shortest words between two configurations.
 
-    The shortest one comes first, then all words longer by at most ``tie``; none is written twice.
-    If ``is_reversed``, they are written from the end to the start. Each word is driven and counts
-    only if it reaches the goal, so that no form needs a separate proof.
+    The shortest one comes first, then all words longer by at most ``tie``; none is given twice.
+    Each word is driven and counts only if it reaches the goal, so that no form needs a separate
+    proof.
 
-    Returns the number of words, the gap of the shortest, and its length in turning radii.
+    Returns the words' steering and lengths, with room for as many again, the number of words, the
+    gap of the shortest, and its length in turning radii.
     """
     dx, dy = (q1[0] - q0[0]) / radius, (q1[1] - q0[1]) / radius
     c, s = math.cos(q0[2]), math.sin(q0[2])
@@ -277,18 +258,17 @@ def find_shortest_words(
             totals[row] = total
             if total < shortest:
                 best, shortest, shortest_gap = row, total, gap
+    steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
+    count = 0
     if shortest == math.inf:
-        return count, shortest_gap, shortest
+        return steering, lengths, count, shortest_gap, shortest
     for rank in range(-1, candidates):
         row = best if rank < 0 else rank
         if rank == best or totals[row] > shortest + tie:
             continue
-        for k in range(5):
-            source, sign = (4 - k, -1.0) if is_reversed else (k, 1.0)
-            steering[count, k] = made_steering[row, source]
-            lengths[count, k] = sign * made_lengths[row, source]
+        steering[count], lengths[count] = made_steering[row], made_lengths[row]
         count += is_new(steering, lengths, count)
-    return count, shortest_gap, shortest
+    return steering, lengths, count, shortest_gap, shortest
 
 
 @kernel

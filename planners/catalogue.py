@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any, Final, Literal, TypeAlias, cast
+from typing import Final, Literal, TypeAlias, cast
 
 from ompl import base as ob
 from ompl import geometric as og
@@ -63,8 +63,13 @@ thread holds the lock and waits for it: a deadlock. So these planners are refuse
 callbacks. A callback must not raise in them either, because an exception ends the process.
 """
 
-_BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
-"""Planners that also follow edges from end to start."""
+BIDIRECTIONAL_PLANNERS: Final = frozenset({"BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"})
+"""Planners that also follow edges from end to start.
+
+A robot that turns on the spot only has to turn around for the way back, so its edges must be free
+both ways. The way back of a car is a loop, which is hardly ever free, so these planners are refused
+for Dubins curves.
+"""
 
 UNSAFE_PLANNERS: Final = {
     "AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"
@@ -73,20 +78,6 @@ UNSAFE_PLANNERS: Final = {
 
 AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is
 farther away, AORRTC reads beyond the end of its list.
-"""
-
-PLANNERS_REFUSED_BY_DRIVE: Final = {
-    "dubins": dict.fromkeys(
-        _BIDIRECTIONAL_PLANNERS, "also follows edges from end to start, which no such car drives"
-    )
-}
-"""For each drive, the planners that cannot plan with it, with the reason."""
-
-BIDIRECTIONAL_BY_DRIVE: Final = {"differential": frozenset(_BIDIRECTIONAL_PLANNERS)}
-"""For each drive, the planners that need edges to be free from end to start too.
-
-A robot that turns on the spot only has to turn around for the way back. The way back of a car is a
-loop, which is hardly ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
 """
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
@@ -137,53 +128,42 @@ def planner_named(
         hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
         own = "".join(f", {each}" for each in searches if each not in BUILT_IN_SEARCHES)
         built_in = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
-        rule = f"it must be a geometric planner of the installed OMPL{own}, {built_in}"
-        raise InputError("planner", f"is {name!r}", rule, hint, value=name)
+        raise InputError(
+            "planner",
+            f"is {name!r}",
+            f"it must be a geometric planner of the installed OMPL{own}, {built_in}",
+            hint,
+            value=name,
+        )
     planner = cast(PlannerName, known[name.lower()])
-    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {})
-    reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
+    problem, reason = f"is {planner!r}", UNSAFE_PLANNERS.get(planner)
+    if drive == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
+        problem = f"{problem} and drive is {drive!r}"
+        reason = "also follows edges from end to start, which no such car drives"
     if reason:
-        problem = f"is {planner!r}" + f" and drive is {drive!r}" * (planner not in UNSAFE_PLANNERS)
-        hint = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-        raise InputError("planner", problem, f"{planner} {reason}", hint, value=name)
+        raise InputError(
+            "planner",
+            problem,
+            f"{planner} {reason}",
+            "choose another planner, e.g. planner='RRT' or 'RRTstar'",
+            value=name,
+        )
     return planner
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Create an OMPL planner by name, with its :data:`PLANNER_SETTINGS`."""
+    """Create an OMPL planner by name, with settings that keep its steps short."""
     planner = getattr(og, name)(si)
-    PLANNER_SETTINGS.get(name, lambda made: None)(planner)
-    return planner
-
-
-def _disable_pruning(planner: Any) -> None:
-    """Switch off the pruning of BIT*.
-
-    Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
-    minutes, so the planner would exceed its time limit.
-    """
-    planner.setPruning(False)
-
-
-def _reduce_samples_along_curves(planner: Any) -> None:
-    """Let FMT begin with fewer samples along curves.
-
-    It draws more if needed. A step of FMT measures from each neighbor to all samples, which takes
-    tenths of a second along curves.
-    """
-    if isinstance(
-        planner.getSpaceInformation().getStateSpace(),
-        (ob.DubinsStateSpace, ob.ReedsSheppStateSpace),
-    ):
+    if name == "BITstar":
+        # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
+        # minutes, so the planner would exceed its time limit.
+        planner.setPruning(False)
+    has_curves = isinstance(si.getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace))
+    if name in ("FMT", "BFMT") and has_curves:
+        # More are drawn if needed. A step measures from each neighbor to all samples, which takes
+        # tenths of a second along curves.
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
-
-
-PLANNER_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
-    "BITstar": _disable_pruning,
-    "BFMT": _reduce_samples_along_curves,
-    "FMT": _reduce_samples_along_curves,
-}
-"""For each planner that needs it, the function that sets up a new instance."""
+    return planner
 
 
 @cache

@@ -88,21 +88,14 @@ def straight_edge_cost(
     return (1.0 if density.by_metre else metres + density.rotation_weight * angle) * total / steps
 
 
-def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
-    """Make ``cost(*q0, *q1)``, the cost of straight edges."""
-    padding = (0.0,) * (2 * (MAX_SIZE - space.size))
-    cost = bind_cost(straight_edge_cost, space, field, density, space.size, count=2 * MAX_SIZE)
-    return lambda *both: cost(*padding, *both)
+def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, numbers)``.
 
-
-def bind_cost(
-    kernel: Any, space: CSpace, field: Field, *fixed: Any, count: int
-) -> Callable[..., float]:
-    """Make a function of ``count`` numbers from ``kernel(map, values, *fixed, numbers)``.
-
-    It follows changes of the map.
+    The numbers are those of both configurations, after zeros. The function follows changes of the
+    map.
     """
     no_distances = DistanceTable(np.empty(0, dtype=np.float32), np.empty((0, 2, space.grid.dim)))
+    padding = (0.0,) * (2 * (MAX_SIZE - space.size))
 
     def values() -> Values:
         if isinstance(field, DistanceMap):
@@ -111,5 +104,5 @@ def bind_cost(
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    query = bind_kernel(kernel, (space._kernel_map,), values(), *fixed, (0.0,) * count)
-    return lambda *numbers: query(values(), *fixed, numbers)
+    query = bind_kernel(kernel, (space.kernel_map,), values(), *fixed, (0.0,) * (2 * MAX_SIZE))
+    return lambda *both: query(values(), *fixed, padding + both)

@@ -30,9 +30,9 @@ from cspace.queries.points import position_in_plane
 from cspace.queries.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.support.arrays import FREE, Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
-from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, pose_is_free, word_is_free
+from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, advance, pose_is_free, segment_is_free
 from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_STEP_CELLS: Final = 2
@@ -110,14 +110,14 @@ class Motions(NamedTuple):
     headings: Floats  # (h,), yaws, radians
     nearest: Ints  # (h,), the nearest heading of the guide
     next_heading: Ints  # (h, m), the heading after each motion
-    offsets: Floats  # (h, m, 2), the displacement along each motion
+    steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
+    lengths: Floats  # (h, m), negative in reverse, zero on the spot
+    unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
     costs: Floats  # (h, m)
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
     near: float  # distance from the goal within which each node tries an edge to the goal
-    steering: Ints  # (m, 5), the motions of a car as words of one segment
-    lengths: Floats  # (m, 5)
 
 
 class Ground(NamedTuple):
@@ -143,7 +143,6 @@ class Guide(NamedTuple):
     headings: Floats  # (h,), yaws
     costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
     reached: Ints  # (h, nx, ny), 0 for states that were not reached
-    spacing: float  # of the cells
     unreached: float  # metres added to the straight distance of states not reached
 
 
@@ -180,12 +179,11 @@ def find_lattice_path(
         guide, reaches_start = _measure_guide(edges, endpoints, until)
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
-        for level in range(len(CAR_HEADINGS) if is_car else 1):
-            if is_car:
-                motions = _car_motions(edges, start, level, guide)
-            else:
-                motions = _spot_motions(edges, endpoints)
-            path, reason = _search(edges, motions, guide, endpoints, MAX_NODES[level], until)
+        levels = [_spot_motions(edges, endpoints)]
+        if is_car:
+            levels = [_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+        for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
+            path, reason = _search(edges, motions, guide, endpoints, max_nodes, until)
             if len(path):
                 break
     except TimeoutError:
@@ -209,10 +207,11 @@ def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
     yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
     own = np.unique([q[2] for q in endpoints])
     apart = np.abs(wrapped(yaws - own[:, None]))
-    own, nearest = own[apart.min(axis=1) > 1e-9], apart.argmin(axis=1)[apart.min(axis=1) > 1e-9]
-    all_yaws = np.concatenate([yaws, own])
+    is_new = apart.min(axis=1) > 1e-9
+    all_yaws = np.concatenate([yaws, own[is_new]])
+    all_steps = np.concatenate([steps, steps[apart.argmin(axis=1)[is_new]]])
     order = np.argsort(all_yaws)
-    return all_yaws[order], np.concatenate([steps, steps[nearest]])[order], order >= len(yaws)
+    return all_yaws[order], all_steps[order], order >= len(yaws)
 
 
 def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
@@ -224,7 +223,7 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     """
     grid, is_car = edges.cells.grid, edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
-    free = np.stack([np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS) for yaw in yaws])
+    free = np.stack([_free_cells(edges, yaw) for yaw in yaws])
     first, last = (
         (int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS))
         for q in endpoints
@@ -252,7 +251,7 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
         unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
     costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
     goal_pose = cast(Pose, endpoints[1])
-    guide = Guide(goal_pose, yaws, costs, reached, grid.spacing, unreached)
+    guide = Guide(goal_pose, yaws, costs, reached, unreached)
     return guide, reaches_start
 
 
@@ -277,8 +276,8 @@ def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) ->
 
 
 def _free_cells(edges: LocalPlanner, yaw: float) -> Bools:
-    """Return which cells are FREE at a yaw, shape (nx, ny)."""
-    return np.asarray(edges.cells.states_at(yaw) == FREE)
+    """Return which cells of :class:`Ground` are FREE at a yaw, shape (nx, ny)."""
+    return np.pad(edges.cells.states_at(yaw) == FREE, MAX_STEP_CELLS)
 
 
 def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
@@ -308,7 +307,7 @@ def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
         count = len(edges.space.rotations)
         for number in range(1, (last - first) % count):
             yaw = edges.space.rotations.centers[(first + number) % count, 0]
-            can_turn = can_turn & np.pad(_free_cells(edges, yaw), MAX_STEP_CELLS)
+            can_turn = can_turn & _free_cells(edges, yaw)
     return can_turn
 
 
@@ -338,71 +337,55 @@ def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     spacing, count = edges.cells.grid.spacing, 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
     # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
-    diagonals = math.sqrt(2.0) * np.stack([np.cos(yaws), np.sin(yaws)], axis=1)
-    ahead = spacing * np.where(is_own[:, None], diagonals, steps)
-    turns = np.zeros_like(ahead)
-    next_heading = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0]) % len(yaws)
-    offsets = np.stack([turns, turns, ahead, -ahead], axis=1)
-    costs = METRES_PER_RADIAN * np.abs(
-        wrapped(yaws[next_heading] - yaws[:, None])
-    ) + np.linalg.norm(offsets, axis=2)
+    ahead = spacing * np.where(is_own, math.sqrt(2.0), np.hypot(*steps.T))
+    lengths = np.outer(ahead, [0.0, 0.0, 1.0, -1.0][:count])
+    next_heading = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0][:count]) % len(yaws)
+    radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
         nearest=np.arange(len(yaws)),
-        next_heading=np.ascontiguousarray(next_heading[:, :count]),
-        offsets=np.ascontiguousarray(offsets[:, :count]),
-        costs=np.ascontiguousarray(costs[:, :count]),
+        next_heading=next_heading,
+        steering=np.zeros(count, dtype=np.int64),
+        lengths=lengths,
+        unit=1.0,
+        costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
         greed=1.0,
         near=NEAR_CELLS * spacing,
-        steering=np.zeros((count, 5), dtype=np.int64),
-        lengths=np.zeros((count, 5)),
     )
 
 
-def _car_motions(edges: LocalPlanner, start: Pose, level: int, guide: Guide) -> Motions:
+def _car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
-    These are arcs to the next headings, and drives straight on, ahead or in reverse. ``level`` is
-    an index into :data:`CAR_HEADINGS`; the first heading is the start's.
+    These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
+    The first heading is the start's.
     """
-    count, radius = CAR_HEADINGS[level], float(edges.turning_radius or math.nan)
+    radius = float(edges.turning_radius or math.nan)
     arc, spacing = TWO_PI / count, edges.cells.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
-    moves = 3 + 3 * _reverses(edges)
-    steering = np.array([1, -1, 0, 1, -1, 0])[:moves]
-    signs = np.array([1, 1, 1, -1, -1, -1])[:moves]
-    metres = signs * np.where(steering, arc * radius, straight)
-    next_heading = (np.arange(count)[:, None] + steering * signs) % count
-    # Along an arc to the left of radius r, x changes by r (sin b - sin a), y by r (cos a - cos b).
-    # A right arc has -r.
-    before, after, signed_radius = yaws[:, None], yaws[next_heading], steering * radius
-    x = np.where(
-        steering, signed_radius * (np.sin(after) - np.sin(before)), metres * np.cos(before)
-    )
-    y = np.where(
-        steering, signed_radius * (np.cos(before) - np.cos(after)), metres * np.sin(before)
-    )
-    costs = np.tile(np.abs(metres) * np.where(signs < 0, REVERSE_WEIGHT, 1.0), (count, 1))
-    words = np.zeros((2, moves, 5))
-    words[0, :, 0], words[1, :, 0] = steering, metres / radius
+    steering, lengths = np.array([1, -1, 0]), np.array([arc, arc, straight / radius])
+    if _reverses(edges):
+        steering, lengths = np.tile(steering, 2), np.concatenate([lengths, -lengths])
+    turns = steering * np.where(lengths < 0.0, -1, 1)
+    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
     return Motions(
         headings=yaws,
         nearest=np.abs(wrapped(guide.headings - yaws[:, None])).argmin(axis=1),
-        next_heading=next_heading,
-        offsets=np.stack([x, y], axis=2),
-        costs=costs,
+        next_heading=(np.arange(count)[:, None] + turns) % count,
+        steering=steering,
+        lengths=np.tile(lengths, (count, 1)),
+        unit=radius,
+        costs=np.tile(costs, (count, 1)),
         side=side,
         switch_cost=SWITCH_RADII * radius,
         greed=CAR_GREED,
         near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
-        steering=words[0].astype(np.int64),
-        lengths=words[1],
     )
 
 
@@ -419,8 +402,7 @@ def _search(
     If n is 0, the note says what ended the search. Raises TimeoutError after ``until``.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
-    map_ = edges.cells._kernel_map
-    map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))  # no motion leaves the grid
+    map_ = edges.bounded_map()
     capacity = max_nodes + motions.costs.shape[1]
     progress = make_progress(capacity, capacity)
     nodes = Nodes(
@@ -590,15 +572,15 @@ def expand_nodes(
         nodes.counts[1] += 1
         x, y, cost = poses[node, 0], poses[node, 1], progress.cost[node]
         last, heading = nodes.motions[node, 0], nodes.motions[node, 1]
-        for move in range(motions.next_heading.shape[1]):
+        for move in range(len(motions.steering)):
             after = motions.next_heading[heading, move]
+            length = motions.lengths[heading, move]
             total = cost + motions.costs[heading, move]
-            if motions.lengths[last, 0] * motions.lengths[move, 0] < 0.0:
+            if motions.lengths[heading, last] * length < 0.0:
                 total += motions.switch_cost
-            next_x, next_y = (
-                x + motions.offsets[heading, move, 0],
-                y + motions.offsets[heading, move, 1],
-            )
+            begin = (0.0, 0.0, motions.headings[heading])
+            u, v, _ = advance(begin, motions.steering[move], length)
+            next_x, next_y = x + motions.unit * u, y + motions.unit * v
             if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
                 next_x, next_y = (
                     goal[0],
@@ -671,9 +653,11 @@ def motion_is_free(
     if radius is None:
         start, end = position_in_plane(map_, p[0], p[1]), position_in_plane(map_, q[0], q[1])
         return edge_is_free(map_, start, (p[2],), end, (q[2],))
+    begin, steer = (0.0, 0.0, p[2]), motions.steering[move]
+    length = motions.lengths[0, move]  # at all headings
     if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
         return False
-    return word_is_free(map_, radius, p, motions.steering[move], motions.lengths[move], ARC_ERROR)
+    return segment_is_free(map_, radius, p, begin, steer, length, ARC_ERROR)
 
 
 @kernel
@@ -685,5 +669,5 @@ def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, hea
     k = motions.nearest[heading]
     if guide.reached[k, i, j] == 0:
         return straight + guide.unreached
-    metres: float = guide.costs[k, i, j] * guide.spacing
+    metres: float = guide.costs[k, i, j] * map_.spacing
     return max(straight, metres)

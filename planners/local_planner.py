@@ -15,30 +15,39 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, ClassVar, Final, cast, get_args
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace.errors import InputError
-from cspace.interface import Endpoint, Pieces, Space
+from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
-from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace.record.cells import Map
+from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.space import CSpace
-from cspace.support.arrays import MIXED, Bools, Floats, Ints
+from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
 from cspace.support.words import Drive
-from planners.car_curves import advance, curve_cost, curve_lengths, prove_length, shortest_word
-from planners.integrals import CostDensity, Field, bind_cost, make_edge_cost
+from planners.car_curves import (
+    advance,
+    curve_cost,
+    find_shortest_words,
+    prove_length,
+    shortest_word,
+)
+from planners.integrals import CostDensity, Field, bind_cost, straight_edge_cost
 from planners.states import check_space, kind_of, with_wrapped_angles
+
+if TYPE_CHECKING:
+    from cspace.tiles.space import TiledCSpace
 
 Endpoints = tuple[Endpoint, ...]
 """A start and its alternative goals. Only arms have several goals."""
 
-MAX_RADIANS_PER_ROW: Final = math.radians(5.0)
-"""Largest rotation between rows of a resampled path, radians (5 degrees)."""
+MAX_RADIANS: Final = math.radians(5.0)
+"""Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
 
 CAR_AXES: Final = ("x", "y", "yaw")
 """Axes of the maps for drives other than the holonomic one."""
@@ -66,12 +75,23 @@ DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 
+MIN_SEGMENT_RADII: Final = 1e-9
+"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
+
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
 
 Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
 With a radius a hundred times smaller, rounding would decide the direction of a turn.
 """
+
+
+class Pieces(NamedTuple):
+    """Short pieces of a path."""
+
+    points: Floats  # (n, size), a configuration on each piece, by default its center
+    lengths: Floats  # (n,), metres of translation along each piece
+    rotations: Floats  # (n,), radians of rotation
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +131,16 @@ class LocalPlanner:
         """The space as a map in memory, which the caller knows it is."""
         return cast(CSpace, self.space)
 
+    @property
+    def tiles(self) -> TiledCSpace:
+        """The space as a map in tiles, which the caller knows it is."""
+        return cast("TiledCSpace", self.space)
+
+    def bounded_map(self) -> Map:
+        """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
+        map_ = self.cells.kernel_map
+        return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
+
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
         return kind_of(self.space).make()
@@ -146,16 +176,11 @@ class LocalPlanner:
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
-        return make_edge_cost(self.cells, field, density)
+        return bind_cost(straight_edge_cost, self.cells, field, density, self.space.size)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
         return self.space.distance(starts, ends)
-
-    def wrap_yaws(self, path: Floats) -> Floats:
-        """Wrap the yaws of a path into [-pi, pi)."""
-        is_yaw = [name == "yaw" for name in self.space.rotations.names]
-        return wrapped(path, [False] * self.space.dim + is_yaw)
 
     def breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes."""
@@ -165,47 +190,53 @@ class LocalPlanner:
         """Remove needless turns while all edges remain proven free."""
         return path
 
+    def split_edge(
+        self, first: Floats, last: Floats, step: float, rotation: float, share: float
+    ) -> Pieces:
+        """Split an edge into equal pieces of at most ``step`` and ``rotation``.
+
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
+        lengths are negative in reverse, and rotations negative to the right.
+        """
+        steps, dim = self.space.steps_between(first, last), self.space.dim
+        metres, radians = np.linalg.norm(steps[:dim]), np.linalg.norm(steps[dim:])
+        count = max(math.ceil(max(metres / step, radians / rotation)), 1)
+        shares = (np.arange(count) + share) / count
+        points = self.space.interpolate(first, last, shares[:, None])
+        return Pieces(points, np.full(count, metres / count), np.full(count, radians / count))
+
     def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each edge into equal pieces of at most ``step`` and ``rotation``.
+        """Split each edge into pieces of at most ``step`` and ``rotation``.
 
         ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
+        path = self.breakpoints(path)
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
-        metres, radians, counts = self._count_pieces(path, step, rotation)
-        edge, index = _index_pieces(counts)
-        shares = (index + 0.5) / counts[edge]
-        centers = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
-        return Pieces(centers, (metres / counts)[edge], (radians / counts)[edge])
+        pieces = [self.split_edge(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
+        centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
+        return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to drive and draw a path, at most 5 degrees of rotation apart.
+    def resample(self, path: Floats) -> Floats:
+        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
+        path, step = self.breakpoints(path), 2.0 * self.space.resolution
+        rows = [path[:1]]
+        for a, b in itertools.pairwise(path):
+            turns = self.split_edge(a, b, math.inf, math.inf, 1.0).rotations.any()
+            if turns or self.drive in CURVES:
+                points = self.split_edge(a, b, step, MAX_RADIANS, 1.0).points
+                rows.append(self.space.rotations.make_canonical(points[:-1]))
+            rows.append(b[None])
+        return np.concatenate(rows)
 
-        Returns the path and its :attr:`planners.Plan.direction`.
-        """
-        if len(path) < 2:
-            return path, None
-        step = 2.0 * self.space.resolution
-        _, radians, counts = self._count_pieces(path, step, MAX_RADIANS_PER_ROW)
-        if not radians.any():
-            return path, None
-        edge, index = _index_pieces(np.where(radians > 0.0, counts, 1))
-        shares = index / counts[edge]
-        rows = self.space.interpolate(path[:-1][edge], path[1:][edge], shares[:, None])
-        rows = self.space.rotations.make_canonical(rows)
-        rows[index == 0] = path[:-1]
-        return np.concatenate([rows, path[-1:]]), None
-
-    def _count_pieces(
-        self, path: Floats, step: float, rotation: float
-    ) -> tuple[Floats, Floats, Ints]:
-        """Return each edge's metres, radians and number of pieces."""
-        steps, dim = self.space.steps_between(path[:-1], path[1:]), self.space.dim
-        metres, radians = (
-            np.linalg.norm(part, axis=1) for part in (steps[:, :dim], steps[:, dim:])
-        )
-        counts = np.ceil(np.maximum(metres / step, radians / rotation))
-        return metres, radians, np.maximum(counts, 1.0).astype(np.int64)
+    def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
+        """Return the :attr:`planners.Plan.direction` of resampled rows."""
+        if self.drive == HOLONOMIC:
+            return None
+        ahead = np.column_stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])])
+        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
+        first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
+        return np.concatenate([first, signs])
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Return ``length`` and ``total_rotation`` of a path, as :class:`planners.Plan` has."""
@@ -219,15 +250,43 @@ class LocalPlanner:
         return (1.0 - LENGTH_ROUNDING_SHARE) * (self.space.min_path_length(first, last) + radians)
 
     def clearance(self, path: Floats) -> float:
-        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`."""
-        return self.space.clearance_along(partial(self.split_path, path))
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.
+
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
+        """
+        if not self.space.has_cells:
+            return math.nan
+        pieces, rotations = (
+            self.split_path(path, self.space.resolution, MAX_RADIANS),
+            self.cells.rotations,
+        )
+        rows, cells = rotations.find_cells_within(
+            pieces.points, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        )
+        q = pieces.points[rows]
+        q[:, self.space.dim :] = rotations.centers[cells]  # constant in a rotation cell
+        return max(0.0, float(np.min(self.cells.clearance(q) - 0.5 * pieces.lengths[rows])))
 
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below.
 
-        See :attr:`planners.Plan.obstacle_distance`.
+        See :attr:`planners.Plan.obstacle_distance`. On a map, each edge is split into pieces on
+        which no point of the robot moves by more than half a cell. Each point stays within a
+        quarter of a cell of its position at the piece's center. The distance there minus that much
+        bounds the piece.
         """
-        distance = self.space.obstacle_distance_along(path, partial(self.split_path, path))
+        if self.space.has_cells and self.space.in_memory:
+            step = 0.5 * self.space.resolution
+            pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
+            try:
+                distance = self.cells.obstacle_distance(*pieces)
+            except InputError:  # the map has no geometry
+                return math.nan
+        else:
+            distance = self.space.path_obstacle_distance(path)
         return distance if math.isnan(distance) or self.are_free(path) else 0.0
 
     def may_join(self, exists: bool | None) -> bool:
@@ -265,38 +324,28 @@ class TurnDriveTurn(LocalPlanner):
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
-        is_free, heading = self.straight_checker(), self.heading
-
-        def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
-            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            # The drive between the turns comes first: it is the longest part and the likeliest to
-            # meet an obstacle.
-            between = is_free(x0, y0, yaw, x1, y1, yaw)
-            return (
-                between
-                and is_free(x0, y0, yaw0, x0, y0, yaw)
-                and is_free(x1, y1, yaw, x1, y1, yaw1)
-            )
-
-        return check
+        is_free, find_parts = self.straight_checker(), self.find_parts
+        return lambda *both: all(is_free(*part) for part in find_parts(*both))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of all three parts."""
-        cost, heading = super().edge_cost(field, density), self.heading
+        cost, find_parts = super().edge_cost(field, density), self.find_parts
+        return lambda *both: sum(cost(*part) for part in find_parts(*both))
 
-        def total(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-            yaw = heading(x0, y0, yaw0, x1, y1, yaw1)
-            turns = cost(x0, y0, yaw0, x0, y0, yaw) + cost(x1, y1, yaw, x1, y1, yaw1)
-            return turns + cost(x0, y0, yaw, x1, y1, yaw)
+    def find_parts(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> tuple[Endpoint, Endpoint, Endpoint]:
+        """Return the drive, the turn before and the turn after, each by its two ends.
 
-        return total
+        The drive comes first: it is the longest part and the likeliest to meet an obstacle.
+        """
+        yaw = self.heading(x0, y0, yaw0, x1, y1, yaw1)
+        return (x0, y0, yaw, x1, y1, yaw), (x0, y0, yaw0, x0, y0, yaw), (x1, y1, yaw, x1, y1, yaw1)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
-        yaws = [
-            self.heading(*first, *last)
-            for first, last in zip(starts.tolist(), ends.tolist(), strict=True)
-        ]
+        edges = zip(starts.tolist(), ends.tolist(), strict=True)
+        yaws = [self.heading(*first, *last) for first, last in edges]
         radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
         metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
         return metres + self.rotation_weight * radians
@@ -318,20 +367,15 @@ class TurnDriveTurn(LocalPlanner):
 
         return min(ahead, back, key=rotation)
 
-    def are_free(self, path: Floats) -> bool:
-        """Return True if every edge is proven free."""
-        return super().are_free(self.breakpoints(path))
-
     def breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which turns and drives begin."""
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
-            yaw = self.heading(*first, *last)
-            waypoints += [
-                [*q[:2], yaw] for q in (first, last) if q[2] != yaw and first[:2] != last[:2]
-            ]
-            waypoints.append(last)
+            drive, _, _ = self.find_parts(*first, *last)
+            for q in list(drive[:3]), list(drive[3:]), last:
+                if q != waypoints[-1]:
+                    waypoints.append(q)
         return np.array(waypoints).reshape(-1, 3)
 
     def remove_turns(self, path: Floats) -> Floats:
@@ -342,19 +386,6 @@ class TurnDriveTurn(LocalPlanner):
             if check(*rows[k - 1], *arrival) and check(*arrival, *rows[k + 1]):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
-
-    def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split turns and drives into pieces of at most ``step`` and ``rotation``."""
-        return super().split_path(self.breakpoints(path), step, rotation)
-
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Add rows to the turns of a path and return directions."""
-        rows, _ = super().resample(self.breakpoints(path))
-        ahead = np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=-1)
-        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
-        return rows, np.concatenate(
-            [signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8), signs]
-        )
 
 
 class CarCurves(LocalPlanner):
@@ -389,7 +420,7 @@ class CarCurves(LocalPlanner):
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius), count=6)
+        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius))
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.
@@ -412,108 +443,45 @@ class CarCurves(LocalPlanner):
         """
         if not self.space.in_memory:
             return lambda *q: self._window_around(np.reshape(q, (2, 3))).length_prover()(*q)
-        map_ = self.cells._kernel_map
-        # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
-        map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-        return bind_kernel(prove_length, (map_, self.kind, self.radius), *[0.0] * 6)
+        return bind_kernel(prove_length, (self.bounded_map(), self.kind, self.radius), *[0.0] * 6)
 
     def _window_around(self, edge: Floats) -> CarCurves:
         """Return the curves in a part of the map around an edge, in memory."""
-        tiles: Any = self.space  # with windows, because its cells are not in memory
-        margin = 4.0 * tiles.resolution
-        centers = self.split_path(edge, tiles.grid.spacing, MAX_RADIANS_PER_ROW).centers
+        spacing = self.tiles.grid.spacing
+        centers = self.split_path(edge, spacing, MAX_RADIANS).points
         positions = np.concatenate([edge, centers])[:, :2]
-        corners = positions.min(axis=0) - margin, positions.max(axis=0) + margin
-        return replace(self, space=tiles.window(*corners))
+        corners = positions.min(axis=0) - 2.0 * spacing, positions.max(axis=0) + 2.0 * spacing
+        return replace(self, space=self.tiles.window(*corners))
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        return curve_lengths(
-            self.kind, self.radius, np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        )
+        edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
+        radii = [find_shortest_words(self.kind, self.radius, a, b, 0.0)[-1] for a, b in edges]
+        return self.radius * np.array(radii)
 
-    def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
-        """Split each curve into pieces of at most ``step`` and ``rotation``."""
-        if len(path) == 1:
-            return Pieces(path, np.zeros(1), np.zeros(1))
-        curves = [
-            self.split_curve(a, b, step, rotation, 0.5)[:3] for a, b in itertools.pairwise(path)
-        ]
-        centers, lengths, rotations = map(np.concatenate, zip(*curves, strict=True))
-        return Pieces(centers, lengths, np.abs(rotations))
-
-    def resample(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
-        """Sample the curves of a path and return directions.
-
-        Rows are at most a cell and 5 degrees apart.
-        """
-        rows, signs = [path[:1]], [np.ones(int(len(path) == 1), dtype=np.int8)]
-        for a, b in itertools.pairwise(path):
-            step = 2.0 * self.space.resolution
-            points, _, _, ahead = self.split_curve(a, b, step, MAX_RADIANS_PER_ROW, 1.0)
-            points[:, 2] = wrapped(points[:, 2])
-            points[-1] = b
-            rows.append(points)
-            signs.append(ahead)
-        direction = np.concatenate(signs)
-        if len(path) > 1:
-            direction = np.concatenate([direction[:1], direction])
-        return np.concatenate(rows), direction
-
-    def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
-        """Return configurations along a curve, shape (n, 3).
-
-        ``position`` gives their distances from its start, metres, shape (n,).
-        """
-        steering, lengths = self._word(first, last)
-        rows = []
-        for left in (position / self.radius).tolist():
-            pose = (0.0, 0.0, float(first[2]))
-            for steer, length in zip(steering.tolist(), lengths.tolist(), strict=True):
-                part = min(left, abs(length))
-                pose = advance(pose, steer, math.copysign(part, length))
-                left -= part
-            rows.append(pose)
-        points = np.array(rows).reshape(-1, 3)
-        points[:, :2] = first[:2] + self.radius * points[:, :2]
-        return points
-
-    def _word(self, first: Floats, last: Floats) -> tuple[Ints, Floats]:
-        """Return the steering and lengths of a curve's segments.
-
-        Steering is 1, -1 or 0. Lengths are in radii, negative in reverse.
-        """
-        steering, lengths, _ = shortest_word(
-            self.kind, self.radius, tuple(first.tolist()), tuple(last.tolist())
-        )
-        return steering, lengths
-
-    def split_curve(
+    def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
-    ) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
+    ) -> Pieces:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Returns these
-        configurations, metres, signed radians, and 1 ahead or -1 in reverse. Segments that are only
-        rounding errors are left out, but a curve has at least one piece.
+        Segments that are only rounding errors are left out, but a curve has at least one piece.
         """
-        steering, lengths = self._word(first, last)
-        metres = self.radius * np.abs(lengths)
-        longest = np.where(steering != 0.0, min(step, rotation * self.radius), step)
-        counts = np.where(
-            metres > 1e-9 * self.radius, np.maximum(np.ceil(metres / longest), 1.0), 0.0
-        ).astype(np.int64)
-        counts[np.argmax(metres)] += not counts.any()
-        segment, index = _index_pieces(counts)
-        each = (metres / np.maximum(counts, 1))[segment]
-        position = (np.cumsum(metres) - metres)[segment] + (index + share) * each
-        signs = np.where(lengths < 0.0, -1, 1).astype(np.int8)[segment]
-        return (
-            self.points(first, last, position),
-            each,
-            steering[segment] * signs * each / self.radius,
-            signs,
-        )
+        q0, q1 = tuple(first.tolist()), tuple(last.tolist())
+        steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
+        main = int(np.argmax(np.abs(lengths)))
+        pose, rows = (0.0, 0.0, q0[2]), []
+        for k, (steer, length) in enumerate(zip(steering.tolist(), lengths.tolist(), strict=True)):
+            if k == main or abs(length) > MIN_SEGMENT_RADII:
+                longest = min(step / self.radius, rotation) if steer else step / self.radius
+                count = max(math.ceil(abs(length) / longest), 1)
+                for index in range(count):
+                    point = advance(pose, steer, length * (index + share) / count)
+                    rows.append((*point, length / count, steer * length / count))
+            pose = advance(pose, steer, length)
+        table = np.array(rows)
+        points, lengths, rotations = table[:, :3], self.radius * table[:, 3], table[:, 4]
+        points[:, :2] = first[:2] + self.radius * points[:, :2]
+        return Pieces(points, lengths, rotations)
 
 
 def local_planner(
@@ -555,42 +523,50 @@ def _check_drive(
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and not has_drives(space):
-        problem = f"is {drive!r} and the axes are ({', '.join(space.axes)})"
-        rule = "it is for the axes (x, y, yaw) of a map"
-        hint = "build a map of a plane with rotations=72, or leave drive out"
-        raise InputError("drive", problem, rule, hint, value=drive)
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+            "build a map of a plane with rotations=72, or leave drive out",
+            value=drive,
+        )
     if drive not in CURVES:
         if turning_radius is not None:
-            problem = f"is {turning_radius!r} and drive is {drive!r}"
-            hint = "add drive='dubins' or drive='reeds-shepp', or leave the radius out"
             raise InputError(
-                "turning_radius", problem, "a radius is for curves", hint, value=turning_radius
+                "turning_radius",
+                f"is {turning_radius!r} and drive is {drive!r}",
+                "a radius is for curves",
+                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
+                value=turning_radius,
             )
         return None
     if turning_radius is None:
-        rule = f"drive={drive!r} needs the radius of its tightest curve"
-        raise InputError("turning_radius", "is missing", rule, "pass it in metres, e.g. 0.5")
+        raise InputError(
+            "turning_radius",
+            "is missing",
+            f"drive={drive!r} needs the radius of its tightest curve",
+            "pass it in metres, e.g. 0.5",
+        )
     radius = check_positive(turning_radius, "turning_radius")
     if exact:
-        problem, rule = f"is True and drive is {drive!r}", "curves are proven by FREE cells alone"
-        hint = "leave exact out, or build the map with a finer spacing or more rotations"
-        raise InputError("exact", problem, rule, hint, value=exact)
+        raise InputError(
+            "exact",
+            f"is True and drive is {drive!r}",
+            "curves are proven by FREE cells alone",
+            "leave exact out, or build the map with a finer spacing or more rotations",
+            value=exact,
+        )
     spacing = 2.0 * space.resolution
     lowest, highest = 1e-3 * spacing, 1e3 * spacing
     if not lowest <= radius <= highest:
-        rule = f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small"
-        hint = "for a robot that turns on the spot, use drive='differential'"
-        raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
+        raise InputError(
+            "turning_radius",
+            f"is {radius!r}",
+            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
+            "for a robot that turns on the spot, use drive='differential'",
+            value=radius,
+        )
     return radius
-
-
-def _index_pieces(counts: Ints) -> tuple[Ints, Ints]:
-    """Return each piece's edge and its index on that edge.
-
-    Edge k has ``counts[k]`` pieces.
-    """
-    edge = np.repeat(np.arange(len(counts)), counts)
-    return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _wrap_yaw(yaw: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -18,9 +18,12 @@ from cspace.spectral import OverlapField
 from cspace.support.arrays import FREE, Floats
 from cspace.support.check import check_not_negative, check_positive
 from cspace.support.words import Drive
-from planners.integrals import CostDensity, Field, make_edge_cost
+from planners.integrals import CostDensity, Field
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, kind_of
+
+LENGTH: Final = "length"
+CLEARANCE: Final = "clearance"
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
@@ -52,6 +55,11 @@ class WeightedLength(ob.OptimizationObjective):
         Extra metres that a metre of path costs at penalty one.
     drive, turning_radius
         As for :func:`planners.plan`.
+
+    Attributes
+    ----------
+    edge_cost : callable
+        Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
 
     Raises
     ------
@@ -87,7 +95,7 @@ class WeightedLength(ob.OptimizationObjective):
         self._line = self._kind.of_states(
             lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
         )
-        self._cost = self._integrate = self._kind.of_states(edges.edge_cost(field, self._density))
+        self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
 
     @property
     def is_length(self) -> bool:
@@ -101,7 +109,7 @@ class WeightedLength(ob.OptimizationObjective):
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost of an edge."""
-        return ob.Cost(self._cost(first, second))
+        return ob.Cost(self.edge_cost(first, second))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the straight length, a lower bound of the cost."""
@@ -110,11 +118,8 @@ class WeightedLength(ob.OptimizationObjective):
     @cached_property
     def _by_metre(self) -> Callable[..., float]:
         """Cost per metre at a configuration, as a function."""
-        return make_edge_cost(self._space, self._field, self._density._replace(by_metre=True))
-
-    def _override(self, replacement: Callable[[ob.State, ob.State], float] | None) -> None:
-        """Replace the cost of edges (at a deadline); None restores it."""
-        self._cost = replacement or self._integrate
+        density = self._density._replace(by_metre=True)
+        return LocalPlanner(self._space).edge_cost(self._field, density)
 
 
 class ClearanceObjective(WeightedLength):
@@ -156,7 +161,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space._distances,
+            space.distances,
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -200,9 +205,18 @@ class OverlapObjective(WeightedLength):
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
-        _check_field(space, field)
+        if not isinstance(field, OverlapField) or field.space is not space:
+            raise InputError(
+                "field",
+                "is no overlap field of this map",
+                "field and objective must share a map",
+                "pass OverlapField.of(space, overlap)",
+                value=field,
+            )
         if saturation is None:
-            saturation = _find_largest_overlap(space, field)
+            states = space.kernel_map.states
+            overlaps = field.cells.reshape(states.shape)[states == FREE]
+            saturation = float(overlaps.max(initial=0.0)) or 1.0
         else:
             saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
@@ -237,32 +251,17 @@ def find_clear_path(
         shortfall = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * shortfall * shortfall)
 
-    search = partial(
-        space._cheapest_path, factor_at=factor_at, cost=edges.edge_cost(space._distances, density)
-    )
-    return space._in_time(search, endpoints[0], endpoints[1], straight, seconds)
+    cost = edges.edge_cost(space.distances, density)
+    return space.find_cheap_path(endpoints, factor_at, cost, straight=straight, time_limit=seconds)
 
 
 def check_has_cells(space: Space) -> None:
     """Raise InputError for an objective in a space that is no map."""
     if not space.has_cells:
-        problem, rule = f"is for maps, and space is {space!r}", "it weighs cells"
-        hint = "use the length, or a function that returns an objective"
-        raise InputError("objective", problem, rule, hint, value=space)
-
-
-def _check_field(space: CSpace, field: object) -> None:
-    """Raise InputError unless this is an overlap field of the map."""
-    if not isinstance(field, OverlapField) or field.space is not space:
-        rule, hint = "field and objective must share a map", "pass OverlapField.of(space, overlap)"
-        raise InputError("field", "is no overlap field of this map", rule, hint, value=field)
-
-
-def _find_largest_overlap(space: CSpace, field: OverlapField) -> float:
-    """Return the largest overlap in a FREE cell; 1 if none."""
-    parts = zip(field.cells, space.slice_rotations, strict=True)
-    largest = max(
-        float(values[space.states_at(rotation) == FREE].max(initial=0.0))
-        for values, rotation in parts
-    )
-    return largest if largest > 0.0 else 1.0
+        raise InputError(
+            "objective",
+            f"is for maps, and space is {space!r}",
+            "it weighs cells",
+            "use the length, or a function that returns an objective",
+            value=space,
+        )

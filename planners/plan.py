@@ -6,9 +6,9 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from typing import Any, Final, NamedTuple, NoReturn, cast
+from dataclasses import replace
+from functools import cache
+from typing import Final, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,16 +18,15 @@ from cspace.interface import (
     GoalLike,
     SearchOptions,
     Space,
-    Subproblem,
     format_configuration,
 )
 from cspace.rotations.base import TWO_PI
-from cspace.support.arrays import Floats
+from cspace.support.arrays import Floats, frozen
 from cspace.support.check import check_count, check_flag, check_positive
 from cspace.support.compiling import clock
 from cspace.support.words import Drive
 from planners.catalogue import (
-    BIRRT,
+    BUILT_IN_SEARCHES,
     GRID,
     LATTICE,
     MAX_CLEARANCE,
@@ -48,14 +47,9 @@ from planners.local_planner import (
     has_drives,
     local_planner,
 )
-from planners.objectives import (
-    ClearanceObjective,
-    WeightedLength,
-    check_has_cells,
-    find_clear_path,
-)
+from planners.objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
 from planners.result import Plan, Times
-from planners.search import GRACE_SECONDS, NO_SEARCH, Search, SearchResult
+from planners.search import GRACE_SECONDS, NO_SEARCH, SearchResult, Task, run_ompl
 from planners.setup import MakeObjective, make_bounded_states
 from planners.states import check_space, kind_of
 
@@ -65,14 +59,14 @@ MAX_SEED: Final = 2**32 - 2
 GRID_TIME_SHARE: Final = 0.5
 """Share of the time limit after which another search takes over from "Grid"."""
 
+Subproblem = tuple[Callable[[], Space], Floats, Floats]
+"""A function that opens a part of a space in memory, and the two configurations to join in it."""
+
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan whose every path would follow such a chain."""
-
-LENGTH: Final = "length"
-CLEARANCE: Final = "clearance"
 
 NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
@@ -303,194 +297,171 @@ def plan(
     """
     began = time.perf_counter()
     check_flag(simplify, "simplify")
-    task = _check_arguments(
-        local_planner(space, exact, drive, turning_radius),
-        start,
-        goal,
-        Search(
-            planner=planner_named(planner, drive, getattr(space, "searches", ())),
-            iterations=iterations,
-            simplify=simplify,
-            seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
-        ),
-        objective,
-        check_positive(time_limit, "time_limit", "seconds"),
-        planner is not None,
+    edges = local_planner(space, exact, drive, turning_radius)
+    task = Task(
+        edges=edges,
+        planner=planner_named(planner, drive, space.searches),
+        objective=objective,
+        time_limit=check_positive(time_limit, "time_limit", "seconds"),
+        iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
+        simplify=simplify,
+        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        is_named=planner is not None,
     )
-    edges = task.edges
-    space, endpoints = edges.space, task.endpoints
-    prove = cache(lambda: space.path_exists(*endpoints[:2]))
-    # A path of "Grid" proves that one exists. So components are labelled only if it finds none, or
-    # are known.
-    searches_first = task.search.planner == GRID and not (space.is_labelled or edges.exact)
+    task = _set_endpoints(_choose_searches(task), start, goal)
+    prove = cache(lambda: space.path_exists(*task.endpoints[:2]))
+    # A path of "Grid" proves that one exists. So components are labelled only if it finds none.
+    searches_first = task.planner == GRID and not edges.exact
     may_exist = searches_first or edges.may_join(prove())
-    subproblems = space.subproblems(*endpoints[:2]) if may_exist else []
+    subproblems = _list_subproblems(task) if may_exist else []
     result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
     exists = True if searches_first and result.proven else prove()
     return _make_plan(task, result, exists, began)
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """The checked arguments of a plan."""
-
-    edges: LocalPlanner  # on the whole space
-    endpoints: Endpoints  # start and goals as OMPL holds them, the nearest goal first
-    search: Search
-    objective: str | MakeObjective
-    time_limit: float
-    is_named: bool  # whether the user chose the planner
-
-
-def _check_arguments(
-    edges: LocalPlanner,
-    start: ArrayLike,
-    goal: GoalLike,
-    search: Search,
-    objective: str | MakeObjective,
-    time_limit: float,
-    is_named: bool,
-) -> _Task:
-    """Check the arguments of a plan, and choose a planner if none is named."""
-    space, searches = edges.space, _list_searches(edges.space)
-    name = search.planner if is_named else _choose_planner(edges, objective, search)
-    _check_planner(name, edges)
-    if name not in searches:
-        make_bounded_states(edges)  # refuses spaces that are too small for OMPL
-    fallback = None
-    if name != search.planner and objective == LENGTH and space.has_cells:
+def _choose_searches(task: Task) -> Task:
+    """Choose a planner if none is named, and a fallback; check the options of the planner."""
+    space, default = task.edges.space, task.planner
+    if not task.is_named:
+        task = replace(task, planner=_choose_planner(task))
+    _check_planner(task)
+    if task.planner not in _list_searches(space):
+        make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
+    if task.planner != default and task.objective == LENGTH and space.has_cells:
         with suppress(InputError):  # the space may be too small for OMPL
-            make_bounded_states(edges)
-            fallback = search.planner
-    search = replace(
-        search,
-        planner=name,
-        fallback=fallback,
-        objective=_make_objective(edges, objective, name),
-        iterations=_check_iterations(search.iterations, name),
-    )
-    checked = space.check_endpoint(start, "start", edges.exact)
-    goals = space.find_goals(goal, checked, search.seed, edges.exact)
-    if name in _WHY_ONE_GOAL and len(goals) > 1:
-        problem = f"has {len(goals)} configurations and planner is {name!r}"
-        hint = "pass one configuration or choose another planner"
-        raise InputError("goal", problem, f"{name} {_WHY_ONE_GOAL[name]}", hint, value=goal)
-    task = _Task(edges, (checked, *goals), search, objective, time_limit, is_named)
-    if name in searches:
-        _check_options_of_search(task)
+            make_bounded_states(task.edges)
+            task = replace(task, fallback=default)
+    _check_options(task)
     return task
 
 
-def _choose_planner(
-    edges: LocalPlanner, objective: str | MakeObjective, search: Search
-) -> PlannerName:
+def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
+    """Check start and goals."""
+    edges, name = task.edges, task.planner
+    checked = edges.space.check_endpoint(start, "start", edges.exact)
+    goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
+    if name in _WHY_ONE_GOAL and len(goals) > 1:
+        raise InputError(
+            "goal",
+            f"has {len(goals)} configurations and planner is {name!r}",
+            f"{name} {_WHY_ONE_GOAL[name]}",
+            "pass one configuration or choose another planner",
+            value=goal,
+        )
+    return replace(task, endpoints=(checked, *goals))
+
+
+def _choose_planner(task: Task) -> PlannerName:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
     """
+    edges, objective = task.edges, task.objective
     if callable(objective):
-        problem = "is a function and no planner is named"
-        rule = "the default planners minimise the length"
-        hint = "name a planner that optimises: planner='RRTstar'"
-        raise InputError("objective", problem, rule, hint, value=objective)
+        raise InputError(
+            "objective",
+            "is a function and no planner is named",
+            "the default planners minimise the length",
+            "name a planner that optimises: planner='RRTstar'",
+            value=objective,
+        )
     if not edges.space.has_cells:
-        return next(iter(_list_searches(edges.space)), search.planner)
+        return next(iter(_list_searches(edges.space)), task.planner)
     if objective == CLEARANCE:
         return GRID
-    if search.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
-        return search.planner
+    if task.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
+        return task.planner
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_planner(name: PlannerName, edges: LocalPlanner) -> None:
+def _check_planner(task: Task) -> None:
     """Raise InputError if a built-in search is not for the space or the drive."""
-    searches = _list_searches(edges.space)
-    if name in {GRID, MAX_CLEARANCE, LATTICE, BIRRT}.difference(searches):
-        rule = f"its built-in searches are {', '.join(searches) or 'none'}"
-        problem = f"is {name!r} and space is {edges.space!r}"
-        raise InputError("planner", problem, rule, "leave planner out", value=name)
+    name, edges, searches = task.planner, task.edges, _list_searches(task.edges.space)
+    if name in BUILT_IN_SEARCHES and name not in searches:
+        raise InputError(
+            "planner",
+            f"is {name!r} and space is {edges.space!r}",
+            f"its built-in searches are {', '.join(searches) or 'none'}",
+            "leave planner out",
+            value=name,
+        )
     if name == LATTICE and edges.drive == HOLONOMIC:
-        problem, rule = f"is {name!r} and drive is {HOLONOMIC!r}", f"{name} is for all other drives"
-        hint = "use planner='Grid', or pass drive='differential'"
-        raise InputError("planner", problem, rule, hint, value=name)
+        raise InputError(
+            "planner",
+            f"is {name!r} and drive is {HOLONOMIC!r}",
+            f"{name} is for all other drives",
+            "use planner='Grid', or pass drive='differential'",
+            value=name,
+        )
 
 
-def _check_options_of_search(task: _Task) -> None:
-    """Raise InputError if a built-in search does not support an option."""
-    edges, name, iterations = task.edges, task.search.planner, task.search.iterations
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    if task.objective != LENGTH and not keeps_away:
-        minimised = "length or clearance" if name == GRID else "the length"
-        _refuse_option(task, "objective", task.objective, f"minimises {minimised}")
-    if name != LATTICE and edges.drive != HOLONOMIC:
-        _refuse_option(task, "drive", edges.drive, "is for holonomic robots")
-    if edges.exact and edges.space.has_cells and (keeps_away or name != GRID):
-        why = f" for objective={CLEARANCE!r}" * keeps_away
-        _refuse_option(task, "exact", True, f"uses FREE cells{why}")
-    if iterations is not None and edges.space.has_cells:
-        _refuse_option(task, "iterations", iterations, "counts none")
-
-
-def _refuse_option(task: _Task, option: str, value: object, rule: str) -> NoReturn:
-    """Raise InputError for an option that a built-in search does not support."""
-    name, is_length = task.search.planner, task.objective == LENGTH
-    other = planner_named(None, task.edges.drive) if is_length else "RRTstar"
-    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
-    problem = f"is {value!r} and planner is {name!r}{chosen}"
-    hint = f"leave {option} out, or use planner={other!r}"
-    raise InputError(option, problem, f"{name} {rule}", hint, value=value)
-
-
-def _check_iterations(value: int | None, planner: PlannerName) -> int | None:
-    """Check the number of iterations for a planner."""
-    if value is None:
-        return None
-    count = check_count(value, "iterations", 1, 2**62)
-    if planner in THREADED_PLANNERS:
-        problem, rule = f"is {count} and planner is {planner!r}", f"{planner} {NO_SECOND_THREAD}"
-        hint = "leave iterations out or choose another planner"
-        raise InputError("iterations", problem, rule, hint, value=count)
-    return count
-
-
-def _make_objective(
-    edges: LocalPlanner, objective: str | MakeObjective, planner: PlannerName
-) -> MakeObjective | None:
-    """Return the maker of the objective; None for OMPL's length."""
-    if objective == LENGTH:
-        if edges.drive not in ON_THE_SPOT:
-            return None
-        return partial(WeightedLength, space=edges.cells, drive=edges.drive)
+def _check_options(task: Task) -> None:
+    """Raise InputError if the planner does not support an option."""
+    objective = task.objective
     if objective == CLEARANCE:
-        make = _make_clearance_objective(edges)
-    elif callable(objective):
-        make = objective
-    else:
-        rule = f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective"
-        hint = "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)"
-        raise InputError("objective", f"is {objective!r}", rule, hint, value=objective)
-    if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
-        is_deaf = planner in PLANNERS_WITHOUT_OBJECTIVE
-        rule = f"{planner} {'ignores objectives' if is_deaf else NO_SECOND_THREAD}"
-        problem = f"is {objective!r} and planner is {planner!r}"
-        hint = "choose one that optimises: planner='RRTstar'"
-        raise InputError("objective", problem, rule, hint, value=objective)
-    return make
+        check_has_cells(task.edges.space)
+    elif objective != LENGTH and not callable(objective):
+        raise InputError(
+            "objective",
+            f"is {objective!r}",
+            f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
+            "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
+            value=objective,
+        )
+    for option, (is_refused, rule) in _list_refusals(task).items():
+        if is_refused:
+            _refuse_option(task, option, rule)
 
 
-def _make_clearance_objective(edges: LocalPlanner) -> MakeObjective:
-    """Return the maker of the objective that keeps away from obstacles."""
-    check_has_cells(edges.space)
-    return partial(
-        ClearanceObjective,
-        space=edges.cells,
-        drive=edges.drive,
-        turning_radius=edges.turning_radius,
+def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
+    """Return for each option whether the planner refuses it, and why."""
+    edges, name, has_aim = task.edges, task.planner, task.objective != LENGTH
+    counts = task.iterations is not None
+    if name not in _list_searches(edges.space):
+        is_threaded = name in THREADED_PLANNERS
+        is_deaf = is_threaded or name in PLANNERS_WITHOUT_OBJECTIVE
+        why = NO_SECOND_THREAD if is_threaded else "ignores objectives"
+        return {
+            "iterations": (is_threaded and counts, NO_SECOND_THREAD),
+            "objective": (is_deaf and has_aim, why),
+        }
+    is_map, keeps_away = edges.space.has_cells, name == GRID and task.objective == CLEARANCE
+    aims = "length or clearance" if name == GRID else "the length"
+    why = f" for objective={CLEARANCE!r}" * keeps_away
+    needs_free = is_map and (keeps_away or name != GRID)
+    return {
+        "objective": (has_aim and not keeps_away, f"minimises {aims}"),
+        "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
+        "exact": (edges.exact and needs_free, f"uses FREE cells{why}"),
+        "iterations": (counts and is_map, "counts none"),
+    }
+
+
+def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
+    """Raise InputError for an option that the planner does not support."""
+    name, value = task.planner, getattr(task if hasattr(task, option) else task.edges, option)
+    other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
+    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
+    raise InputError(
+        option,
+        f"is {value!r} and planner is {name!r}{chosen}",
+        f"{name} {rule}",
+        f"leave {option} out, or use planner={other!r}",
+        value=value,
     )
 
 
+def _list_subproblems(task: Task) -> Sequence[Subproblem]:
+    """Split a tiled map into the tiles on the way; other spaces are one part."""
+    space, ends = task.edges.space, task.endpoints[:2]
+    if space.in_memory:
+        first, last = np.array(ends)
+        return [(lambda: space, first, last)]
+    return task.edges.tiles.subproblems(*ends)
+
+
 def _search_tile_by_tile(
-    task: _Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
+    task: Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
 ) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
@@ -500,36 +471,32 @@ def _search_tile_by_tile(
     path, planning, simplification = np.empty((0, edges.space.size)), 0.0, 0.0
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
-        endpoints = tuple(first.tolist()), tuple(last.tolist()), *task.endpoints[2:]
-        objective = _make_objective(part, task.objective, task.search.planner)
-        search = replace(task.search, objective=objective)
-        is_built_in = search.planner in _list_searches(part.space)
-        if is_tiled and edges.drive == HOLONOMIC and not is_built_in:
-            search = replace(search, fallback=GRID)
-        result = _search(search, part, endpoints, task.time_limit, may_exist)
+        ends = tuple(first.tolist()), tuple(last.tolist())
+        part_task = replace(task, edges=part, endpoints=(*ends, *task.endpoints[2:]))
+        if is_tiled and edges.drive == HOLONOMIC and task.planner not in part.space.searches:
+            part_task = replace(part_task, fallback=GRID)
+        result = _search(part_task, may_exist)
         planning += result.planning
         simplification += result.simplification
-        found = edges.wrap_yaws(result.path)
-        waypoints = edges.breakpoints(found)
+        found = edges.breakpoints(edges.space.rotations.make_canonical(result.path))
         result = replace(
             result,
             path=found,
             planning=planning,
             simplification=simplification,
-            proven=len(waypoints) > 0 and part.are_free(waypoints),
+            proven=len(found) > 0 and part.are_free(found),
         )
         if not is_tiled or not result.proven:
-            first_text, last_text = map(format_configuration, endpoints[:2])
-            return replace(result, where=f" from {first_text} to {last_text}" * is_tiled)
+            between = " to ".join(map(format_configuration, ends))
+            return replace(result, where=f" from {between}" * is_tiled)
         path = np.concatenate([path[:-1], result.path])
     if not subproblems:
         return SearchResult(path)
     began = clock()
-    if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
+    if task.simplify and task.objective == LENGTH and edges.drive == HOLONOMIC:
         path = _skip_waypoints(edges, path)
-    return SearchResult(
-        path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True
-    )
+    note = f"through {len(subproblems)} tiles"
+    return SearchResult(path, note, planning, simplification + clock() - began, True)
 
 
 def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
@@ -538,97 +505,78 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
     proven in one batch, because a single look-up in tiles takes as long.
     """
-    tiles: Any = edges.space
     kept = [0]
     while kept[-1] < len(path) - 1:
         after = np.arange(kept[-1] + 1, min(kept[-1] + 1 + MAX_SKIPPED_WAYPOINTS, len(path)))
-        free = np.asarray(tiles.motion_is_free(path[kept[-1]], path[after]))
+        free = np.asarray(edges.tiles.motion_is_free(path[kept[-1]], path[after]))
         free[0] = True  # the edge of the path itself
         kept.append(int(after[np.flatnonzero(free)[-1]]))
     return path[kept]
 
 
-def _search(
-    search: Search,
-    edges: LocalPlanner,
-    endpoints: Endpoints,
-    limit: float,
-    may_exist: Callable[[], bool],
-) -> SearchResult:
+def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search for a path in a space in memory."""
-    if endpoints[0] in endpoints[1:]:
-        return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    if search.planner in _list_searches(edges.space):
-        result = _search_built_in(search, edges, endpoints, limit)
+    start, *goals = task.endpoints
+    if start in goals:
+        return SearchResult(np.array([start]), "the start is the goal")
+    if task.planner in _list_searches(task.edges.space):
+        result = _search_built_in(task)
     else:
-        result = search.run(edges, endpoints, limit)
-    left = limit if search.fallback == GRID else limit - result.planning
-    if len(result.path) or search.fallback is None or left <= 0.0 or not may_exist():
+        result = run_ompl(task)
+    fallback, left = task.fallback, task.time_limit
+    if fallback != GRID:
+        left -= result.planning
+    if len(result.path) or fallback is None or left <= 0.0 or not may_exist():
         return result
-    other = _search(
-        replace(search, planner=search.fallback, fallback=None), edges, endpoints, left, may_exist
-    )
-    note = (
-        f"by {search.fallback}, as {search.planner} found none" if len(other.path) else other.note
-    )
-    return replace(
-        other, note=note, planning=result.planning + other.planning, lattice=result.lattice
-    )
+    other = _search(replace(task, planner=fallback, fallback=None, time_limit=left), may_exist)
+    note = f"by {fallback}, as {task.planner} found none" if len(other.path) else other.note
+    planning = result.planning + other.planning
+    return replace(other, note=note, planning=planning, lattice=result.lattice)
 
 
-def _search_built_in(
-    search: Search, edges: LocalPlanner, endpoints: Endpoints, limit: float
-) -> SearchResult:
+def _search_built_in(task: Task) -> SearchResult:
     """Run a built-in search; "Grid" leaves time for a fallback."""
-    if edges.space.has_cells:
+    if task.edges.space.has_cells:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
-        _find_path(replace(search, simplify=False), edges, (endpoints[0], endpoints[0]), limit)
-    seconds = limit
-    if search.fallback is not None and search.planner == GRID:
-        seconds = max(GRID_TIME_SHARE * limit, GRACE_SECONDS)
+        _find_path(replace(task, endpoints=task.endpoints[:1] * 2, simplify=False))
+    if task.fallback is not None and task.planner == GRID:
+        task = replace(task, time_limit=max(GRID_TIME_SHARE * task.time_limit, GRACE_SECONDS))
     began = clock()
-    path, proof = _find_path(search, edges, endpoints, seconds)
-    keeps_away = search.planner == GRID and search.objective is not None
-    is_by_length = search.planner in (GRID, LATTICE) and not keeps_away
+    path, proof = _find_path(task)
+    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
     note = NO_SEARCH if len(path) == 2 and is_by_length else ""
     return SearchResult(path, note, clock() - began, lattice=proof)
 
 
-def _find_path(
-    search: Search, edges: LocalPlanner, endpoints: Endpoints, seconds: float
-) -> tuple[Floats, str]:
+def _find_path(task: Task) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
     Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice
     proves, in words.
     """
-    straight = search.simplify
-    if search.planner == LATTICE:
-        return find_lattice_path(edges, endpoints, straight, seconds)
-    if search.planner == GRID and search.objective is not None:
-        return find_clear_path(edges, endpoints, straight, seconds), ""
-    options = SearchOptions(straight, edges.exact, search.iterations, search.seed, seconds)
-    return edges.space.search(search.planner, endpoints, options), ""
+    edges, ends, straight, seconds = task.edges, task.endpoints, task.simplify, task.time_limit
+    if task.planner == LATTICE:
+        return find_lattice_path(edges, ends, straight, seconds)
+    if task.planner == GRID and task.objective == CLEARANCE:
+        return find_clear_path(edges, ends, straight, seconds), ""
+    options = SearchOptions(straight, edges.exact, task.iterations, task.seed, seconds)
+    return edges.space.search(task.planner, ends, options), ""
 
 
-def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
+def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
     edges = task.edges
     if len(result.path):
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence, limits = "unknown whether one exists", []
-    if edges.space.has_cells:
-        sideways = (
-            "a path exists"
-            if edges.drive == HOLONOMIC
-            else "one exists for a robot that also moves sideways"
-        )
-        existence = sideways if exists else "undecided whether one exists"
+    existence, limits = "undecided whether one exists", list[str]()
+    if exists:
+        existence = "a path exists"
     if edges.drive != HOLONOMIC:
         limits = _describe_free_yaws(edges, task.endpoints)
+        existence = "one exists for a robot that also moves sideways" if exists else existence
     is_late = result.planning >= 0.95 * task.time_limit
     hints = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
@@ -643,37 +591,31 @@ def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None) ->
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
 
 
-def _list_hints(task: _Task, exists: bool | None, is_late: bool) -> list[str]:
+def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
-    edges, space, planner = task.edges, task.edges.space, task.search.planner
+    edges, space, planner = task.edges, task.edges.space, task.planner
     more = f"more time (time_limit={10 * task.time_limit:g})"
     if not space.has_cells:
         return [more, "another seed", "another planner"]
     finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
+    has_no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
+    exact = "planner='RRTConnect' with " * has_no_exact_search + "exact=True"
+    exact += " on space.window(lower, upper)" * (not space.in_memory)
+    exact_hints = [] if edges.drive in CURVES or edges.exact else [exact]
     if not edges.may_join(exists):
         wider = ["a workspace with wider bounds"] * (edges.cells.outside == "free")
-        return [*_hint_at_exact(task), finer, *wider]
+        return [*exact_hints, finer, *wider]
     if exists is None:
         return [finer, more]
     if edges.drive != HOLONOMIC:
         # More time does not help Lattice if its search ended before.
-        needs_more = is_late or planner != LATTICE or task.search.fallback is not None
+        needs_more = is_late or planner != LATTICE or task.fallback is not None
         other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
         radius = ["a smaller turning_radius"] * (edges.drive in CURVES)
-        return [*[more] * needs_more, finer, *_hint_at_exact(task), *radius, other]
+        return [*[more] * needs_more, finer, *exact_hints, *radius, other]
     if planner == GRID:
         return [more, "planner='RRTConnect'"]
     return [*["planner='Grid', which finds one"] * task.is_named, more]
-
-
-def _hint_at_exact(task: _Task) -> list[str]:
-    """Return the hint that lets the geometry decide, if that is possible."""
-    edges = task.edges
-    if edges.drive in CURVES or edges.exact:
-        return []
-    no_exact_search = task.is_named and task.search.planner in (MAX_CLEARANCE, LATTICE)
-    exact = "planner='RRTConnect' with exact=True" if no_exact_search else "exact=True"
-    return [exact if edges.space.in_memory else f"{exact} on space.window(lower, upper)"]
 
 
 def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
@@ -682,27 +624,23 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
     limits, space, rotations = [], edges.cells, edges.cells.rotations
-    for name, q in zip(("start", "goal"), endpoints, strict=True):
-        # From the cell of q on.
-        cell = int(rotations.cell_of(q[2]))
-        yaws = np.roll(rotations.centers[:, 0], -cell)
-        bounds = np.roll(np.asarray(rotations.stored_arrays["yaw_bounds"]), -cell, axis=0)
-        free = space.is_free(np.column_stack([np.tile(q[:2], (len(yaws), 1)), yaws]))
+    bounds = np.asarray(rotations.stored_arrays["yaw_bounds"])
+    for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
+        # From the cell of the yaw on.
+        order = (int(rotations.cell_of(yaw)) + np.arange(len(rotations))) % len(rotations)
+        free = space.is_free([(x, y, center) for center in rotations.centers[order, 0].tolist()])
         if free.all() or not free[0]:
             continue
-        last, first = int(np.argmin(free)) - 1, -int(np.argmin(free[::-1]))
-        low = q[2] - (q[2] - bounds[first, 0]) % TWO_PI
-        high = q[2] + (bounds[last, 1] - q[2]) % TWO_PI
-        text = (
-            f"at the {name} only yaws {math.ceil(1e3 * low) / 1e3:g} to "
-            f"{math.floor(1e3 * high) / 1e3:g} rad"
-        )
+        first, last = order[-np.argmin(free[::-1])], order[np.argmin(free) - 1]
+        low = yaw - (yaw - bounds[first, 0]) % TWO_PI
+        high = yaw + (bounds[last, 1] - yaw) % TWO_PI
+        interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         too_few = ", too few to turn around" * (edges.drive in ON_THE_SPOT)
-        limits.append(f"{text} are proven free{too_few}")
+        limits.append(f"at the {name} only yaws {interval} are proven free{too_few}")
     return limits
 
 
-def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: float) -> Plan:
+def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
     ``began`` is a reading of ``time.perf_counter`` before all checks.
@@ -712,26 +650,23 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
     reached = 0
     if len(result.path):
         reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
-    edges, search = task.edges, task.search
-    waypoints = edges.breakpoints(result.path)
+    edges, waypoints = task.edges, result.path
     solved = len(waypoints) > 0
-    path, direction = edges.resample(waypoints)
-    start, goal = np.array(task.endpoints[0]), np.array(task.endpoints[max(reached, 1)])
-    for array in (path, waypoints, start, goal, direction):
-        if array is not None:
-            array.flags.writeable = False
+    path = edges.resample(waypoints)
+    direction = edges.find_directions(path)
     length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
+    length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
     setup = searched - began - result.planning - result.simplification
     return Plan(
-        path=path,
-        waypoints=waypoints,
-        start=start,
-        goal=goal,
+        path=frozen(path),
+        waypoints=frozen(waypoints),
+        start=frozen(np.array(task.endpoints[0])),
+        goal=frozen(np.array(task.endpoints[max(reached, 1)])),
         axes=edges.space.axes,
         units=edges.space.units,
-        length_unit=edges.space.length_unit,
-        distance_unit=edges.space.distance_unit,
-        direction=direction,
+        length_unit=length_unit,
+        distance_unit=length_unit if edges.space.has_cells else "m",
+        direction=None if direction is None else frozen(direction),
         solved=solved,
         certified=reached > 0 and result.proven,
         status=status,
@@ -740,12 +675,12 @@ def _make_plan(task: _Task, result: SearchResult, exists: bool | None, began: fl
         total_rotation=rotation,
         is_connected=exists is True,
         is_disconnected=exists is False,
-        planner=search.planner,
+        planner=task.planner,
         objective=task.objective if isinstance(task.objective, str) else "custom",
         drive=edges.drive,
         turning_radius=edges.turning_radius,
         exact=edges.exact,
-        seed=search.seed,
+        seed=task.seed,
         time_limit=task.time_limit,
         times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
         space=edges.space,

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +20,14 @@ from cspace.support.arrays import Bools, Floats
 from cspace.support.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
-from planners.trajectory import DrivenPath, Trajectory, make_trajectory, write_csv
+from planners.trajectory import DrivenPath, MotionLimits, Trajectory, make_trajectory, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
+    from cspace.tiles.space import TiledCSpace
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,15 +159,12 @@ class Plan:
     time_limit: float
     times: Times
     space: Space | None = None
-    _clearance: float = math.nan
-    _obstacle_distance: float = math.nan
-    _lower_bound: float = math.nan
+    _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     def __getstate__(self) -> list[Any]:
         """Return the state for pickling: distances instead of the map."""
-        replaced = {"space": None, "_clearance": self.clearance, "_lower_bound": self.lower_bound}
-        if math.isnan(self.clearance):
-            replaced["_obstacle_distance"] = self.obstacle_distance
+        distance = self.obstacle_distance if math.isnan(self.clearance) else math.nan
+        replaced = {"space": None, "_kept": (self.clearance, distance, self.lower_bound)}
         return [replaced.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
@@ -179,7 +177,7 @@ class Plan:
         one on a map takes longer.
         """
         edges = self._edges
-        return edges.clearance(self.waypoints) if edges else self._clearance
+        return edges.clearance(self.waypoints) if edges else self._kept[0]
 
     @property
     def obstacle_distance(self) -> float:
@@ -196,7 +194,7 @@ class Plan:
         a map takes longer.
         """
         edges = self._edges
-        return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
+        return edges.obstacle_distance(self.waypoints) if edges else self._kept[1]
 
     @property
     def lower_bound(self) -> float:
@@ -210,7 +208,7 @@ class Plan:
         not solved. Computed at each access.
         """
         edges = self._edges
-        return edges.min_length(self.start, self.goal) if edges else self._lower_bound
+        return edges.min_length(self.start, self.goal) if edges else self._kept[2]
 
     @property
     def gap(self) -> float:
@@ -262,10 +260,16 @@ class Plan:
 
     def _picture(self, hint: str) -> Any:
         """Return the space to draw; raise InputError with `hint` if there is none."""
-        space = self._map(hint).drawable()
+        space = self._map(hint)
+        if not space.in_memory:
+            space = cast("TiledCSpace", space).overview()
         if not hasattr(space, "plot"):
-            rule = "only maps and arms are drawn"
-            raise InputError("plan", f"is in {space!r}", rule, "draw plan.path yourself")
+            raise InputError(
+                "plan",
+                f"is in {space!r}",
+                "only maps and arms are drawn",
+                "draw plan.path yourself",
+            )
         return space
 
     def recheck(self, space: Space | None = None) -> Bools:
@@ -300,15 +304,16 @@ class Plan:
         >>> plan.certified, plan.recheck().tolist()
         (True, [False])
         """
-        if not self.solved:
-            raise InputError(
-                "plan", "has no path", f"the search ended with: {self.status}", "plan again"
-            )
+        self._check_solved("only a path has edges")
         space = self._map("pass the map: plan.recheck(space)") if space is None else space
         if space.axes != self.axes:
-            expected = f"the plan has {', '.join(self.axes)}"
-            given = f"has the axes {', '.join(space.axes)}"
-            raise InputError("space", given, expected, "pass a map of the same robot", value=space)
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the plan has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+                value=space,
+            )
         return self._edges_on(space).edges_are_free(self.waypoints)
 
     def __repr__(self) -> str:
@@ -432,9 +437,11 @@ class Plan:
         from cspace.files.ros import Path
 
         if self._moves_joints:
-            hint = "use trajectory(...).to_joint_trajectory()"
             raise InputError(
-                "plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint
+                "plan",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use trajectory(...).to_joint_trajectory()",
             )
         self._check_solved("a message holds a path")
         return fill_path(self.axes, self.path, Path() if msg is None else msg, frame_id)
@@ -492,10 +499,13 @@ class Plan:
         (5.0, [1.5, 1.5])
         """
         self._check_solved("a trajectory follows a path")
-        rotation = {
-            "max_angular_velocity": max_angular_velocity,
-            "max_angular_acceleration": max_angular_acceleration,
-        }
+        limits = MotionLimits(
+            max_velocity,
+            max_acceleration,
+            max_angular_velocity,
+            max_angular_acceleration,
+            max_lateral_acceleration,
+        )
         path = DrivenPath(
             self.space,
             self.waypoints,
@@ -505,15 +515,7 @@ class Plan:
             self.drive,
             self.turning_radius,
         )
-        return make_trajectory(
-            path,
-            max_velocity,
-            max_acceleration,
-            rotation,
-            max_lateral_acceleration,
-            duration,
-            time_step,
-        )
+        return make_trajectory(path, limits, duration, time_step)
 
     @property
     def _moves_joints(self) -> bool:
@@ -546,7 +548,6 @@ class Plan:
         if self.direction is not None:
             names = (*names, "direction")
             rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
-
         write_csv(path, overwrite, names, rows)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -554,11 +555,7 @@ class Plan:
 
         NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
-        names = [
-            each.name
-            for each in fields(self)
-            if each.name != "space" and not each.name.startswith("_")
-        ]
+        names = [each.name for each in fields(self) if each.name not in ("space", "_kept")]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
         record = {name: _plain(getattr(self, name)) for name in names}
         with replacing(path, overwrite) as temporary:

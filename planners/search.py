@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 from ompl import base as ob
@@ -21,10 +21,11 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace.queries.paths import pulled_straight
+from cspace.rotations.base import TWO_PI
 from cspace.support.arrays import Floats
 from cspace.support.compiling import clock
 from planners.catalogue import (
-    BIDIRECTIONAL_BY_DRIVE,
+    BIDIRECTIONAL_PLANNERS,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
     PlannerName,
@@ -32,10 +33,10 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner
-from planners.objectives import WeightedLength
+from planners.local_planner import HOLONOMIC, ON_THE_SPOT, Endpoints, LocalPlanner
+from planners.objectives import LENGTH, ClearanceObjective, WeightedLength
 from planners.setup import MakeObjective, make_setup
-from planners.states import below_half_a_turn, kind_of
+from planners.states import kind_of
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -61,78 +62,45 @@ class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
     """Signal that ends a search at its deadline."""
 
 
-class Callbacks(Protocol):
-    """A checker, validator or objective that OMPL calls."""
-
-    def _override(self, replacement: Callable[..., Any] | None) -> None:
-        """Replace the callback by a function; None restores it."""
-
-
 class Deadline:
-    """Context manager that ends OMPL's work after some seconds.
+    """A moment at which the callbacks of OMPL end its work.
 
-    It overrides callbacks of OMPL, and restores them on exit. A thread waits, so that no callback
-    reads the clock.
+    It is read by the clock that stops while functions are compiled. Callbacks hold it, so it must
+    not hold OMPL's objects, which would never be freed.
 
     Parameters
     ----------
-    seconds : float
-        Time until the deadline.
-    refusing : sequence of Callbacks
-        Callbacks that return False after the deadline.
-    raising : sequence of Callbacks
-        Callbacks that raise :class:`OutOfTime` :data:`GRACE_SECONDS` after the deadline.
+    raises : bool
+        Whether callbacks raise :class:`OutOfTime` if the work goes on for :data:`GRACE_SECONDS`.
+
+    Attributes
+    ----------
+    end : float
+        Reading of the clock; infinite by default.
     """
 
-    def __init__(
-        self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()
-    ) -> None:
-        self._end = clock() + seconds
-        self._refusing, self._raising = refusing, raising
-        self._is_over = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="planners deadline", daemon=True)
+    def __init__(self, raises: bool) -> None:
+        self.end, self._raises = math.inf, raises
 
-    @property
-    def left(self) -> float:
-        """Seconds until the deadline, at least zero."""
-        return max(0.0, self._end - clock())
+    def check(self) -> bool:
+        """Return True before the deadline; raise OutOfTime if it is long past."""
+        late = clock() - self.end
+        if late > GRACE_SECONDS and self._raises:
+            raise OutOfTime
+        return late < 0.0
 
-    def __enter__(self) -> Deadline:
-        """Start to wait for the deadline."""
-        self._thread.start()
-        return self
+    def refuse_late(self, check: Callable[..., bool]) -> Callable[..., bool]:
+        """Let a check refuse everything after the deadline."""
+        return lambda *states: self.check() and check(*states)
 
-    def __exit__(self, *error: object) -> None:
-        """Stop waiting and restore the callbacks."""
-        self._is_over.set()
-        self._thread.join()
-        for each in (*self._refusing, *self._raising):
-            each._override(None)
+    def end_late(self, cost: Callable[..., float]) -> Callable[..., float]:
+        """Let a cost end the work after the deadline."""
 
-    def _watch(self) -> None:
-        """Override the callbacks at the deadline, in a thread."""
-        stages = (
-            (self._end, self._refusing, _refuse),
-            (self._end + GRACE_SECONDS, self._raising, _raise),
-        )
-        for end, callbacks, replacement in stages:
-            while (
-                left := end - clock()
-            ) > 0.0:  # the clock excludes compilation, which delays the deadline
-                if self._is_over.wait(left):
-                    return
-            for each in callbacks:
-                each._override(replacement)
+        def cost_in_time(*states: Any) -> float:
+            self.check()
+            return cost(*states)
 
-
-def _refuse(*states: Any) -> bool:
-    """Return False for any states."""
-    return False
-
-
-def _raise(*states: Any) -> bool:
-    """Raise OutOfTime for any states."""
-    raise OutOfTime
+        return cost_in_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,169 +119,177 @@ class SearchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
-    """Planner and options of a search."""
+class Task:
+    """The checked arguments of a plan, or of its search in a part of a space."""
 
+    edges: LocalPlanner
     planner: PlannerName  # name of a planner of OMPL, or of a built-in search
-    objective: MakeObjective | None = None  # takes the space information; None for the length
-    iterations: int | None = None  # largest number of checks of OMPL's termination condition
-    simplify: bool = True
-    seed: int | None = None
+    objective: str | MakeObjective  # LENGTH, CLEARANCE, or a maker of OMPL's objective
+    time_limit: float  # seconds
+    iterations: int | None  # largest number of checks of OMPL's termination condition
+    simplify: bool
+    seed: int | None
+    is_named: bool  # whether the user chose the planner
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
+    endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
 
-    def run(self, edges: LocalPlanner, endpoints: Endpoints, time_limit: float) -> SearchResult:
-        """Search by OMPL for a path from start to goal.
 
-        The path leads from the first configuration to any other. The goals are sorted by their
-        distance from the start. The limit, in seconds, covers the search and the simplification,
-        but neither caches of the map nor compilation.
-        """
-        with _silence():
-            if self.seed is not None:
-                # OMPL reports an error if numbers have been drawn, but generators made from here on
-                # follow the seed.
-                ou.RNG.setSeed(self.seed + 1)
-            if self.planner in BIDIRECTIONAL_BY_DRIVE.get(edges.drive, ()):
-                edges = replace(edges, bidirectional=True)
-            run = _Run(self, edges, endpoints)
-            # OMPL's SORRTstar never returns once it has found a path of the least possible length.
-            if run.by_length and edges.edge_checker()(*endpoints[0], *endpoints[1]):
-                return SearchResult(kind_of(edges.space).unwind(np.array(endpoints[:2])), NO_SEARCH)
-            return run.solve(time_limit)
+def make_objective(task: Task) -> MakeObjective | None:
+    """Return the maker of OMPL's objective; None for OMPL's length."""
+    edges = task.edges
+    if task.planner in THREADED_PLANNERS:
+        return None
+    if callable(task.objective):
+        return task.objective
+    if task.objective == LENGTH and edges.drive not in ON_THE_SPOT:
+        return None
+    make = WeightedLength if task.objective == LENGTH else ClearanceObjective
+    return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
+
+
+def run_ompl(task: Task) -> SearchResult:
+    """Search by OMPL for a path from start to goal.
+
+    The path leads from the first configuration to any other. The limit, in seconds, covers the
+    search and the simplification, but neither caches of the map nor compilation.
+    """
+    with _silence():
+        if task.seed is not None:
+            # OMPL reports an error if numbers have been drawn, but generators made from here on
+            # follow the seed.
+            ou.RNG.setSeed(task.seed + 1)
+        edges, ends = task.edges, task.endpoints[:2]
+        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
+            task = replace(task, edges=replace(edges, bidirectional=True))
+        run = _Run(task)
+        # OMPL's SORRTstar never returns once it has found a path of the least possible length.
+        if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
+            return SearchResult(kind_of(edges.space).unwind(np.array(ends)), NO_SEARCH)
+        return run.solve()
 
 
 def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
     if edges.drive != HOLONOMIC:
         return shorten_path(edges, path, until)
-    check = below_half_a_turn(edges.edge_checker(), edges.space.periodic_axes)
-    return pulled_straight(
-        path, edges.space.rotations, lambda *edge: clock() < until and check(*edge)
-    )
+    check, size = edges.edge_checker(), edges.space.size
+    # Edges take the shorter way, so a longer turn would be another motion.
+    longest = np.where(edges.space.periodic_axes, 0.499 * TWO_PI, math.inf)
+
+    def is_free(*both: float) -> bool:
+        steps = np.abs(np.subtract(both[size:], both[:size]))
+        return clock() < until and bool((steps < longest).all()) and check(*both)
+
+    return pulled_straight(path, edges.space.rotations, is_free)
 
 
 class _Run:
-    """OMPL's objects for one search; a deadline overrides their callbacks."""
+    """OMPL's objects for one search, and its deadline."""
 
-    def __init__(self, search: Search, edges: LocalPlanner, endpoints: Endpoints) -> None:
-        self._search, self._edges, self._endpoints, self._kind = (
-            search,
-            edges,
-            endpoints,
-            kind_of(edges.space),
-        )
-        self._is_threaded = search.planner in THREADED_PLANNERS
-        has_objective = search.objective is not None and not self._is_threaded
-        self._setup = setup = make_setup(edges, search.objective if has_objective else None)
-        self._objective = objective = setup.getOptimizationObjective()
-        is_length = isinstance(objective, WeightedLength) and objective.is_length
-        self._has_weights = has_objective and not is_length
-        self.by_length = not self._has_weights or isinstance(
-            objective, ob.PathLengthOptimizationObjective
-        )
-        self._must_beat = has_objective and search.planner not in PLANNERS_WITHOUT_OBJECTIVE
-        callbacks = [
+    def __init__(self, task: Task) -> None:
+        self._task, self._edges = task, task.edges
+        self._kind = kind_of(task.edges.space)
+        self._is_threaded = task.planner in THREADED_PLANNERS
+        self._deadline = deadline = Deadline(raises=not self._is_threaded)
+        make = make_objective(task)
+        self._setup = setup = make_setup(task.edges, make)
+        for each in (
             setup.getStateValidityChecker(),
             setup.getSpaceInformation().getMotionValidator(),
-        ]
-        self._refusing: list[Callbacks] = callbacks
-        self._raising: list[Callbacks] = []
-        if not self._is_threaded:
-            self._raising = [*callbacks, *([objective] if hasattr(objective, "_override") else [])]
+        ):
+            each.is_free = deadline.refuse_late(each.is_free)
+        self._objective = objective = setup.getOptimizationObjective()
+        is_length = isinstance(objective, ob.PathLengthOptimizationObjective)
+        if isinstance(objective, WeightedLength):
+            is_length = objective.is_length
+            objective.edge_cost = deadline.end_late(objective.edge_cost)
+        self.by_length = make is None or is_length
+        self._must_beat = make is not None and task.planner not in PLANNERS_WITHOUT_OBJECTIVE
 
-    def solve(self, time_limit: float) -> SearchResult:
-        """Search for a path and simplify it, within ``time_limit`` seconds."""
-        setup, search, note, began = self._setup, self._search, "", clock()
+    def solve(self) -> SearchResult:
+        """Search for a path and simplify it, within the time limit."""
+        setup, task, note, began = self._setup, self._task, "", clock()
         self._set_endpoints()
-        best: og.PathGeometric | None = None
-        with Deadline(time_limit, self._refusing, self._raising) as deadline:
-            first = planner_named(None, self._edges.drive)
-            if self._must_beat:
-                self._run_planner(first, INITIAL_TIME_SHARE * time_limit, None)
-                if setup.haveExactSolutionPath():
-                    best = self._improve(setup.getSolutionPath(), deadline)
-                setup.getProblemDefinition().clearSolutionPaths()
-            if best is None or deadline.left > 0.0:
-                status = self._run_planner(search.planner, deadline.left, search.iterations)
-                note = "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
+        first, best, found = planner_named(None, self._edges.drive), None, None
+        self._deadline.end = began + task.time_limit
+        if self._must_beat:
+            self._run_planner(first, INITIAL_TIME_SHARE * task.time_limit, None)
+            if setup.haveExactSolutionPath():
+                best = self._improve(setup.getSolutionPath())
+            setup.getProblemDefinition().clearSolutionPaths()
+        left = self._deadline.end - clock()
+        if best is None or left > 0.0:
+            note = self._run_planner(task.planner, max(left, 0.0), task.iterations)
+        self._deadline.end = math.inf
         if setup.haveExactSolutionPath():
             found = setup.getSolutionPath()
-            if best is None or self._is_cheaper(found, best):
-                best = found
-            else:
-                note = f"the first one, by {first}, as {search.planner} found none better"
+        if found is not None and (best is None or self._is_cheaper(found, best)):
+            best = found
         elif best is not None:
-            note = f"the first one, by {first}, as {search.planner} found none better"
+            note = f"the first one, by {first}, as {task.planner} found none better"
         planning = clock() - began
         if best is None:
-            return SearchResult(np.empty((0, len(self._endpoints[0]))), note, planning)
-        if not search.simplify:
+            return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
+        if not task.simplify:
             return SearchResult(self._rows(best), note, planning)
         began = clock()
-        path = self._simplify(best, max(time_limit + GRACE_SECONDS - planning, 1e-3))
+        until = began + max(task.time_limit + GRACE_SECONDS - planning, 1e-3)
+        if self.by_length:
+            path = shorten(self._edges, self._rows(best), until)
+        else:
+            self._deadline.end = until
+            path = self._edges.remove_turns(self._rows(self._improve(best)))
         return SearchResult(path, note, planning, clock() - began)
 
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
-        setup = self._setup
-        start, *goals = self._make_path(np.array(self._endpoints)).getStates()
-        if len(goals) == 1:
-            setup.setStartAndGoalStates(start, goals[0])
+        setup, states = self._setup, []
+        for q in self._task.endpoints:
+            state = setup.getStateSpace().allocState()
+            self._kind.write(state, *q)
+            states.append(state)
+        if len(states) == 2:
+            setup.setStartAndGoalStates(*states)
             return
         alternatives = ob.GoalStates(setup.getSpaceInformation())
-        for goal in goals:
+        for goal in states[1:]:
             alternatives.addState(goal)
-        setup.setStartState(start)
+        setup.setStartState(states[0])
         setup.setGoal(alternatives)
 
     def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
-        """Run a planner of OMPL and return its outcome, empty after the deadline."""
+        """Run a planner of OMPL; return a note if its outcome is unusual."""
         setup, end, checks = self._setup, clock() + seconds, itertools.count(1)
         most = math.inf if iterations is None else iterations
         # OMPL's own clock counts compilation, but its threads cannot call ours.
         condition = ob.timedPlannerTerminationCondition(seconds)
         if not self._is_threaded:
             condition = ob.PlannerTerminationCondition(lambda: next(checks) > most or clock() > end)
+        status = "Timeout"
         with suppress(OutOfTime):
             setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
-            return str(setup.solve(condition).asString())
-        return ""
+            status = str(setup.solve(condition).asString())
+        return "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
 
-    def _simplify(self, found: og.PathGeometric, seconds: float) -> Floats:
-        """Simplify a path; the result is proven and no worse."""
-        edges, path = self._edges, self._rows(found)
-        fallback = edges.remove_turns(path)
-        if self._has_weights:
-            with Deadline(seconds, self._refusing, self._raising) as deadline:
-                better = self._rows(self._improve(found, deadline))
-            return (
-                edges.remove_turns(better)
-                if self._kind.reached_goal(better, self._endpoints)
-                else fallback
-            )
-        shorter = shorten(edges, path, clock() + seconds)
-        lengths = [
-            float(edges.edge_lengths(rows[:-1], rows[1:]).sum()) for rows in (shorter, fallback)
-        ]
-        return shorter if lengths[0] <= lengths[1] else fallback
-
-    def _improve(self, path: og.PathGeometric, deadline: Deadline) -> og.PathGeometric:
+    def _improve(self, path: og.PathGeometric) -> og.PathGeometric:
         """Return a cheaper, proven path, or a copy of `path`.
 
         Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
         """
         setup, objective, better = self._setup, self._objective, og.PathGeometric(path)
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
-        step, last = (
-            PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent(),
-            objective.infiniteCost(),
-        )
+        step = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent()
+        last = objective.infiniteCost()
         with suppress(OutOfTime):
-            while deadline.left > 0.0 and objective.isCostBetterThan(better.cost(objective), last):
+            while self._deadline.check() and objective.isCostBetterThan(
+                better.cost(objective), last
+            ):
                 last = better.cost(objective)
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
-            if self._is_cheaper(better, path) and self._edges.are_free(self._rows(better)):
+            rows = self._rows(better)
+            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
+            if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
                 return better
         return og.PathGeometric(path)
 
@@ -321,17 +297,6 @@ class _Run:
         """Return True if the first path costs less."""
         objective = self._objective
         return bool(objective.isCostBetterThan(first.cost(objective), second.cost(objective)))
-
-    def _make_path(self, rows: Floats) -> og.PathGeometric:
-        """Make OMPL's path of configurations, shape (n, size)."""
-        path, state = (
-            og.PathGeometric(self._setup.getSpaceInformation()),
-            self._setup.getStateSpace().allocState(),
-        )
-        for q in rows.tolist():
-            self._kind.write(state, *q)
-            path.append(state)
-        return path
 
     def _rows(self, path: og.PathGeometric) -> Floats:
         """Return the configurations of OMPL's path, shape (n, size)."""

@@ -78,7 +78,7 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     """
     space, states = edges.space, edges.make_states()
     lower, upper = space.check_bounds()
-    kind_of(space).set_bounds(states, lower.tolist(), upper.tolist())
+    kind_of(space).set_bounds(states, lower, upper)
     _check_extent(space, states)
     if not states.getType():
         states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
@@ -100,10 +100,14 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
     # Until the share is set, OMPL uses its own, for example when it prints a space.
     share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
     if extent * share < sys.float_info.epsilon:
-        unit = space.length_unit
-        rule = f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}"
-        hint = "use a larger unit, or leave planner out of planners.plan"
-        raise InputError("space", f"spans {extent:.3g} {unit}", rule, hint, value=space)
+        unit = space.units[0]
+        raise InputError(
+            "space",
+            f"spans {extent:.3g} {unit}",
+            f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}",
+            "use a larger unit, or leave planner out of planners.plan",
+            value=space,
+        )
 
 
 def simple_setup(
@@ -213,13 +217,12 @@ def _choose_sampler(
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:
-            problem = (
-                "is given and exact is True"
-                if exact
-                else "is given and valid_state_sampler is given"
-            )
             raise InputError(
-                "rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng
+                "rng",
+                f"is given and {'exact' if exact else 'valid_state_sampler'} is given",
+                "it is for FreeStateSampler",
+                "leave one of the two out",
+                value=rng,
             )
     if sampler is None:
         if space.has_cells and space.in_memory and not exact:
@@ -227,12 +230,12 @@ def _choose_sampler(
         return lambda info: ob.UniformValidStateSampler(info)
     made = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
     if isinstance(made, ob.ObstacleBasedValidStateSampler):
-        rule = (
-            "it needs the last valid state of a motion, which OMPL's Python bindings cannot return"
-        )
-        hint = "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler"
         raise InputError(
-            "valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, hint, value=made
+            "valid_state_sampler",
+            "makes an ObstacleBasedValidStateSampler",
+            "it needs the last valid state of a motion, which OMPL's Python bindings cannot return",
+            "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler",
+            value=made,
         )
     return sampler
 
@@ -243,9 +246,11 @@ def _make_checked(
     """Call a user's function, and check the result's type."""
     made = make(si)
     if not isinstance(made, kind):
-        rule, hint = (
+        raise InputError(
+            name,
+            f"returned {made!r}",
             f"it must return an ompl.base.{kind.__name__}",
             "pass a function that takes the space information",
+            value=made,
         )
-        raise InputError(name, f"returned {made!r}", rule, hint, value=made)
     return made

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -11,7 +10,7 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.interface import Space
-from cspace.rotations.base import MAX_JOINT_ANGLE, METRES_PER_RADIAN, TWO_PI, shorter
+from cspace.rotations.base import METRES_PER_RADIAN, shorter, wrapped
 from cspace.support.arrays import Floats
 
 Configuration = tuple[float, ...]
@@ -29,9 +28,6 @@ class StateKind(NamedTuple):
     make: Callable[[], ob.StateSpace]
     """Creates the state space for straight edges, without bounds."""
 
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None]
-    """Sets the bounds of positions or joints."""
-
     read: Callable[[ob.State], Configuration]
     """Reads the numbers of a configuration from a state."""
 
@@ -39,7 +35,18 @@ class StateKind(NamedTuple):
     """Writes the numbers of a configuration to a state."""
 
     periodic_axes: tuple[bool, ...] = ()
-    """True for angles of continuous joints; empty if there are none."""
+    """Whether each number is the angle of a continuous joint."""
+
+    def set_bounds(self, states: ob.StateSpace, lower: Floats, upper: Floats) -> None:
+        """Set the bounds of positions, or of joints that are not continuous."""
+        limited = ~np.array(self.periodic_axes[: len(lower)])
+        bounds = ob.RealVectorBounds(int(limited.sum()))
+        for axis, (low, high) in enumerate(zip(lower[limited], upper[limited], strict=True)):
+            bounds.setLow(axis, float(low))
+            bounds.setHigh(axis, float(high))
+        if limited.any():
+            part = states if hasattr(states, "setBounds") else states.getSubspace(0)
+            part.setBounds(bounds)
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -53,8 +60,6 @@ class StateKind(NamedTuple):
 
     def unwind(self, path: Floats) -> Floats:
         """Unwrap a path's continuous joints, to move the shorter way."""
-        if not self.periodic_axes:
-            return path
         unwound, steps = path.copy(), np.diff(path, axis=0)
         unwound[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
         return unwound
@@ -64,14 +69,8 @@ class StateKind(NamedTuple):
 
         Continuous joints are compared modulo 2 pi.
         """
-        if not self.periodic_axes:
-            return np.array_equal(first, second)
-        return bool(
-            (
-                np.abs(shorter(first - second, self.periodic_axes))
-                <= WRAP_TOLERANCE * np.array(self.periodic_axes)
-            ).all()
-        )
+        gaps = np.abs(shorter(first - second, self.periodic_axes))
+        return bool((gaps <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all())
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
         """Return the index of the endpoint that a path reaches.
@@ -91,41 +90,46 @@ def kind_of(space: Space) -> StateKind:
 
     Raises InputError for a pose of a kind that OMPL has no states for.
     """
-    if not space.has_poses:
-        return _make_joint_kind(space.periodic_axes)
-    if space.axes not in _STATE_KINDS:
-        rule = f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints"
-        hint = "add its states to planners/states.py, or search with space.find_path"
-        raise InputError("space", f"has the axes {' '.join(space.axes)}", rule, hint, value=space)
-    return _STATE_KINDS[space.axes]
+    if space.has_poses:
+        kind = _STATE_KINDS.get(space.axes)
+    elif any(space.periodic_axes):
+        kind = _make_compound_kind(space.periodic_axes, 1.0)
+    else:
+        kind = _make_vector_kind(space.size)
+    if kind is None:
+        raise InputError(
+            "space",
+            f"has the axes {' '.join(space.axes)}",
+            f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
+            "add its states to planners/states.py, or search with space.find_path",
+            value=space,
+        )
+    return kind._replace(periodic_axes=space.periodic_axes)
 
 
 def check_information(si: object, space: object) -> None:
     """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
     if not isinstance(si, ob.SpaceInformation):
-        rule, hint = (
+        raise InputError(
+            "si",
+            f"is a {type(si).__name__}",
             "it must be an ompl.base.SpaceInformation",
             "pass e.g. setup.getSpaceInformation()",
+            value=si,
         )
-        raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
 
 
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
     if not isinstance(space, Space):
-        rule = "it must be a cspace.Space, as the results of cspace.build and cspace.open are"
-        hint = "check the order of arguments"
-        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
-
-
-def _bound(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
-    """Set the bounds of a vector state space."""
-    bounds = ob.RealVectorBounds(len(lower))
-    for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
-        bounds.setLow(axis, float(low))
-        bounds.setHigh(axis, float(high))
-    states.setBounds(bounds)
+        raise InputError(
+            "space",
+            f"is a {type(space).__name__}",
+            "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
+            "check the order of arguments",
+            value=space,
+        )
 
 
 def _write_vector(state: ob.State, *q: float) -> None:
@@ -138,28 +142,6 @@ def _write_se2(state: ob.State, x: float, y: float, yaw: float) -> None:
     """Write a pose to a state of SE(2)."""
     state.setXY(x, y)
     state.setYaw(yaw)
-
-
-def _write_r3_so2(state: ob.State, x: float, y: float, z: float, yaw: float) -> None:
-    """Write a pose to a state of R^3 and SO(2)."""
-    _write_vector(state[0], x, y, z)
-    state[1].value = yaw
-
-
-def _read_r3_so2(state: ob.State) -> Configuration:
-    """Read a pose from a state of R^3 and SO(2)."""
-    position = state[0]
-    return position[0], position[1], position[2], state[1].value
-
-
-def _make_r3_so2() -> ob.StateSpace:
-    """Create the state space of R^3 and SO(2)."""
-    states = ob.CompoundStateSpace()
-    states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
-    states.addSubspace(ob.SO2StateSpace(), METRES_PER_RADIAN)
-    # OMPL has no default projection of such a space, and KPIECE needs one.
-    states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
-    return states
 
 
 def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float) -> None:
@@ -177,42 +159,17 @@ def _read_se3(state: ob.State) -> Configuration:
 
 def _make_vector_kind(size: int) -> StateKind:
     """Create the conversions for vectors."""
-    # Planners read states all the time, and these two are twice as quick as a loop.
-    reads: dict[int, Callable[[ob.State], Configuration]] = {
-        2: lambda state: (state[0], state[1]),
-        3: lambda state: (state[0], state[1], state[2]),
-    }
-    read = reads.get(size, lambda state: tuple(map(state.__getitem__, range(size))))
-    return StateKind(lambda: ob.RealVectorStateSpace(size), _bound, read, _write_vector)
+    axes = range(size)
+    return StateKind(
+        lambda: ob.RealVectorStateSpace(size),
+        lambda state: tuple(map(state.__getitem__, axes)),
+        _write_vector,
+    )
 
 
-_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
-    ("x", "y"): _make_vector_kind(2),
-    ("x", "y", "yaw"): StateKind(
-        lambda: ob.SE2StateSpace(), _bound, lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
-    ),
-    ("x", "y", "z"): _make_vector_kind(3),
-    ("x", "y", "z", "yaw"): StateKind(
-        _make_r3_so2,
-        lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
-        _read_r3_so2,
-        _write_r3_so2,
-    ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        lambda: ob.SE3StateSpace(), _bound, _read_se3, _write_se3
-    ),
-}
-"""Conversions for rigid bodies, by the axes of the space."""
-
-
-def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """Create the conversions for joints, all of the same weight.
-
-    States are a vector, and a circle for each continuous joint.
-    """
+def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:
+    """Create the conversions for a vector of weight 1, and a circle for each periodic axis."""
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
-    if not circles:
-        return _make_vector_kind(size)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     # Index of the first circle: the joints with limits, if any, share subspace 0.
     first = bool(limited)
@@ -222,13 +179,10 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         if limited:
             states.addSubspace(ob.RealVectorStateSpace(len(limited)), 1.0)
         for _ in circles:
-            states.addSubspace(ob.SO2StateSpace(), 1.0)
+            states.addSubspace(ob.SO2StateSpace(), weight)
+        # OMPL has no default projection of such a space, and KPIECE needs one.
         states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
         return states
-
-    def set_bounds(states: ob.StateSpace, lower: Sequence[float], upper: Sequence[float]) -> None:
-        if limited:
-            _bound(states.getSubspace(0), [lower[k] for k in limited], [upper[k] for k in limited])
 
     def read(state: ob.State) -> Configuration:
         q = [0.0] * size
@@ -246,52 +200,37 @@ def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return StateKind(make, set_bounds, read, write, periodic_axes)
+    return StateKind(make, read, write)
+
+
+_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
+    ("x", "y"): _make_vector_kind(2),
+    ("x", "y", "yaw"): StateKind(
+        lambda: ob.SE2StateSpace(), lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
+    ),
+    ("x", "y", "z"): _make_vector_kind(3),
+    ("x", "y", "z", "yaw"): _make_compound_kind((False, False, False, True), METRES_PER_RADIAN),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
+        lambda: ob.SE3StateSpace(), _read_se3, _write_se3
+    ),
+}
+"""Conversions for rigid bodies, by the axes of the space."""
 
 
 def with_wrapped_angles(
     check: Callable[..., Value], periodic_axes: Sequence[bool]
 ) -> Callable[..., Value]:
-    """Wrap a function to get angles in [-pi, pi).
+    """Wrap a function of two configurations to get angles in [-pi, pi).
 
-    The function takes floats. Angles of the second configuration are within half a turn of the
-    first. Angles that look-ups refuse become NaN, where no configuration is free.
+    Angles of the second configuration are within half a turn of the first.
     """
-    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not periodic:
+    if not any(periodic_axes):
         return check
 
-    # Local names are faster than global ones.
-    limit, period, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
+    def check_wrapped(*both: float) -> Value:
+        q0, q1 = np.reshape(both, (2, -1))
+        first = wrapped(q0, periodic_axes)
+        last = first + shorter(q1 - q0, periodic_axes)
+        return check(*first.tolist(), *last.tolist())
 
-    def wrapped(*numbers: float) -> Value:
-        near = list(numbers)
-        for k in periodic:
-            first = numbers[k] if -limit <= numbers[k] <= limit else math.nan
-            here = remainder(first, period)
-            near[k] = here = here if here != half else -half
-            if len(near) > size:
-                angle = numbers[size + k]
-                near[size + k] = (
-                    here + remainder(angle - first, period)
-                    if -limit <= angle <= limit
-                    else math.nan
-                )
-        return check(*near)
-
-    return wrapped
-
-
-def below_half_a_turn(
-    check: Callable[..., bool], periodic_axes: Sequence[bool]
-) -> Callable[..., bool]:
-    """Wrap a check to fail for half turns or more.
-
-    The check takes the shorter arc, which is then another motion.
-    """
-    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not periodic:
-        return check
-    return lambda *both: (
-        all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)
-    )
+    return check_wrapped

@@ -47,9 +47,6 @@ MIN_PHASE_SHARE: Final = 1e-12
 """Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
 """
 
-CURVE_COLORS: Final = ("#6a1b9a", "#009e73", "#d55e00", "#0072b2", "#cc79a7", "#262626", "#e69f00")
-"""Colours of the curves of a plot; most are from Okabe and Ito (2008)."""
-
 
 class Line(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
@@ -161,30 +158,43 @@ class Trajectory:
         """
         moves_joints = not getattr(space, "has_poses", True)
         if not (moves_joints and hasattr(space, "certify_path")):
-            rule, hint = "it must be the space of an arm", "use plan.trajectory() on a map"
-            raise InputError("space", f"is {space!r}", rule, hint, value=space)
+            raise InputError(
+                "space",
+                f"is {space!r}",
+                "it must be the space of an arm",
+                "use plan.trajectory() on a map",
+                value=space,
+            )
         if not getattr(path, "certified", True):
-            rule, hint = "a trajectory follows the whole line", "check motion.certified first"
-            problem = f"is not certified: {getattr(path, 'status', '')}"
-            raise InputError("path", problem, rule, hint, value=path)
+            raise InputError(
+                "path",
+                f"is not certified: {getattr(path, 'status', '')}",
+                "a trajectory follows the whole line",
+                "check motion.certified first",
+                value=path,
+            )
         rows: Any = path
         waypoints = check_finite(getattr(path, "waypoints", rows), "path")
         if waypoints.ndim != 2 or not len(waypoints):
-            rule, hint = "it must be rows of configurations", "pass e.g. motion.waypoints"
-            raise InputError("path", f"has shape {waypoints.shape}", rule, hint, value=path)
+            raise InputError(
+                "path",
+                f"has shape {waypoints.shape}",
+                "it must be rows of configurations",
+                "pass e.g. motion.waypoints",
+                value=path,
+            )
         free = np.asarray(space.certify_path(waypoints))
         if not free.all():
-            problem = (
-                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free"
-            )
             raise InputError(
-                "path", problem, "a trajectory follows proven motions", "plan again", value=path
+                "path",
+                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free",
+                "a trajectory follows proven motions",
+                "plan again",
+                value=path,
             )
         driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
-        rotation = {"max_angular_velocity": None, "max_angular_acceleration": None}
-        return make_trajectory(
-            driven, max_velocity, max_acceleration, rotation, None, duration, time_step
-        )
+        limits = MotionLimits(max_velocity, max_acceleration)
+        return make_trajectory(driven, limits, duration, time_step)
 
     @property
     def duration(self) -> float:
@@ -251,11 +261,11 @@ class Trajectory:
         left.set_xlabel("time (s)")
         sides: dict[str, Axes] = {}
         handles: list[Any] = []
-        for (name, unit, curve), color in zip(curves, itertools.cycle(CURVE_COLORS), strict=False):
+        for k, (name, unit, curve) in enumerate(curves):
             if unit not in sides:
                 sides[unit] = left.twinx() if sides else left
                 sides[unit].set_ylabel(f"{'velocity' if self._moves_joints else name} ({unit}/s)")
-            handles += sides[unit].plot(self.times, curve, color=color, linewidth=1.6, label=name)
+            handles += sides[unit].plot(self.times, curve, color=f"C{k}", label=name)
         if ax is None:
             legend_below(cast("Figure", left.figure), handles)
         return left
@@ -270,9 +280,11 @@ class Trajectory:
         from cspace.files.ros import Path
 
         if self._moves_joints:
-            problem = f"moves the joints {', '.join(self.axes)}"
             raise InputError(
-                "trajectory", problem, "a path holds poses", "use to_joint_trajectory()"
+                "trajectory",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use to_joint_trajectory()",
             )
         return fill_path(
             self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times
@@ -296,8 +308,12 @@ class Trajectory:
         from cspace.files.ros import JointTrajectory
 
         if not self._moves_joints:
-            problem, rule = f"moves {', '.join(self.axes)}", "a joint trajectory holds joints"
-            raise InputError("trajectory", problem, rule, "use to_path()")
+            raise InputError(
+                "trajectory",
+                f"moves {', '.join(self.axes)}",
+                "a joint trajectory holds joints",
+                "use to_path()",
+            )
         filled = JointTrajectory() if msg is None else msg
         return fill_joint_trajectory(
             self.axes, self.positions, self.velocities, self.times, filled, frame_id
@@ -334,6 +350,16 @@ def write_csv(
         writer.writerows(rows)
 
 
+class MotionLimits(NamedTuple):
+    """Limits of a motion, as :meth:`planners.Plan.trajectory` takes them."""
+
+    max_velocity: Limits
+    max_acceleration: Limits
+    max_angular_velocity: float | None = None
+    max_angular_acceleration: float | None = None
+    max_lateral_acceleration: float | None = None
+
+
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
@@ -347,32 +373,23 @@ class DrivenPath(NamedTuple):
 
 
 def make_trajectory(
-    path: DrivenPath,
-    velocity: Limits,
-    acceleration: Limits,
-    rotation: Mapping[str, float | None],
-    max_lateral_acceleration: float | None,
-    duration: float | None,
-    time_step: float,
+    path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
 ) -> Trajectory:
-    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`.
-
-    ``rotation`` holds the limits of angular velocity and angular acceleration, by name.
-    """
+    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
     joints, is_curved, axes = path.moves_joints, path.drive in CURVES, path.axes
     rotations = rotations_of(() if joints else axes)
     dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
     known = path.space.max_velocity if path.space is not None else {}
     linear = (
-        _check_limits(velocity, "max_velocity", axes[:dim], known, joints),
-        _check_limits(acceleration, "max_acceleration", axes[:dim], {}, joints),
+        _check_limits(limits.max_velocity, "max_velocity", axes[:dim], known, joints),
+        _check_limits(limits.max_acceleration, "max_acceleration", axes[:dim], {}, joints),
     )
     angular = [
-        _check_option(value, name, rotates, rotates and not is_curved)
-        for name, value in rotation.items()
+        _check_option(limits, name, rotates, rotates and not is_curved)
+        for name in ("max_angular_velocity", "max_angular_acceleration")
     ]
-    lateral = _check_option(max_lateral_acceleration, "max_lateral_acceleration", is_curved, False)
-    for name, limit in zip(("max_velocity", "max_acceleration"), linear, strict=True):
+    lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
+    for name, limit in zip(limits._fields, linear, strict=False):
         if is_curved and limit.ndim:
             raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
     segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
@@ -405,8 +422,8 @@ def _check_limits(
     """
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
-        given = {axis: limit for axis, limit in known.items() if limit < np.inf} | dict(value or {})
-        if missing := [axis for axis in axes if axis not in given]:
+        given = {**known, **(value or {})}
+        if missing := [axis for axis in axes if given.get(axis, np.inf) == np.inf]:
             raise InputError(
                 name,
                 f"lacks {', '.join(missing)}",
@@ -424,9 +441,10 @@ def _check_limits(
 
 
 def _check_option(
-    value: float | None, name: str, is_allowed: bool, is_needed: bool
+    limits: MotionLimits, name: str, is_allowed: bool, is_needed: bool
 ) -> float | None:
     """Return a limit that only some robots have, or None."""
+    value: float | None = getattr(limits, name)
     if value is None and is_needed:
         raise InputError(
             name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
@@ -451,17 +469,15 @@ def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
 
 def _split_curves(path: DrivenPath) -> Segments:
     """Return the arcs and straights of a car's path."""
-    curves = CarCurves(cast("Any", path.space), False, path.drive, path.turning_radius)
-    empty = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int8)
-    pieces = [empty] + [
-        curves.split_curve(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
+    curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
+    parts = [(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
+    parts += [
+        curves.split_edge(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
     ]
-    starts, lengths, radians, signs = (
-        np.concatenate(column) for column in zip(*pieces, strict=True)
-    )
-    metres = signs * lengths
+    starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
     steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
-    return _make_segments(np.concatenate([starts, path.waypoints[-1:]]), steps, lengths, radians)
+    points = np.concatenate([starts, path.waypoints[-1:]])
+    return _make_segments(points, steps, np.abs(metres), radians)
 
 
 def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
@@ -479,17 +495,13 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
 
 def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
     """Return each segment's largest rate within the limits, shape (m,)."""
-    parts = [
-        np.abs(rates[:, :dim])
-        if linear.ndim
-        else np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
-    ]
-    limits = [np.atleast_1d(linear)]
-    if angular is not None:
-        parts.append(np.linalg.norm(rates[:, dim:], axis=1, keepdims=True))
-        limits.append(np.array([angular]))
+    moved = np.abs(rates[:, :dim])
+    if not linear.ndim:
+        moved = np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
+    turned = np.linalg.norm(rates[:, dim:], axis=1)
     with np.errstate(divide="ignore"):
-        return np.asarray((np.concatenate(limits) / np.concatenate(parts, axis=1)).min(axis=1))
+        largest: Floats = (linear / moved).min(axis=1)
+        return largest if angular is None else np.minimum(largest, angular / turned)
 
 
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
@@ -509,20 +521,23 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
         squares[k + 1] = min(squares[k + 1], squares[k] + gains[k])
     for k in reversed(range(len(lengths))):
         squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    before, after = squares[:-1], squares[1:]
-    # Rounding must not put the peak below the speed at an end.
-    peaks = np.maximum(np.minimum(caps, 0.5 * (before + after + gains)), np.maximum(before, after))
-    up, down = (peaks - before) / (2.0 * accelerations), (peaks - after) / (2.0 * accelerations)
-    first, last, peak = np.sqrt(before), np.sqrt(after), np.sqrt(peaks)
-    cruise = np.where(peaks < caps, 0.0, np.maximum(lengths - up - down, 0.0))
-    numbers, zeros = np.arange(len(lengths)), np.zeros(len(lengths))
-    # Each phase has a duration, and the fields of Phases from the segment on.
-    faster = (peak - first) / accelerations, numbers, zeros, first, accelerations
-    steady = cruise / speeds, numbers, up, peak, zeros
-    slower = (peak - last) / accelerations, numbers, lengths - down, peak, -accelerations
-    table = np.array([faster, steady, slower]).transpose(2, 0, 1).reshape(-1, 5)
+    rows = []
+    for k, (length, limit) in enumerate(zip(lengths, accelerations, strict=True)):
+        before, after = squares[k], squares[k + 1]
+        # Rounding must not put the peak below the speed at an end.
+        peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
+        up, down = (peak - before) / (2.0 * limit), (peak - after) / (2.0 * limit)
+        cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
+        first, last, fastest = np.sqrt([before, after, peak])
+        # Each phase has a duration, and the fields of Phases from the segment on.
+        rows += [
+            ((fastest - first) / limit, k, 0.0, first, limit),
+            (cruise / speeds[k], k, up, fastest, 0.0),
+            ((fastest - last) / limit, k, length - down, fastest, -limit),
+        ]
+    table = np.array(rows)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
-    rest = 0.0, numbers[-1], lengths[-1], 0.0, 0.0
+    rest = 0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0
     durations, segments, *others = np.vstack([table, rest]).T
     return Phases(np.cumsum([0.0, *durations[:-1]]), segments.astype(np.int64), *others)
 
@@ -534,25 +549,32 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
         return phases
     factor = check_positive(duration, "duration", "seconds") / total
     if factor < 1.0 - 1e-9:
-        hint = "raise it, or the limits"
         raise InputError(
-            "duration", f"is {duration!r}", f"the limits need {total:.6g} s", hint, value=duration
+            "duration",
+            f"is {duration!r}",
+            f"the limits need {total:.6g} s",
+            "raise it, or the limits",
+            value=duration,
         )
-    times, speeds, accelerations = (
+    return Phases(
         phases.times * factor,
+        phases.segments,
+        phases.positions,
         phases.speeds / factor,
         phases.accelerations / factor**2,
     )
-    return phases._replace(times=times, speeds=speeds, accelerations=accelerations)
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
     """Return row times, at most ``time_step`` apart, with phase starts."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
     if counts.sum() >= MAX_ROWS:
-        rule = f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible"
         raise InputError(
-            "time_step", f"is {time_step:g}", rule, "raise it, or the limits", value=time_step
+            "time_step",
+            f"is {time_step:g}",
+            f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible",
+            "raise it, or the limits",
+            value=time_step,
         )
     spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
     rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]

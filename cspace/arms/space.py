@@ -33,7 +33,6 @@ from cspace.interface import (
     Goal,
     GoalLike,
     SearchOptions,
-    Split,
 )
 from cspace.methods import ArmPlot
 from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
@@ -101,7 +100,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     """
 
     has_poses = False
-    distance_unit = "m"
     resolution = CHECKING_STEP
     searches = ("BiRRT",)
 
@@ -594,10 +592,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Return :meth:`obstacle_distance`, the clearance that planners see."""
         return self.obstacle_distance(q)
-
-    def obstacle_distance_along(self, path: Floats, split: Split) -> float:
-        """Return :meth:`path_obstacle_distance`."""
-        return self.path_obstacle_distance(path)
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal with joints clamped and angles wrapped.

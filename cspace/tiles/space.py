@@ -337,10 +337,6 @@ class TiledCSpace(ConfigurationMap):
             )
         return self._at_one_moment(lambda: self._tiles.window(corners))
 
-    def drawable(self) -> CSpace:
-        """Return the overview."""
-        return self.overview()
-
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
 

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
-from planners.local_planner import CURVES
+from planners.car_curves import advance, shortest_word
+from planners.local_planner import CURVES, CarCurves
 from planners.states import kind_of
 from tests.helpers.handmade import fill_boxes, map_of
 
@@ -243,6 +244,26 @@ def sample_arc(
             [np.sin(yaw) - math.sin(first[2]), math.cos(first[2]) - np.cos(yaw)], axis=-1
         )
     return np.column_stack([first[:2] + offsets, yaw])
+
+
+def points_along(
+    curves: CarCurves, first: np.ndarray, last: np.ndarray, positions: np.ndarray
+) -> np.ndarray:
+    """Return configurations (n, 3) at distances from the start of a curve, metres."""
+    steering, lengths, _ = shortest_word(
+        curves.kind, curves.radius, tuple(first.tolist()), tuple(last.tolist())
+    )
+    rows = []
+    for left in (positions / curves.radius).tolist():
+        pose = (0.0, 0.0, float(first[2]))
+        for steer, length in zip(steering.tolist(), lengths.tolist(), strict=True):
+            part = min(left, abs(length))
+            pose = advance(pose, steer, math.copysign(part, length))
+            left -= part
+        rows.append(pose)
+    points = np.array(rows).reshape(-1, 3)
+    points[:, :2] = first[:2] + curves.radius * points[:, :2]
+    return points
 
 
 def plan_patiently(

@@ -42,7 +42,7 @@ def test_every_planner_finds_a_proven_path(tmp_path: Path, name: str) -> None:
         plan = planners.plan(space, START, GOAL, planner=name, time_limit=limit, seed=1)
         if plan.solved:
             break
-        assert "unknown whether one exists" in plan.status and "more time" in plan.hint
+        assert "undecided whether one exists" in plan.status and "more time" in plan.hint
     assert plan.certified and not (plan.is_connected or plan.is_disconnected) and plan.exact
     assert np.array_equal(plan.path[[0, -1]], [START, GOAL]) and plan.axes == ("shoulder", "elbow")
     between = np.concatenate(

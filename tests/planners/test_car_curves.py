@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import build_from_states, build_room, turn_between
+from tests.helpers.planning import build_from_states, build_room, points_along, turn_between
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 TURNING_RADII = [0.3, 1.0, 4.0]
@@ -111,7 +111,7 @@ def test_points_on_a_curve_equal_those_of_ompl(name: str) -> None:
         for share in shares:
             states.interpolate(first, second, share, between)
             theirs.append((between.getX(), between.getY(), between.getYaw()))
-        apart = curves.points(a, b, shares * length) - theirs
+        apart = points_along(curves, a, b, shares * length) - theirs
         apart[:, 2] = turn_between(0.0, apart[:, 2])
         same += np.abs(apart).max() < 1e-5
     # A reversing car has many equally short manoeuvres, so OMPL may choose another.
@@ -126,7 +126,7 @@ def test_a_curve_between_its_points_is_no_longer_than_the_part(name: str) -> Non
     for a, b in pairs(500, 0.5, seed=3):
         length = metres(curves, a, b)
         s, t = sorted(rng.uniform(0.0, length, 2))
-        part = curves.points(a, b, np.array([s, t]))
+        part = points_along(curves, a, b, np.array([s, t]))
         assert metres(curves, *part) <= (t - s) + 1e-6
 
 
@@ -152,7 +152,7 @@ def test_a_proven_curve_is_free_at_a_thousand_points(
     for a, b in draw_edges(space, 400, 0):
         kinds.add(proven := check(*a, *b))
         if proven:
-            points = curves.points(a, b, np.linspace(0.0, metres(curves, a, b), 1000))
+            points = points_along(curves, a, b, np.linspace(0.0, metres(curves, a, b), 1000))
             assert ((points[:, :2] >= space.grid.lower) & (points[:, :2] <= space.grid.upper)).all()
             assert space.is_free(points).all()
     assert kinds == {True, False}
@@ -165,7 +165,7 @@ def test_a_curve_with_some_clearance_is_proven(space: CSpace, name: str) -> None
     distance = 0.1 * space.grid.spacing
 
     def is_clear(a: np.ndarray, b: np.ndarray, number: int) -> bool:
-        points = curves.points(a, b, np.linspace(0.0, metres(curves, a, b), number))
+        points = points_along(curves, a, b, np.linspace(0.0, metres(curves, a, b), number))
         return bool(space.is_free_around(points, distance, distance / 0.5).all())
 
     for a, b in draw_edges(space, 800, 1):
@@ -194,7 +194,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space: CSpace, name: str) -> N
             states.interpolate(first, second, float(t), out)
             theirs.append((out.getX(), out.getY(), out.getYaw()))
         assert space.is_free(theirs).all()
-        ours = curves.points(a, b, np.linspace(0.0, 1.0, 60) * length)
+        ours = points_along(curves, a, b, np.linspace(0.0, 1.0, 60) * length)
         others += np.abs(ours[:, :2] - np.array(theirs)[:, :2]).max() > 1e-3
     assert free > 50 and (others > 0 or name == "dubins")
 
@@ -239,7 +239,7 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
     check, hits, tied = local_planner(free, False, name, 0.6).edge_checker(), 0, 0
     for a, b in draw_edges(free, 120, 2):
         length = metres(curves, a, b)
-        points = curves.points(a, b, np.linspace(0.0, length, 500))
+        points = points_along(curves, a, b, np.linspace(0.0, length, 500))
         if not check(*a, *b):
             # An equally short curve of a reversing car may leave the map.
             tied += bool(((points[:, :2] > 0.01) & (points[:, :2] < 3.99)).all())
@@ -292,7 +292,8 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
 ) -> None:
     curves = curve(name, 0.5, space)
     waypoints = np.concatenate([pairs(20, 0.5, seed=6).reshape(-1, 3)])
-    path, direction = curves.resample(waypoints)
+    path = curves.resample(waypoints)
+    direction = curves.find_directions(path)
     assert direction is not None and len(direction) == len(path)
     rows = [tuple(row) for row in path.tolist()]
     indices = [rows.index(tuple(q)) for q in waypoints.tolist()]
@@ -308,7 +309,7 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
         itertools.pairwise(waypoints), itertools.pairwise(indices), strict=True
     ):
         length = metres(curves, a, b)
-        fine = curves.points(a, b, np.linspace(0.0, length, 5000))
+        fine = points_along(curves, a, b, np.linspace(0.0, length, 5000))
         assert cKDTree(fine[:, :2]).query(path[i : j + 1, :2])[0].max() < length / 5000 + 1e-6
     # The direction is the sign of the motion along the heading halfway between two rows.
     halfway = path[:-1, 2] + turns / 2
@@ -323,7 +324,9 @@ def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
 def test_a_path_of_one_configuration_stays_in_place(space: CSpace) -> None:
     q = np.array([[1.0, 1.0, 0.0]])
     assert all(metres(curve(name, 0.5), q[0], q[0]) == 0.0 for name in CURVES)
-    path, direction = curve("dubins", 0.5, space).resample(q)
+    curves = curve("dubins", 0.5, space)
+    path = curves.resample(q)
+    direction = curves.find_directions(path)
     assert path.tolist() == q.tolist() and direction is not None and direction.tolist() == [1]
-    path, direction = curve("dubins", 0.5, space).resample(np.concatenate([q, q]))
+    path = curves.resample(np.concatenate([q, q]))
     assert path[0].tolist() == path[-1].tolist() == q[0].tolist()

@@ -11,12 +11,12 @@ import planners
 from cspace import MIXED, Robot, Workspace, build
 from cspace.support.compiling import clock
 from planners.catalogue import (
-    PLANNERS_REFUSED_BY_DRIVE,
+    BIDIRECTIONAL_PLANNERS,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
 )
 from planners.local_planner import CarCurves, TurnDriveTurn
-from planners.search import Deadline, OutOfTime
+from planners.search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.helpers.planning import (
     ANYTIME_PLANNERS,
     ENDPOINTS,
@@ -64,7 +64,7 @@ def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
-    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+    if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         return
     options = {"planner": planner, **options_for(curve)}
     (space, *endpoints), (parted, *others) = warm(name)
@@ -227,23 +227,21 @@ def test_a_seed_gives_the_same_plan_whether_it_compiles_or_not(
     assert paths[0] == paths[1] and calls[0] == calls[1] > 0
 
 
-def test_a_deadline_makes_callbacks_refuse_then_raise_and_restores_them() -> None:
-    class Asked:
-        answer: Any = None
-
-        def _override(self, answer: Any) -> None:
-            self.answer = answer
-
-    one, other = Asked(), Asked()
-    with Deadline(0.02, [one], [one, other]) as deadline:
-        assert 0.0 < deadline.left <= 0.02 and one.answer is None
-        time.sleep(0.07)
-        assert one.answer() is False and other.answer is None and deadline.left == 0.0
-        time.sleep(0.15)
-        for each in (one, other):
-            with pytest.raises(OutOfTime):
-                each.answer()
-    assert one.answer is None and other.answer is None
-    with Deadline(60.0, [one]):
-        pass
-    assert one.answer is None
+def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(type(clock), "__call__", lambda _: now[0])
+    raising, refusing = Deadline(raises=True), Deadline(raises=False)
+    answers = [each.refuse_late(lambda state: state) for each in (raising, refusing)]
+    cost = raising.end_late(lambda *states: sum(states))
+    now[0] = 1e9
+    assert [answer(True) for answer in answers] == [True, True] and cost(1.0, 2.0) == 3.0
+    raising.end = refusing.end = now[0] + 1.0
+    assert [answer(True) for answer in answers] == [True, True]
+    assert [answer(False) for answer in answers] == [False, False]
+    now[0] += 1.0 + 0.5 * GRACE_SECONDS
+    assert [answer(True) for answer in answers] == [False, False] and cost(1.0, 2.0) == 3.0
+    now[0] += GRACE_SECONDS
+    assert answers[1](True) is False
+    for late in (lambda: answers[0](True), lambda: cost(1.0, 2.0)):
+        with pytest.raises(OutOfTime):
+            late()

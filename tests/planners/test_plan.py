@@ -26,10 +26,10 @@ from cspace import (
     build,
 )
 from planners.catalogue import (
-    PLANNER_SETTINGS,
-    PLANNERS_REFUSED_BY_DRIVE,
+    BIDIRECTIONAL_PLANNERS,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
+    make_planner,
 )
 from planners.local_planner import CURVES
 from tests.helpers.planning import (
@@ -61,8 +61,14 @@ OPTIMIZING_PLANNERS = sorted(
 @pytest.fixture
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give FMT and BFMT 300 samples; 1000 take two seconds along curves."""
-    few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
-    monkeypatch.setattr("planners.catalogue.PLANNER_SETTINGS", PLANNER_SETTINGS | few)
+
+    def make_with_few_samples(name: str, si: ob.SpaceInformation) -> ob.Planner:
+        planner = make_planner(name, si)
+        if name in ("FMT", "BFMT"):
+            planner.setNumSamples(300)
+        return planner
+
+    monkeypatch.setattr("planners.search.make_planner", make_with_few_samples)
 
 
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
@@ -77,7 +83,7 @@ def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
 @pytest.mark.parametrize("planner", OMPL_PLANNERS)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
-    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+    if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         with pytest.raises(InputError, match="choose another planner"):
             planners.plan(build_room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
@@ -326,7 +332,7 @@ def test_max_clearance_has_at_least_the_clearance_of_other_planners(name: str) -
 def test_a_proof_that_no_path_exists_prevents_the_search(
     name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+    if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         return
     space, start, goal = build_halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
@@ -588,7 +594,7 @@ def test_a_seed_repeats_a_run_after_other_runs(planner: str) -> None:
             path: list[list[float]] = plan.path.tolist()
             return path
 
-        if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
+        if curve == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
             continue
         first = run(7)
         planners.plan(build_room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")

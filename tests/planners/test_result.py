@@ -58,7 +58,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(
     for a in space.sample_free(40, rng):
         path = wrap_rotations(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
         bound = edges.clearance(path)
-        points = edges.split_path(path, 0.01, 0.01).centers
+        points = edges.split_path(path, 0.01, 0.01).points
         if not space.grid.contains(points[:, :dim]).all():
             assert bound == 0.0
             continue
@@ -151,7 +151,7 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: s
     plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **options_for(curve))
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
-    minimum = min(map(oracle(name), dense.centers))
+    minimum = min(map(oracle(name), dense.points))
     between = 0.5 * float(
         (dense.lengths + 0.4 * dense.rotations).max()
     )  # bound of the change between samples

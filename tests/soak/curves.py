@@ -12,6 +12,7 @@ from cspace import FREE
 from cspace.support.arrays import Floats
 from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
+from tests.helpers.planning import points_along
 from tests.soak.maps import POINTS_PER_EDGE, find_collisions_along, snap_nearly
 from tests.soak.plane import draw_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, pick_close
@@ -69,7 +70,7 @@ def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng
     lengths = planner.edge_lengths(pairs[:, 0], pairs[:, 1])
     few = np.stack(
         [
-            planner.points(a, b, np.linspace(0.0, c, 30))
+            points_along(planner, a, b, np.linspace(0.0, c, 30))
             for (a, b), c in zip(pairs, lengths, strict=True)
         ]
     )
@@ -132,7 +133,7 @@ class _Oracle:
 
     def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
         """Return points (n, 3), if ours deviate, and if OMPL's curve differs."""
-        ours = self._way.points(first, last, np.linspace(0.0, length, POINTS_PER_EDGE))
+        ours = points_along(self._way, first, last, np.linspace(0.0, length, POINTS_PER_EDGE))
         for state, q in ((self._first, first), (self._last, last)):
             state.setXY(float(q[0]), float(q[1]))
             state.setYaw(float(q[2]))
