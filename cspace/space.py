@@ -27,7 +27,7 @@ from cspace.queries.batches import (
     evaluate,
     write_in_threads,
 )
-from cspace.queries.callbacks import NOT_USABLE
+from cspace.queries.points import NOT_USABLE
 from cspace.raster import Raster
 from cspace.record.cells import Map, make_record
 from cspace.record.contents import Contents

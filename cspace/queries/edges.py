@@ -6,18 +6,19 @@ walked slab by slab. Positions and rotations are as in :mod:`cspace.queries.poin
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from cspace.grid import SLACK
 from cspace.queries.points import (
     MAX_POSITION,
+    box_to_test,
+    closed_cells,
     configuration_in,
-    grid_box,
+    in_cells,
     is_usable,
-    outer_box,
     run_in_grid_is_free,
     run_is_free,
+    state_at,
 )
 from cspace.record.cells import Map
 from cspace.rotations.quaternion import count_arcs, find_arc, next_part, time_on_arc
@@ -53,7 +54,7 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     return -1
 
 
-@kernel
+@inlined
 def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
@@ -63,6 +64,8 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """
     if len(r0) == 4:
         return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+    if state_at(map_, p1, r1) != FREE:  # most edges of a planner that collide do so at their end
+        return False
     borders, yaw0, yaw1 = map_.rotations.borders, r0[0], r1[0]
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
@@ -130,17 +133,7 @@ def between(first: float, second: float, t: float) -> float:
 @kernel
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
-    lower, upper, spacing = map_.lower, map_.upper, map_.spacing
-    p = (
-        (first[0] - lower[0]) / spacing,
-        (first[1] - lower[1]) / spacing,
-        (first[2] - lower[2]) / spacing,
-    )
-    q = (
-        (last[0] - lower[0]) / spacing,
-        (last[1] - lower[1]) / spacing,
-        (last[2] - lower[2]) / spacing,
-    )
+    lower, upper, p, q = map_.lower, map_.upper, in_cells(map_, first), in_cells(map_, last)
     inside, total = True, 0.0
     for axis in range(3):
         inside &= (
@@ -163,7 +156,7 @@ def walk_is_free(map_: Map, s: int, p: Row, q: Row, inside: bool) -> bool:
     It lies in the grid if it is `inside`. Otherwise all cells beyond the grid, except those of the
     exterior box, must be known to be FREE.
     """
-    low, high = grid_box(map_) if inside else outer_box(map_, s)
+    low, high = box_to_test(map_, s, inside)
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
     # along z.
     x_rate, y_rate = time_per_cell(p[0], q[0]), time_per_cell(p[1], q[1])
@@ -216,4 +209,4 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
     cells, for t from ``start`` to ``stop``.
     """
     begin, end = p + start * (q - p), p + stop * (q - p)
-    return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)
+    return closed_cells(min(begin, end) - SLACK, max(begin, end) + SLACK)
