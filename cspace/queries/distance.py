@@ -283,7 +283,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     s, skipped = slice_of(map_, rotation), 3 - map_.dim
     box_square = beyond_square = spread = 0.0
     for axis in range(skipped, 3):
-        u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+        u, v = coordinates(map_, position, axis)
         low, high = table.boxes[s, 0, axis - skipped], table.boxes[s, 1, axis - skipped]
         box_gap = max(0.0, low - u, u - high)
         box_square += box_gap * box_gap
@@ -296,7 +296,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     for corner in range(1 << map_.dim):
         cell, weight, gap_square = s, 1.0, 0.0
         for axis in range(skipped, 3):
-            u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+            u, v = coordinates(map_, position, axis)
             k, count = math.floor(v), map_.states.shape[axis + 1]
             share = v - k
             if (corner >> (axis - skipped)) & 1:
@@ -317,16 +317,15 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
 
 
 @kernel
-def coordinate(map_: Map, position: Row, axis: int) -> float:
-    """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
-    return min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+def coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
+    """Return a coordinate in cells from the grid's corner, and among the centers of cells.
 
-
-@kernel
-def coordinate_among_centers(map_: Map, position: Row, axis: int) -> float:
-    """Return a coordinate in cells from the first center, at most at the last one."""
+    Coordinates farther than MAX_CELL are as far from everything. The second one counts from the
+    first center, and is at most at the last one.
+    """
+    place = min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
     last = float(map_.states.shape[axis + 1] - 1)
-    return min(max(coordinate(map_, position, axis) - 0.5, 0.0), last)
+    return place, min(max(place - 0.5, 0.0), last)
 
 
 @kernel

@@ -135,7 +135,6 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
         no_rotations,
         no_rotations.astype(np.float64),
         _list_moves(),
-        math.inf,
         NO_FACTORS,
     )
     x, y = np.ogrid[: shape[0], : shape[1]]

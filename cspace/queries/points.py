@@ -98,8 +98,9 @@ def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     """Return the state of a configuration; NOT_USABLE if its position is not finite."""
     s, (u, v, w) = slice_of(map_, rotation), in_cells(map_, position)
     _, nx, ny, nz = map_.states.shape
-    # Most positions are in the grid. Indices without a sign need no test for negative ones.
-    if min(u, v, w) >= 0.0 and u < nx and v < ny and w < nz:
+    # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
+    # test for negative ones.
+    if (u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz):
         return int(map_.states[s, np.uint32(u), np.uint32(v), np.uint32(w)])
     return state_outside(map_, s, position)
 
@@ -153,7 +154,12 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     _, nx, ny, nz = map_.states.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
-        if not run_in_grid_is_free(map_, s, i, j, max(first, 0), min(last, nz - 1)):
+        start, stop = max(first, 0), min(last, nz - 1)
+        # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
+        for k in range(start + 1, stop):
+            if map_.states[s, i, j, k] != FREE:
+                return False
+        if start <= stop and (map_.states[s, i, j, start] | map_.states[s, i, j, stop]) != FREE:
             return False
         if first >= 0 and last < nz:
             return True
@@ -162,16 +168,6 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
         return True
     begin, end = max(first, low[2]), min(last, high[2])
     return begin > end or (in_grid and begin >= 0 and end < nz)
-
-
-@inlined
-def run_in_grid_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
-    """Return True if cells ``first`` to ``last`` along the last axis, all in the grid, are FREE."""
-    # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
-    for k in range(first + 1, last):
-        if map_.states[s, i, j, k] != FREE:
-            return False
-    return bool(first > last or (map_.states[s, i, j, first] | map_.states[s, i, j, last]) == FREE)
 
 
 @kernel
