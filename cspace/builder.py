@@ -18,6 +18,7 @@ from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
     Correlation,
     Progress,
+    RasterPair,
     group_rasters,
     raster_bytes,
     slice_rasters,
@@ -200,7 +201,7 @@ def build(
             robot,
             store,
             tile,
-            build=build_in_memory,
+            build=build_contents,
             method=method,
             inner=inner,
             client=client,
@@ -216,7 +217,7 @@ def build(
         raise InputError(
             "client", "is given without a store", "its workers make tiles", hint, value=client
         )
-    return build_in_memory(
+    made = build_contents(
         workspace._in_memory(),
         robot,
         cells,
@@ -228,9 +229,10 @@ def build(
         workers=workers,
         progress=progress,
     )
+    return CSpace(*made)
 
 
-def build_in_memory(
+def build_contents(
     workspace: Workspace,
     robot: Robot,
     rotations: Rotations,
@@ -242,8 +244,8 @@ def build_in_memory(
     margin: float,
     workers: int | None,
     progress: Progress | None = None,
-) -> CSpace:
-    """Build a map of checked arguments; see :func:`build`."""
+) -> tuple[Contents, list[RasterPair]]:
+    """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
     grid = workspace.grid
     slice_of = rotations.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
@@ -268,7 +270,7 @@ def build_in_memory(
         overlaps,
         proves_blocked=inner,
     )
-    return CSpace(contents, rasters)
+    return contents, rasters
 
 
 def _check_types(workspace: object, robot: object) -> None:

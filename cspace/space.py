@@ -18,7 +18,7 @@ from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.interface import Endpoint, SearchOptions, Split
 from cspace.limits import check_memory
-from cspace.maps import ConfigurationMap, Result
+from cspace.maps import ConfigurationMap
 from cspace.methods import MapExport
 from cspace.queries.batches import (
     MIN_EDGES_PER_THREAD,
@@ -306,11 +306,7 @@ class CSpace(ConfigurationMap, MapExport):
                     name, f"is {given!r}", "it must be zero or above", hint, value=given
                 )
             spans.append(np.full(points.shape[:-1], along).ravel())
-        states = np.empty(len(rows), dtype=np.uint8)
-        if self._write_states(rows, states) >= 0:
-            self._check_configurations(points)  # raises
-        left = rows[states != FREE]
-        if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
+        if not np.all(self.is_free(points, exact=True)):
             return 0.0
         return self._exact.distance(rows, *spans)
 
@@ -328,18 +324,12 @@ class CSpace(ConfigurationMap, MapExport):
             state = self._look_up_motion(*q0, *q1)
         except TypeError:
             return None
-        if (
-            state == NOT_USABLE
-            or len(q0) != len(q1)
-            or self._is_suspect(q0)
-            or self._is_suspect(q1)
-        ):
-            return None
-        return state
+        is_usable = state != NOT_USABLE and len(q0) == len(q1)
+        return None if not is_usable or self._is_suspect(q0) or self._is_suspect(q1) else state
 
     def _connection_of_one(
-        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
-    ) -> tuple[bool, bool] | None:
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
+    ) -> bool | None:
         """Return whether two configurations are connected or disconnected; see the base class."""
         with self._lock:  # an update changes the components
             try:
@@ -348,17 +338,16 @@ class CSpace(ConfigurationMap, MapExport):
                 return None
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
-            if self._components.are_joined(*places):
-                return True, False
-            return False, not self._components.are_joined(*places, mixed=True)
+            joined = self._components.are_joined(*places)
+            if not apart:
+                return joined
+            return not joined and not self._components.are_joined(*places, mixed=True)
 
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
         """Return True if an angle seems to be in degrees, so that a warning is due."""
-        return (
-            any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
-            if self._angles
-            else False
-        )
+        if not self._angles:
+            return False
+        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
@@ -376,7 +365,12 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
             infinite input.
         """
-        return self._exact.point_checker(self._point_checker) if exact else self._point_checker
+        look_up = self._look_up_state
+
+        def check(*q: float) -> bool:
+            return look_up(*q) == FREE
+
+        return self._exact.point_checker(check) if exact else check
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, for callbacks.
@@ -392,7 +386,12 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
             returns False for NaN or infinite input.
         """
-        return self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
+        look_up = self._look_up_motion
+
+        def check(*both: float) -> bool:
+            return look_up(*both) == FREE
+
+        return self._exact.edge_checker(check) if exact else check
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
@@ -531,9 +530,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         dim = self.grid.dim
         if not self.rotations.steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[
@@ -550,9 +547,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.paths import in_time, path_length, pulled_straight
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True, exact=True)
         until, rotations = clock() + seconds, self.rotations
         check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
@@ -642,9 +637,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.paths import edge_costs, in_time, pulled_straight
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
         until = clock() + seconds
         paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
@@ -688,17 +681,11 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.lower_bound import min_length
 
-        grid, endpoints = (
-            self.grid,
-            np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]),
-        )
-        passable = np.zeros(grid.shape, dtype=np.bool_)
-        for states in self._seen:
-            passable |= states != BLOCKED
+        grid = self.grid
+        start, goal = (self._ends(q0, q1)[:, : grid.dim] - grid.lower) / grid.spacing
+        passable = self._seen.min(axis=0) < BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(
-            passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing)
-        )
+        return grid.spacing * min_length(passable, is_open, start, goal)
 
     def find_widest_path(
         self,
@@ -751,9 +738,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
         from cspace.queries.widest import WidthMap, find_widest_path
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         widths = WidthMap(
             self._search_distances(), self._slice_of, self.rotations, self._turn_costs
         )
@@ -1087,12 +1072,8 @@ class CSpace(ConfigurationMap, MapExport):
 
         It is FREE or BLOCKED if all rotations agree, otherwise MIXED.
         """
-        lowest = np.array(self._seen[0])
-        highest = lowest.copy()
-        for index in range(1, len(self._seen)):
-            np.minimum(lowest, self._seen[index], out=lowest)
-            np.maximum(highest, self._seen[index], out=highest)
-        return np.where(lowest == highest, lowest, MIXED).astype(np.uint8)
+        lowest, highest = self._seen.min(axis=0), self._seen.max(axis=0)
+        return np.where(lowest == highest, lowest, np.uint8(MIXED))
 
     # ---- caches ----------------------------------------------------------------------------------
 
@@ -1212,23 +1193,14 @@ class CSpace(ConfigurationMap, MapExport):
 
         return motion_lookup(self._kernel_map, self.size)
 
-    @lazy
-    def _point_checker(self) -> Callable[..., bool]:
-        """Fast test of configurations."""
-        look_up = self._look_up_state
-        return lambda *q: look_up(*q) == FREE
-
-    @lazy
-    def _edge_checker(self) -> Callable[..., bool]:
-        """Fast test of edges."""
-        look_up = self._look_up_motion
-        return lambda *both: look_up(*both) == FREE
-
     # ---- queries of rows -------------------------------------------------------------------------
 
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        with self._lock:
-            return work()
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        return self._lock
+
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
         from cspace.queries.points import classify
@@ -1260,7 +1232,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         table = self._distances.known
         if table is None:
-            bad = self._write_states(rows, np.empty(len(out), dtype=np.uint8))
+            bad = self.find_unusable(rows)
             if bad >= 0:
                 return bad
             slices = np.unique(self._slice_of[self.rotations.find_cells(rows)])
@@ -1280,6 +1252,10 @@ class CSpace(ConfigurationMap, MapExport):
         counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
         return counts
 
+    def _ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
+        """Return two configurations in the grid, shape (2, size); see :meth:`_in_grid`."""
+        return np.stack([self._in_grid(q0, "q0", **options), self._in_grid(q1, "q1", **options)])
+
     def _in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
     ) -> Floats:
@@ -1294,7 +1270,7 @@ class CSpace(ConfigurationMap, MapExport):
         point = self.rotations.make_canonical(given, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         if is_valid and free:
-            is_valid = bool(self.is_free(point, exact=True)) if exact else self._is_in_free(point)
+            is_valid = bool(self.is_free(point, exact=exact))
         if not is_valid:
             kind = ("free " if exact else "FREE ") if free else ""
             hint = "ask nearest_free for one" if free else "ask grid.lower and grid.upper"
@@ -1302,10 +1278,3 @@ class CSpace(ConfigurationMap, MapExport):
                 name, f"is {q!r}", f"it must be one {kind}configuration in the grid", hint, value=q
             )
         return point
-
-    def _is_in_free(self, point: Floats) -> bool:
-        """Return True if a configuration in the grid lies in a FREE cell."""
-        rotation, *cell = self._cells_of(point).tolist()
-        last = np.subtract(self.grid.shape, 1)  # the upper border belongs to the last cell
-        index = (self._slice_of[rotation], *np.minimum(cell, last))
-        return bool(self._seen[index] == FREE)

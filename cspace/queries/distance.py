@@ -38,6 +38,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from cspace.grid import SLACK
 from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
@@ -152,13 +153,11 @@ def find_box(states: States, exterior: Ints) -> Floats:
     first, last = exterior[:dim], exterior[dim:-1]
     if (first <= last).all():
         box[:] = first, last + 1.0
-    taken = states != FREE
-    for axis in range(dim):
-        others = tuple(other for other in range(dim) if other != axis)
-        layers = np.flatnonzero(taken.any(axis=others))
-        if len(layers):
-            box[0, axis] = min(box[0, axis], layers[0])
-            box[1, axis] = max(box[1, axis], layers[-1] + 1.0)
+    taken = ndimage.find_objects((states != FREE).view(np.uint8))
+    if taken:
+        cells = np.array([(side.start, side.stop) for side in taken[0]]).T
+        box[0] = np.minimum(box[0], cells[0])
+        box[1] = np.maximum(box[1], cells[1])
     return box
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.engines.dilation import ClippedRuns, to_three_axes
 from cspace.engines.slices import Correlation, RasterGroups, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -22,9 +20,6 @@ from cspace.shapes import Shape
 from cspace.support.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
 from cspace.support.check import check_cells
 from cspace.workspace import Workspace, copy_workspace
-
-_NEVER: Final = 2**62
-"""Minimum offset of a raster without cells; its negative is the maximum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +48,12 @@ class Update:
 
         The box is that around the boxes of all updates, and numbers are added.
         """
-        computed = [each for each in updates if each.lower != each.upper]
-        nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
-        lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
-        upper = np.max([each.upper for each in computed or updates or nowhere], axis=0)
-        occupied, changed = (
-            sum(getattr(each, name) for each in updates) for name in ("occupied", "changed")
-        )
+        nothing = cls(0, (0,) * dim, (0,) * dim, 0)
+        boxes = [each for each in updates if each.lower != each.upper] or updates or [nothing]
+        lower = np.min([each.lower for each in boxes], axis=0)
+        upper = np.max([each.upper for each in boxes], axis=0)
+        occupied = sum(each.occupied for each in updates)
+        changed = sum(each.changed for each in updates)
         return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
@@ -139,38 +133,20 @@ class Patch:
 
 
 def _copy_cells(values: ArrayLike, name: str) -> Bools:
-    """Return a contiguous writable copy of cells.
-
-    It holds only the bytes 0 and 1.
-    """
-    if (
-        type(values) is np.ndarray
-        and values.dtype == np.bool_
-        and values.size
-        and values.ndim in (2, 3)
-    ):
-        return np.not_equal(
-            values, 0, order="C"
-        )  # a view as bool may hold other bytes than 0 and 1
-    return np.array(check_cells(values, name))
+    """Return a contiguous writable copy of cells."""
+    return np.array(check_cells(values, name), order="C")
 
 
 def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     """Return the index of a box's first cell as integers."""
-    values: object = lower
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
     try:
-        first = (
-            tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
-        )
+        first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
     except TypeError:
         first = ()
     if len(first) != dim:
         rule = f"it must be {dim} integers, the index of the first cell"
-        raise InputError(
-            "lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower
-        )
+        hint = "convert metres with space.grid.cell_of"
+        raise InputError("lower", f"is {lower!r}", rule, hint, value=lower)
     return first
 
 
@@ -210,7 +186,7 @@ class Updater:
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
         self._engine = Correlation.create("direct", self._sides, contents.outside, None)
-        self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
+        self._reach = _reach(self._sides)
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
         self._workspace = copy_workspace(contents.workspace, live=True)
@@ -380,18 +356,8 @@ def _layers_of(workspace: Workspace) -> ObstacleLayers:
     )
 
 
-def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:
-    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d).
-
-    A robot that touches the blocked exterior from everywhere depends on no cell.
-    """
-    low, high = np.full(3, _NEVER), np.full(3, -_NEVER)
-    for side in sides:
-        for runs in ClippedRuns.of(side, to_three_axes(shape)):
-            if len(runs.table) and not (runs.clipped and exterior_blocked):
-                last = runs.table[:, :3].copy()
-                last[:, 2] += runs.table[:, 3] - 1
-                low = np.minimum(low, runs.table[:, :3].min(axis=0))
-                high = np.maximum(high, last.max(axis=0))
-    dim = len(shape)
-    return np.stack([low, high])[:, 3 - dim :]
+def _reach(sides: RasterGroups) -> Ints:
+    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d)."""
+    rasters = [raster for side in sides for raster in side if raster.count]
+    low = np.min([raster.lower for raster in rasters], axis=0)
+    return np.stack([low, np.max([raster.upper for raster in rasters], axis=0)])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
-from tests.map.test_widest import (
+from tests.queries.test_widest import (
     WIDEST_SPACES,
     compute_length,
     draw_map,
