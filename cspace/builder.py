@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.engines import ENGINES, METHODS
+from cspace.engines import ENGINES, METHODS, choose_engine
 from cspace.engines.slices import (
-    Correlation,
     Progress,
     RasterPair,
+    fill_states,
     group_rasters,
     raster_bytes,
     slice_rasters,
@@ -255,10 +255,11 @@ def build_contents(
     check_memory(needed, "the map", grid, slices=slices)
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
-    correlation = Correlation.create(method, groups, outside, workers, progress, counts)
+    name = choose_engine(groups[0], counts=counts) if method == "auto" else method
     states = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
-    correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
+    cells = workspace.outer, workspace.inner
+    fill_states(ENGINES[name], outside, cells, groups, states, overlaps, workers, progress)
     contents = Contents(
         workspace,
         robot,

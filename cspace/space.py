@@ -33,7 +33,6 @@ from cspace.record.cells import Map, make_record
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.record.states import (
-    check_bytes,
     count_states,
     read_only,
 )
@@ -314,7 +313,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the state of one configuration; see the base class."""
         try:
             state = self._look_up_state(*q)
-        except TypeError:  # another number of entries, or none that are numbers
+        except (TypeError, ValueError):  # another number of entries, or none that are numbers
             return None
         return None if state == NOT_USABLE or self._is_suspect(q) else state
 
@@ -322,7 +321,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Return whether one motion is proven free; see the base class."""
         try:
             state = self._look_up_motion(*q0, *q1)
-        except TypeError:
+        except (TypeError, ValueError):
             return None
         is_usable = state != NOT_USABLE and len(q0) == len(q1)
         return None if not is_usable or self._is_suspect(q0) or self._is_suspect(q1) else state
@@ -334,7 +333,7 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:  # an update changes the components
             try:
                 places = self._look_up_place(*q0), self._look_up_place(*q1)
-            except TypeError:
+            except (TypeError, ValueError):
                 return None
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
@@ -569,7 +568,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the path of :class:`cspace.queries.undecided.Undecided`; edges pass ``check``."""
         from cspace.queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
-        check_bytes(UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations))
+        needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
+        check_memory(needed, "the map, to search its MIXED cells,", self.grid)
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
         search = Undecided(

@@ -56,9 +56,12 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[.
 def bind_numbers(
     kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
 ) -> Callable[..., Any]:
-    """Bind a kernel of ``fixed`` and ``total`` numbers; calls give the last ``given``."""
-    look_up = bind_kernel(kernel, fixed, *[0.0] * total)
-    return partial(look_up, *[0.0] * (total - given))
+    """Bind a kernel of ``fixed`` and a tuple of ``total`` numbers; calls give the last ``given``.
+
+    So a kernel is compiled once for configurations of all sizes.
+    """
+    look_up, before = bind_kernel(kernel, fixed, (0.0,) * total), (0.0,) * (total - given)
+    return lambda *numbers: look_up((*before, *numbers))
 
 
 @inlined
@@ -82,21 +85,15 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
 
 
 @kernel
-def state_of(
-    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
-) -> int:
+def state_of(map_: Map, numbers: Numbers) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     return state_at(map_, position, rotation) if is_rotation(rotation) else NOT_USABLE
 
 
 @kernel
-def place_of(
-    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
-) -> int:
+def place_of(map_: Map, numbers: Numbers) -> int:
     """Return the index of the cell over all rotation cells, or -1."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape
@@ -108,29 +105,10 @@ def place_of(
 
 
 @kernel
-def motion_of(
-    map_: Map,
-    size: int,
-    a: float,
-    b: float,
-    c: float,
-    d: float,
-    e: float,
-    f: float,
-    g: float,
-    h: float,
-    i: float,
-    j: float,
-    k: float,
-    m: float,
-    n: float,
-    o: float,
-) -> int:
+def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
     """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
-    numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
-    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = configuration_before(map_, numbers, middle)
-    p1, r1 = configuration_before(map_, numbers, end)
+    p0, r0 = configuration_before(map_, numbers, 2 * MAX_SIZE - size)
+    p1, r1 = configuration_before(map_, numbers, 2 * MAX_SIZE)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
     return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

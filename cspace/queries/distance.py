@@ -342,19 +342,8 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 
 @kernel
-def clearance_of(
-    map_: Map,
-    table: DistanceTable,
-    a: float,
-    b: float,
-    c: float,
-    d: float,
-    e: float,
-    f: float,
-    g: float,
-) -> float:
+def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
     """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     return clearance_at(map_, table, position, rotation)
 
@@ -364,6 +353,6 @@ def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[
 
     It follows all changes of the map.
     """
-    padding = (0.0,) * (MAX_SIZE - size)
-    evaluate = bind_kernel(clearance_of, (map_,), distances.whole(), *[0.0] * MAX_SIZE)
-    return lambda *q: evaluate(distances.whole(), *padding, *q)
+    before = (0.0,) * (MAX_SIZE - size)
+    measure = bind_kernel(clearance_of, (map_,), distances.whole(), (0.0,) * MAX_SIZE)
+    return lambda *q: measure(distances.whole(), (*before, *q))

@@ -14,6 +14,7 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -242,15 +243,24 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
     The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
     cell is closed.
     """
-    enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the cell
-    for step, offset in zip(move, cell, strict=True):
-        if step == 0 and offset != 0:
-            return False
-        if step != 0:
-            sides = (offset - 0.5) / step, (offset + 0.5) / step
-            enter = max(enter, min(sides))
-            leave = min(leave, max(sides))
+    enter, leave = times_in_box(move, [each - 0.5 for each in cell])
     return enter <= leave
+
+
+def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, float]:
+    """Return the fractions between which the segment from zero to ``step`` is in a closed box.
+
+    The box is a cell with the corner ``lower``. The first fraction is above the second one if the
+    segment misses the box.
+    """
+    enter, leave = 0.0, 1.0
+    for along, low in zip(step, lower, strict=True):
+        if along != 0:
+            sides = low / along, (low + 1) / along
+            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+        elif not low <= 0.0 <= low + 1.0:
+            return 1.0, 0.0
+    return enter, leave
 
 
 def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:

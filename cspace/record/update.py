@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.engines.slices import Correlation, RasterGroups, group_rasters
+from cspace.engines import dilation
+from cspace.engines.slices import RasterGroups, fill_states, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
@@ -185,7 +186,6 @@ class Updater:
         self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
-        self._engine = Correlation.create("direct", self._sides, contents.outside, None)
         self._reach = _reach(self._sides)
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
@@ -294,11 +294,11 @@ class Updater:
         """Return the states of the cells from ``first`` to ``stop``, with the patch."""
         begin = np.maximum(first + self._reach[0], 0)
         end = np.minimum(stop + self._reach[1], self._grid.shape)
-        outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
+        cells = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
         shift = (first - begin).tolist()
         sides = [[raster.translate(shift) for raster in side] for side in self._sides]
         states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
-        self._engine.fill(outer, inner, sides, states, None)
+        fill_states(dilation, self._outside, cells, sides, states)
         return states
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
