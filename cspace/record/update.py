@@ -5,11 +5,13 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.engines import dilation
+from cspace.engines.dilation import ClippedRuns, to_three_axes
 from cspace.engines.slices import RasterGroups, fill_states, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -21,6 +23,10 @@ from cspace.shapes import Shape
 from cspace.support.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
 from cspace.support.check import check_cells
 from cspace.workspace import Workspace, copy_workspace
+
+
+_NEVER: Final = 2**62
+"""Minimum offset of a raster without cells; its negative is the maximum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +192,7 @@ class Updater:
         self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
-        self._reach = _reach(self._sides)
+        self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
         self._workspace = copy_workspace(contents.workspace, live=True)
@@ -356,8 +362,18 @@ def _layers_of(workspace: Workspace) -> ObstacleLayers:
     )
 
 
-def _reach(sides: RasterGroups) -> Ints:
-    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d)."""
-    rasters = [raster for side in sides for raster in side if raster.count]
-    low = np.min([raster.lower for raster in rasters], axis=0)
-    return np.stack([low, np.max([raster.upper for raster in rasters], axis=0)])
+def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:
+    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d).
+
+    A robot that touches the blocked exterior from everywhere depends on no cell.
+    """
+    low, high = np.full(3, _NEVER), np.full(3, -_NEVER)
+    for side in sides:
+        for runs in ClippedRuns.of(side, to_three_axes(shape)):
+            if len(runs.table) and not (runs.clipped and exterior_blocked):
+                last = runs.table[:, :3].copy()
+                last[:, 2] += runs.table[:, 3] - 1
+                low = np.minimum(low, runs.table[:, :3].min(axis=0))
+                high = np.maximum(high, last.max(axis=0))
+    dim = len(shape)
+    return np.stack([low, high])[:, 3 - dim :]
