@@ -24,7 +24,6 @@ from cspace.support.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
 from cspace.support.check import check_cells
 from cspace.workspace import Workspace, copy_workspace
 
-
 _NEVER: Final = 2**62
 """Minimum offset of a raster without cells; its negative is the maximum."""
 
