@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -138,14 +139,8 @@ def fill_states(
     """
     hits = states.view(np.bool_)
     outputs = [hits if overlaps is None else overlaps, states]
-
     for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
-
-        def advance(done: int, total: int, index: int = index) -> None:
-            if progress is not None:
-                steps = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
-                progress(steps, STEPS_PER_CORRELATION * len(groups))
-
+        advance = partial(_advance, progress, index, len(groups))
         engine.collide(
             occupied,
             rasters,
@@ -158,3 +153,10 @@ def fill_states(
         advance(1, 1)  # even if there was nothing to do
         if overlaps is not None and index == 0:
             np.not_equal(overlaps, 0, out=hits)
+
+
+def _advance(progress: Progress | None, index: int, count: int, done: int, total: int) -> None:
+    """Report the progress of one of several correlations."""
+    if progress is not None:
+        steps = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
+        progress(steps, STEPS_PER_CORRELATION * count)
