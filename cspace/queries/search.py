@@ -388,7 +388,7 @@ def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
     _, nx, ny, nz = graph.states.shape
     if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
         return False
-    return graph.states[number, i, j, k] == FREE
+    return bool(graph.states[number, i, j, k] == FREE)
 
 
 @kernel
@@ -396,7 +396,8 @@ def factor_at(graph: Graph, number: int, i: int, j: int, k: int) -> np.float32:
     """Return the factor of the cost of moves in a cell of a slice."""
     if graph.factors.shape[0] == 0:
         return np.float32(1.0)
-    return graph.factors[number, i, j, k]
+    factor: np.float32 = graph.factors[number, i, j, k]
+    return factor
 
 
 @kernel
