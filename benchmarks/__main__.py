@@ -13,8 +13,6 @@ from typing import Any
 
 from benchmarks.report import Report, write_whole
 
-DOCS_FOLDER = Path(__file__).resolve().parents[1] / "docs"
-
 BENCHMARKS = {
     "peers": "engines against all peers: promises, bare transforms, memory; cost over sizes; table and plot",
     "update": "a map after a box of its workspace changed, against a build of the whole",
@@ -58,9 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--output",
         metavar="FOLDER",
         type=Path,
-        help="peers: folder of benchmarks.md and benchmarks.png, written if all results are right (default docs, "
-        "or "
-        "none with --quick)",
+        help="peers: write benchmarks.md and benchmarks.png into FOLDER if all results are right",
     )
     parser.add_argument(
         "--from",
@@ -70,12 +66,12 @@ def main(arguments: list[str] | None = None) -> int:
         help="peers: run nothing, use the figures that --json wrote",
     )
     options = parser.parse_args(arguments)
-    folder = options.output or (None if options.quick else DOCS_FOLDER)
+    folder = options.output
     if options.file is not None:
         whole = json.loads(options.file.read_text(encoding="utf-8"))
         if whole["failures"] or not any("sweep" in row for row in whole["rows"]):
             parser.error(f"{options.file} is not a correct run of peers; make one with --json")
-        write_page(whole, folder or DOCS_FOLDER)
+        write_page(whole, folder or Path.cwd())
         return 0
 
     arguments = [*options.names, *(["--quick"] if options.quick else [])]

@@ -21,6 +21,7 @@ from .errors import GeometryError as GeometryError
 from .errors import InputError as InputError
 from .errors import MissingPackageError as MissingPackageError
 from .errors import UnitWarning as UnitWarning
+from .files import ros as ros
 from .grid import Grid as Grid
 from .interface import Goal as Goal
 from .interface import Space as Space

@@ -34,7 +34,7 @@ from cspace.space import CSpace
 from cspace.support.arrays import Floats
 from cspace.support.check import check_count, check_not_negative, check_word
 from cspace.support.words import Method, Outside
-from cspace.workspace import Workspace
+from cspace.workspace import Workspace, load_workspace
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -218,7 +218,7 @@ def build(
             "client", "is given without a store", "its workers make tiles", hint, value=client
         )
     made = build_contents(
-        workspace._in_memory(),
+        load_workspace(workspace),
         robot,
         cells,
         inner=inner,

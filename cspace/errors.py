@@ -6,6 +6,7 @@ Messages consist of them; the command line puts them in its own words.
 
 from __future__ import annotations
 
+import inspect
 import sys
 import warnings
 from importlib import import_module
@@ -119,9 +120,9 @@ class UnitWarning(UserWarning):
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
-    frame, level = sys._getframe(1), 2
+    frame, level = inspect.currentframe(), 1
     while (
-        frame.f_back is not None
+        frame is not None
         and frame.f_globals.get("__name__", "").partition(".")[0] in _INTERNAL_PACKAGES
     ):
         frame, level = frame.f_back, level + 1

@@ -158,6 +158,7 @@ class MapExport:
 
     _contents: Contents
     _write: Callable[..., None]
+    _clearances_of_cells: Callable[[int | None], Any]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
@@ -220,7 +221,7 @@ class MapExport:
         ----------
         msg : object, optional
             A message of ROS 1 or 2 to fill: any object with the fields of
-            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.files.ros.OccupancyGrid`.
+            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
         rotation : array-like, shape (k,), optional
             Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
         frame_id : str
@@ -262,7 +263,7 @@ class MapExport:
         ----------
         msg : object, optional
             A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
-            :class:`cspace.files.ros.Costmap`.
+            :class:`cspace.ros.Costmap`.
         inflation_radius : float
             Metres from the obstacles, zero or above; compared with the clearance plus the radius of
             the robot's inscribed circle, margin included. The defaults of this and of
@@ -289,4 +290,7 @@ class MapExport:
         from cspace.export.messages import costmap_of
 
         space: Any = self
-        return costmap_of(space, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)
+        clearances = self._clearances_of_cells
+        return costmap_of(
+            space, clearances, msg, inflation_radius, cost_scaling_factor, rotation, frame_id
+        )

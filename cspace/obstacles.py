@@ -9,8 +9,6 @@ import hashlib
 import json
 import math
 import mmap
-import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -167,7 +165,7 @@ class LazyCells:
 
 def _unwrap(array: Any) -> Any:
     """Return the array in an xarray, which may be lazy, or the array itself."""
-    return array.variable._data if hasattr(array, "variable") else array
+    return array.data if hasattr(array, "variable") else array
 
 
 def _package_of(array: Any) -> str:
@@ -182,18 +180,14 @@ def _open_memmap(
     return LazyCells(np.memmap(file, dtype, "r", offset, shape, order))
 
 
-def _files_to_watch(file: Path) -> Iterable[Path]:
-    """Yield files whose times change with an array.
+def _files_to_watch(file: Path) -> list[Path]:
+    """Return files whose times change with an array.
 
     They are the file itself, or a folder with all its folders, whose times change when a file in
     them is replaced.
     """
-    yield file
-    if file.is_dir():
-        for folder, _, names in sorted(os.walk(file)):
-            yield Path(folder)
-            if "zarr.json" in names:
-                yield Path(folder) / "zarr.json"
+    inside = file.rglob("*")
+    return [file, *sorted(path for path in inside if path.is_dir() or path.name == "zarr.json")]
 
 
 class ShapeCells:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cspace.errors import FileError
-from cspace.files.access import inspect_path, suggest_name
+from cspace.files.access import inspect_path, suggest_file
 from cspace.record.save import TILES_FORMAT, making_map, read_format, read_map
 from cspace.space import CSpace
 from cspace.support.arrays import StrPath
@@ -58,13 +58,13 @@ open = open_map  # noqa: A001 - its public name, cspace.open
 
 def _check_folder(path: StrPath) -> None:
     """Raise FileError if there is no folder at a path."""
-    (file, what), rule = inspect_path(path, "saved map"), "a saved map is a Zarr folder"
-    if not what:
-        raise FileError(str(file), "does not exist", rule, suggest_name(file) or "check the name")
+    file, what = inspect_path(path, "saved map")
     if what == "a folder":
         return
-    hint = "build the map first, with cspace.build or cspace map"
+    problem = "is not a saved map" if what else "does not exist"
+    rule = "a saved map is a Zarr folder"
+    hint = suggest_file(file, "build the map first, with cspace.build or cspace map")
     if file.suffix.lower() == ".npz":
         rule = f"{rule}; .npz is an export, for numpy.load"
         hint = "save the map with space.save('map.zarr')"
-    raise FileError(str(file), "is not a saved map", rule, hint)
+    raise FileError(str(file), problem, rule, hint)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -98,7 +98,7 @@ class Robot:
         return {"name": self.name, **self.shape.spec}
 
     @property
-    def _definition(self) -> str:
+    def definition(self) -> str:
         """JSON of :attr:`spec`."""
         return json.dumps(self.spec, sort_keys=True)
 
@@ -461,11 +461,9 @@ class Robot:
         Parameters
         ----------
         text : str
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``,
-            ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each
-            followed by its center if that is not the origin, as in ``rect:4.5x1.9@1.3,0``;
-            ``footprint:[[X,Y],...]``, or ``footprint:`` and the text of a robot in space, for its
-            projection.
+            A name, a colon and sizes in metres, such as ``disc:0.3``; the page on robots lists all
+            names. The center follows if it is not the origin, as in ``rect:4.5x1.9@1.3,0``.
+            ``footprint:`` and the text of a robot in space are its projection.
 
         Raises
         ------
@@ -479,7 +477,7 @@ class Robot:
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
         if not isinstance(text, str) or not primitives.is_short_text(text):
-            hint = f"pass {', '.join(primitives.SHORT_TEXTS)}; Robot.open reads files"
+            hint = f"pass {primitives.SHORT_TEXT_FORMS}; Robot.open reads files"
             raise InputError(
                 "robot",
                 f"is {text!r}",
@@ -502,10 +500,9 @@ class Robot:
         Parameters
         ----------
         path : path-like
-            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
-            ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as
-            ``FILE.yaml#COSTMAP``.
+            Polygons, a mesh, a URDF, or Nav2's parameters. ``FILE.urdf#LINK,LINK`` selects links,
+            and ``FILE.yaml#COSTMAP`` a costmap. The page on files (docs/reference/files.md) has a
+            table of all suffixes.
         solid : {"auto", "surface", "fill"}, optional
             Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
@@ -519,27 +516,27 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        files = _files()
+        from cspace.files.formats import ROBOT_FORMATS
+
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
-        name, part = _split_part(path, files)
-        texts = ", ".join(primitives.SHORT_TEXTS)
-        rule = f"it must be a file that describes a robot; Robot.parse takes {texts}"
-        suffix = check_suffix(name, files, rule, "robot")
-        reader, taken = files[suffix]
+        name, part = _split_part(path, ROBOT_FORMATS)
+        rule = (
+            "it must be a file that describes a robot; Robot.parse takes "
+            f"{primitives.SHORT_TEXT_FORMS}"
+        )
+        form = ROBOT_FORMATS[check_suffix(name, ROBOT_FORMATS, rule, "robot")]
         given = {"solid": solid, "package_dirs": package_dirs}
         options = {option: value for option, value in given.items() if value is not None}
         for option, value in options.items():
-            if option not in taken:
-                rule = (
-                    "it applies to "
-                    f"{', '.join(known for known, (_, names) in files.items() if option in names)}"
-                )
+            if option not in form.options:
+                known = [suffix for suffix, each in ROBOT_FORMATS.items() if option in each.options]
+                rule = f"it applies to {', '.join(known)}"
                 raise InputError(
                     option, f"is {value!r} for {path}", rule, "leave it out", value=value
                 )
-        return reader(Path(name), *[part] if part else [], **options)
+        return _read_robot(form.method, Path(name), part, options)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -637,28 +634,17 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     return Robot(type(shape).__name__.lower(), shape)
 
 
-def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
-    """Return the constructor for a robot file, and its options.
+def _read_robot(method: str, path: Path, part: str, options: dict[str, Any]) -> Robot:
+    """Read a robot file by a method of :class:`Robot`.
 
-    The suffix of the file selects it; the options are names.
-
-    Its arguments are the path and, if the file holds several robots, the name of one.
+    ``part`` names a robot in a file that holds several, or is empty.
     """
-    from cspace.files.meshes import MESH_SUFFIXES
-    from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
+    if method == "polygon":
+        from cspace.files.vector import read_shapes
 
-    def mesh(path: Path, *part: str, solid: Solid = "auto") -> Robot:
-        return Robot.from_mesh(path, solid=solid, name=f"mesh {path.name}")
-
-    def polygon(path: Path, *part: str) -> Robot:
         return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
-
-    def urdf(path: Path, *links: str, **options: Any) -> Robot:
-        return Robot.from_urdf(path, links[0].split(",") if links else None, **options)
-
-    return {
-        **dict.fromkeys(POLYGON_SUFFIXES, (polygon, ())),
-        **dict.fromkeys(MESH_SUFFIXES, (mesh, ("solid",))),
-        ".urdf": (urdf, ("solid", "package_dirs")),
-        **dict.fromkeys((".yaml", ".yml"), (Robot.from_nav2, ())),
-    }
+    if method == "from_mesh":
+        return Robot.from_mesh(path, name=f"mesh {path.name}", **options)
+    if method == "from_nav2":
+        return Robot.from_nav2(path, part or None)
+    return Robot.from_urdf(path, part.split(",") if part else None, **options)

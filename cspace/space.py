@@ -38,7 +38,7 @@ from cspace.record.states import (
 )
 from cspace.rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
 from cspace.shapes import Shape, ShapeLike, as_shape
-from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
+from cspace.support.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints, States
 from cspace.support.check import (
     check_count,
     check_finite,
@@ -1066,14 +1066,6 @@ class CSpace(ConfigurationMap, MapExport):
         else:
             cells = self._distances.array_of(number)
         return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
-
-    def _flat_state(self) -> States:
-        """Return each cell's state over all rotations.
-
-        It is FREE or BLOCKED if all rotations agree, otherwise MIXED.
-        """
-        lowest, highest = self._seen.min(axis=0), self._seen.max(axis=0)
-        return np.where(lowest == highest, lowest, np.uint8(MIXED))
 
     # ---- caches ----------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, ch
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
-from cspace.support.check import check_bounds, check_cells, check_finite, check_positive, check_word
+from cspace.support.check import check_bounds, check_cells, check_point, check_positive, check_word
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -209,12 +209,7 @@ class Workspace(WorkspacePlot):
         reads_later = inner is None and is_lazy(array)
         cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
         dim = len(cells.shape)
-        corner = check_finite(np.zeros(dim) if lower is None else lower, "lower")
-        if corner.shape != (dim,):
-            rule = f"it must have {dim} coordinates, as occupied has axes"
-            raise InputError(
-                "lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower
-            )
+        corner = check_point((0.0,) * dim if lower is None else lower, "lower", dim)
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         grid = Grid(corner, spacing, cells.shape)
@@ -226,7 +221,7 @@ class Workspace(WorkspacePlot):
         """Read a ROS map.
 
         It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
-        origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
+        origin with its yaw apply as in :func:`cspace.ros.read_ros_map`.
 
         Parameters
         ----------
@@ -266,7 +261,7 @@ class Workspace(WorkspacePlot):
         ----------
         msg : object
             With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
+            :class:`cspace.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
             ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
             applies as in a ROS map. The resolution is a float32 in messages; it is read as the
             shortest decimal number that rounds to it: 0.05, not 0.0500000007.
@@ -367,7 +362,7 @@ class Workspace(WorkspacePlot):
         cls,
         shapes: Sequence[Shape],
         spacing: float,
-        box: Floats | None,
+        bounds: ArrayLike | None,
         source: str,
         kind: str = "",
         points: Floats | None = None,
@@ -375,21 +370,23 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Rasterize shapes of one dimension on a grid.
 
-        The grid covers a box, shape (2, dim), or the bounds of the shapes. If ``kind`` names the
+        The grid covers the bounds, or the bounding box of the shapes. If ``kind`` names the
         shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
         """
         from cspace.obstacles import Obstacle, ShapeCells
 
-        bounds = np.array([shape.outer.bounds for shape in shapes])
-        corners = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+        check_positive(spacing, "spacing")
+        boxes = np.array([shape.outer.bounds for shape in shapes])
+        corners = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
         cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
-        grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
+        grid = covering_grid(box, spacing, 0 if lazy else cost)
         if kind:
             extent = corners
             if points is not None:
                 extent = np.stack([points.min(axis=0), points.max(axis=0)])
-            warn_of_units(extent, spacing, kind, box is not None)
+            warn_of_units(extent, spacing, kind, bounds is not None)
         if lazy:
             return LazyWorkspace(grid, ShapeCells(shapes[0], grid), source, tuple(shapes))
         if len(shapes) == 1:
@@ -440,7 +437,6 @@ class Workspace(WorkspacePlot):
         >>> cspace.Workspace.from_shapes(shapes, 0.1, bounds=(0, 0, 4, 3))
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
-        check_positive(spacing, "spacing")
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             problem, hint = (
                 f"is a {type(shapes).__name__}",
@@ -460,14 +456,9 @@ class Workspace(WorkspacePlot):
                 raise InputError(
                     f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape
                 )
-        box = None if bounds is None else check_bounds(bounds, made[0].dim)
         return cls._of(
-            made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes"
+            made, spacing, bounds, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes"
         )
-
-    def _in_memory(self) -> Workspace:
-        """Return the workspace with all its cells in memory."""
-        return self
 
     @property
     def cells(self) -> Source:
@@ -527,8 +518,6 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
-        check_positive(spacing, "spacing")
-        box = None if bounds is None else check_bounds(bounds)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
         named = (
@@ -536,7 +525,7 @@ class Workspace(WorkspacePlot):
             and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
         )
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
-        return cls._of([shape], spacing, box, source, "set of polygons", lazy=lazy)
+        return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
 
     @classmethod
     def from_mesh(
@@ -577,8 +566,6 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
-        check_positive(spacing, "spacing")
-        box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
@@ -586,7 +573,7 @@ class Workspace(WorkspacePlot):
             raise InputError(
                 "lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy
             )
-        made = cls._of([shape], spacing, box, source, "mesh", lazy=lazy)
+        made = cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -619,9 +606,7 @@ class Workspace(WorkspacePlot):
             If shapes of arrays disagree, a value is invalid, or the map does not fit into memory.
         """
         balls = Balls.of(centers, radii)
-        check_positive(spacing, "spacing")
-        box = None if bounds is None else check_bounds(bounds, balls.dim)
-        return cls._of([balls], spacing, box, f"{len(balls.radii)} balls")
+        return cls._of([balls], spacing, bounds, f"{len(balls.radii)} balls")
 
     @classmethod
     def from_points(
@@ -655,17 +640,13 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.points import read_points
 
-        check_positive(spacing, "spacing")
         named = isinstance(points, str | os.PathLike)
-        if named and bounds is not None:
-            check_bounds(bounds, 3)
         cloud = Balls.of(
             read_points(points) if isinstance(points, str | os.PathLike) else points, radius
         )
-        box = None if bounds is None else check_bounds(bounds, cloud.dim)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
         source = str(points) if named else f"{len(cloud.radii)} points"
-        return cls._of([cloud], spacing, box, source, "cloud", cloud.centers)
+        return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
     def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
@@ -737,10 +718,8 @@ class Workspace(WorkspacePlot):
         """
         from cspace.shapes.scenes import read_scene_shapes
 
-        check_positive(spacing, "spacing")
-        box = None if bounds is None else check_bounds(bounds, 3)
         return cls._of(
-            read_scene_shapes(path, package_dirs), spacing, box, str(path), "planning scene"
+            read_scene_shapes(path, package_dirs), spacing, bounds, str(path), "planning scene"
         )
 
     @classmethod
@@ -750,12 +729,8 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         path : path-like
-            ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``,
-            ``.wkt`` (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``,
-            ``.jpeg``, ``.bmp``, ``.tif``, ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``,
-            ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
-            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array,
-            or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
+            A map, an image, polygons, a mesh, an OctoMap, a point cloud or an array. The page on
+            files (docs/reference/files.md) has a table of all suffixes.
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
@@ -828,10 +803,6 @@ class LazyWorkspace(Workspace):
         """Cells that lie in obstacles; the first access reads all cells."""
         return self._read()[1]
 
-    def _in_memory(self) -> Workspace:
-        """Return the workspace with all its cells in memory."""
-        return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
-
     def _read(self) -> tuple[Bools, Bools]:
         if not self._whole:
             grid = self.grid
@@ -852,6 +823,14 @@ class LazyWorkspace(Workspace):
     ) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
         """Pickle the source of the cells, not the cells."""
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
+
+
+def load_workspace(workspace: Workspace) -> Workspace:
+    """Return a workspace with all its cells in memory."""
+    if not isinstance(workspace, LazyWorkspace):
+        return workspace
+    source, shapes = workspace.source, workspace.shapes
+    return Workspace(workspace.grid, workspace.outer, workspace.inner, source=source, shapes=shapes)
 
 
 @contextmanager

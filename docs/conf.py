@@ -1,12 +1,10 @@
 """How Sphinx builds the documentation and runs the examples: ``sphinx-build -W --keep-going docs
 docs/_build``."""
 
-import inspect
 import re
 import shutil
+import sys
 import warnings
-from functools import reduce
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,9 @@ from sphinx_gallery.scrapers import figure_rst
 from sphinx_gallery.sorting import FunctionSortKey
 
 import cspace
+
+sys.path.insert(0, str(Path(__file__).parent))
+import lists
 
 project = "cspace"
 author = "The cspace developers"
@@ -36,33 +37,14 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings tell types, with shapes and units
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
-FOR_PLANNERS = (
-    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, "
-    "has_cells, has_poses, in_memory, is_labelled, length_unit, max_velocity, "
-    "obstacle_distance_along, path_exists, resolution, search, searches, steps_between, subproblems"
-)
-"""What planners ask of maps and arms; the page of Space describes it."""
-
-autosummary_context = {
-    "inside": {
-        **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
-        "Mesh": "cells, check_origin, is_same, measure, rasters",
-        "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
-        "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "
-        "examples, facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "
-        "from_matrix, from_stored_arrays, leading_axes, limits, make_canonical, make_lookups, "
-        "make_matrices, make_shape_cells, neighbors, of_stored_arrays, of_value, only_rotation, preserve, rotate, "
-        "rotation_between, rotation_matrices, sample, sample_near, slack, split_configurations, steps_between, "
-        "stored_arrays, volumes",
-    }
-}
-"""Methods for the two packages only, by class; the API pages omit them."""
+autosummary_context = {"inside": lists.INSIDE}
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:attr", ".*")
-]  # the page of a record describes its fields, which are no targets
+    ("py:attr", ".*"),  # the page of a record describes its fields, which are no targets
+    ("py:.*", r"cspace\.ros\..*"),  # the API shows these by their module, cspace.files.ros
+]
 suppress_warnings = ["config.cache"]  # the two functions below are not kept between builds
 
 html_theme = "pydata_sphinx_theme"
@@ -152,86 +134,11 @@ def at_home(app: Any, page: str, source: list[str]) -> None:
     )
 
 
-OBJECTS = {
-    "arm": "cspace.Arm",
-    "arm_space": "cspace.ArmSpace",
-    "plan": "planners.Plan",
-    "robot": "cspace.Robot",
-    "space": "cspace.CSpace",
-    "workspace": "cspace.Workspace",
-}
-"""Classes of the variables that the features table uses."""
-
-OWNERS = ("cspace", "planners", "cspace.CSpace", "cspace.spectral", "planners.Plan")
-"""Modules and classes searched, in this order, for a name without a prefix."""
-
-
-TAKE_PARAMETERS = (
-    "cspace.build",
-    "cspace.CSpace.is_free",
-    "planners.plan",
-    "cspace.CSpace.find_path",
-)
-"""Functions searched, in this order, for a parameter without a function."""
-
-
-def find(name: str) -> Any:
-    """Return the object with a dotted name, or None if there is none."""
-    package, *parts = name.split(".")
-    try:
-        return reduce(getattr, parts, import_module(package))
-    except (AttributeError, ModuleNotFoundError, ValueError):
-        return None
-
-
-def full_name(name: str, before: str) -> str:
-    """Return the full name of a function, class or parameter in the features table.
-
-    A parameter such as ``exact=True`` links to the function that takes it. ``before`` is the full
-    name before it in the same cell, or "": names without a prefix and parameters are looked up
-    there first.
-    """
-    if name.startswith('"'):  # another value of the parameter before
-        return before
-    if "=" in name and "(" not in name:
-        functions = [f for f in (before, *TAKE_PARAMETERS) if callable(find(f))]
-        found = [
-            f for f in functions if name.split("=")[0] in inspect.signature(find(f)).parameters
-        ]
-    else:
-        first, _, rest = name.split("(")[0].partition(".")
-        whole = f"{OBJECTS.get(first, first) if rest else first}.{rest}".rstrip(".")
-        owner = OBJECTS.get(first, "") if rest else before
-        if (rest or first) in getattr(find(owner), "__dataclass_fields__", ()):
-            return owner  # whose page lists its fields
-        candidates = [f"{owner}.{whole}" for owner in (before.rpartition(".")[0], *OWNERS) if owner]
-        found = [c for c in (whole, *candidates) if "." in c and find(c) is not None]
-    if not found:
-        raise ValueError(
-            f"docs/reference/features*.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py"
-        )
-    return found[0]
-
-
-def link_features(app: Any, page: str, source: list[str]) -> None:
-    """Link each name in the first column of the features tables to its place in the API."""
-    if page not in ("reference/features", "reference/features_planning"):
-        return
-    lines = source[0].splitlines()
-    for i, line in enumerate(lines):
-        if not line.startswith("| `") or line.startswith(
-            "| `cspace "
-        ):  # commands have a page of their own
-            continue
-        _, cell, rest = line.split("|", 2)
-        before, links = "", list[str]()
-        for name in re.findall("`(.+?)`", cell):
-            before = full_name(name, before)
-            links.append(f"{{py:obj}}`{name} <{before}>`")
-        lines[i] = f"| {', '.join(links)} |{rest}"
-    source[0] = "\n".join(lines)
+def make_lists(app: Any, page: str, source: list[str]) -> None:
+    """Make the lists of a page anew, with links into the API."""
+    source[0] = lists.fill(source[0], linked=True)
 
 
 def setup(app: Any) -> None:
     app.connect("source-read", at_home)
-    app.connect("source-read", link_features)
+    app.connect("source-read", make_lists)

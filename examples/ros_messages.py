@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 
 import cspace
 import planners
-from cspace.files.ros import OccupancyGrid
 from cspace.plot import save_plot
 
 # %%
@@ -23,7 +22,7 @@ cells = np.zeros((120, 180), dtype=np.int8)  # rows from the lowest y, 0.05 m ea
 cells[[0, -1], :] = cells[:, [0, -1]] = 100
 cells[:80, 88:92] = cells[60:64, 120:150] = cells[30:44, 30:44] = 100
 cells[95:, :35] = -1
-msg = OccupancyGrid()
+msg = cspace.ros.OccupancyGrid()
 msg.info.resolution, (msg.info.height, msg.info.width) = 0.05, cells.shape
 msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
 msg.data.frombytes(cells.tobytes())

@@ -412,7 +412,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
-            :class:`cspace.files.ros.Path` if left out.
+            :class:`cspace.ros.Path` if left out.
         frame_id : str
             Frame of the header and of each pose. The header keeps its stamp, and each pose gets it.
 

@@ -284,7 +284,7 @@ class Trajectory:
         Each row becomes a point with positions, velocities and ``time_from_start``. Controllers
         join such points by cubic polynomials, which are this very motion. With accelerations they
         would use quintic ones, which are not. ``msg`` is any object with the fields of the message,
-        of ROS 1 or 2; a new :class:`cspace.files.ros.JointTrajectory` if left out. Its header keeps
+        of ROS 1 or 2; a new :class:`cspace.ros.JointTrajectory` if left out. Its header keeps
         its stamp.
 
         Raises

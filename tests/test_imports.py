@@ -143,13 +143,14 @@ def documented_names() -> dict[str, set[str]]:
     text = "\n".join(
         page.read_text(encoding="utf-8") for page in pages if "_build" not in page.parts
     )
-    api = re.split(r"currentmodule:: (\w+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
+    api = re.split(r"currentmodule:: ([\w.]+)", (ROOT / "docs/api.md").read_text(encoding="utf-8"))
     shown = [
         f"cspace.{name}"
         for package, part in zip(api[1::2], api[2::2], strict=True)
         for name in re.findall(r"^   (\w+\.[\w.]*\w)$", part, re.MULTILINE)
         if package == "cspace"
     ]
+    text = re.sub(r"currentmodule:: \S+|^from \S+", "", text, flags=re.MULTILINE)
     names: dict[str, set[str]] = {}
     for name in [*re.findall(r"(?<![\w./])cspace(?:\.[a-z]\w*)+\.\w+", text), *shown]:
         package = name.split(".")[1]

@@ -1,17 +1,14 @@
 """Lists in code and documentation: formats, robots, public names, the version."""
 
-import dataclasses
 import inspect
 import re
 import runpy
-import sys
 import tomllib
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
-from unittest import mock
 
 import pytest
 import yaml
@@ -23,14 +20,18 @@ import cspace.spectral
 import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
+from cspace.export.maps import EXPORT_FORMATS
 from cspace.files import points
-from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
+from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS, read_dimension
 from cspace.record.save import MAP_SUFFIXES
+from cspace.shapes.primitives import SHORT_TEXTS
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT
+from tests.laws.test_laws import BATCH_QUERIES
 from tests.soak import files as soak
 
 DOCS = ROOT / "docs"
+LISTS: dict[str, Any] = runpy.run_path(str(DOCS / "lists.py"))
 CODE_FOLDERS = ("cspace", "planners", "tests", "benchmarks")
 SAME_CONTENT = {
     ".yml": ".yaml",
@@ -49,31 +50,11 @@ def find_quoted(text: str) -> list[str]:
     return re.findall(r"`+([^`]+)`+", text)
 
 
-def read_tables(page: str) -> list[list[str]]:
-    """Return the cells of all table rows of a page."""
-    lines = (DOCS / page).read_text(encoding="utf-8").splitlines()
-    return [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in lines
-        if line.startswith("| ")
-    ]
-
-
 def robot_hint() -> str:
     """Return the hint and the rule that list all descriptions of robots."""
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
     return f"{caught.value.hint}; {caught.value.rule}"
-
-
-def robot_forms() -> dict[str, str]:
-    """Return the form of each short text, such as RADIUS for disc."""
-    return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
-
-
-def robot_suffixes() -> list[str]:
-    """Return the suffixes of robot files."""
-    return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
 
 
 # ---- formats of files ----------------------------------------------------------------------------
@@ -92,23 +73,15 @@ def test_every_reader_of_points_has_a_format() -> None:
     assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
-def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
-    documented = {}
-    for first, _, dimension, *_ in (
-        row
-        for row in read_tables("reference/files.md")
-        if row[0].startswith("`.") and len(row) == 3
-    ):
-        documented |= dict.fromkeys(
-            find_quoted(first), {"plane": 2, "space": 3, "either": None}[dimension]
-        )
-    assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
-    assert set(WORKSPACE_FORMATS) <= set(find_quoted(str(Workspace.open.__doc__)))
+def test_every_format_has_its_constructor_and_writer() -> None:
+    assert all(hasattr(Workspace, known.method) for known in WORKSPACE_FORMATS.values())
+    assert all(hasattr(Robot, known.method) for known in ROBOT_FORMATS.values())
+    assert all(callable(known.write) for known in EXPORT_FORMATS.values())
 
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES}
+    read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MAP_SUFFIXES}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
@@ -122,89 +95,54 @@ def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str,
 # ---- robots --------------------------------------------------------------------------------------
 
 
-def test_every_short_text_of_a_robot_is_documented() -> None:
-    forms = robot_forms()
-    assert "disc" in forms
-    texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(find_quoted(str(Robot.parse.__doc__)))
-    assert texts <= set(find_quoted((DOCS / "reference" / "cli.md").read_text(encoding="utf-8")))
-    described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
-    assert [kind for kind in forms if f"{kind}:" not in described] == []
-    examples = {
-        text
-        for row in read_tables("reference/robots.md")
-        for text in find_quoted(row[0])
-        if text.partition(":")[0] in forms
+@pytest.mark.parametrize("name", SHORT_TEXTS)
+def test_every_short_text_is_parsed_and_listed_in_messages(name: str) -> None:
+    kind = SHORT_TEXTS[name]
+    assert kind.example.startswith(f"{name}:")
+    assert Robot.parse(kind.example).dim == kind.dimension
+    assert f"{name}:{kind.form}" in robot_hint()
+    assert f"{name}:{kind.form}" in run("map", "flat.geojson", "--robot", "help").stderr
+
+
+@pytest.mark.parametrize("name", SHORT_TEXTS)
+def test_every_short_text_has_a_method_and_tests(name: str) -> None:
+    method = {"rect": "rectangle", "footprint": "from_footprint"}.get(name, name)
+    assert hasattr(Robot, method)
+    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("*.py")]
+    assert any(f"Robot.{method}(" in text for text in tests)
+
+
+# ---- queries -------------------------------------------------------------------------------------
+
+
+def test_every_query_of_batches_obeys_the_laws_and_answers_a_question() -> None:
+    queries = {
+        name
+        for name, value in inspect.getmembers(cspace.CSpace, inspect.isfunction)
+        if not name.startswith("_")
+        and [*inspect.signature(value).parameters][1:2] in (["q"], ["q0"])
+        and " | " in str(inspect.signature(value).return_annotation)
+        and name not in LISTS["FOR_PLANNERS"].split(", ")
     }
-    assert {text.partition(":")[0] for text in examples} == set(forms)
-    for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
-        assert isinstance(Robot.parse(text), Robot)
+    assert queries == set(BATCH_QUERIES)
+    page = (DOCS / "howto" / "which_query.md").read_text(encoding="utf-8")
+    assert [name for name in queries if f"space.{name}(" not in page] == []
 
 
-def test_every_file_of_a_robot_is_documented() -> None:
-    page = " ".join(find_quoted((DOCS / "reference" / "robots.md").read_text(encoding="utf-8")))
-    docstring = str(Robot.open.__doc__)
-    suffixes = set(robot_suffixes()) - {".yml"}
-    assert ".stl" in suffixes
-    assert [suffix for suffix in suffixes if suffix not in page or suffix not in docstring] == []
+# ---- generated lists -----------------------------------------------------------------------------
 
 
-# ---- the features table --------------------------------------------------------------------------
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_the_lists_of_a_page_are_those_of_the_code(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert LISTS["fill"](text) == text, "run python docs/lists.py"
 
 
-@pytest.fixture(scope="module")
-def conf() -> dict[str, Any]:
-    """Run the configuration of the documentation without Sphinx."""
-    gallery = {
-        name: mock.MagicMock(ModuleType) for name in ("sphinx_gallery", "sphinx_gallery.scrapers")
-    }
-    gallery["sphinx_gallery.sorting"] = mock.MagicMock()
-    gallery["sphinx_gallery.scrapers"].figure_rst = None
-    with mock.patch.dict(sys.modules, gallery):
-        return runpy.run_path(str(DOCS / "conf.py"))
-
-
-def features() -> list[list[str]]:
-    """Return the names in each row of the features tables, except commands."""
-    pages = "reference/features.md", "reference/features_planning.md"
-    cells = [row[0] for page in pages for row in read_tables(page)]
-    return [
-        find_quoted(cell)
-        for cell in cells
-        if cell.startswith("`") and not cell.startswith("`cspace ")
-    ]
-
-
-def test_every_name_of_the_features_table_is_public(conf: dict[str, Any]) -> None:
-    for names in features():
-        before = ""
-        for name in names:
-            before = conf["full_name"](name, before)
-
-
-def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) -> None:
-    # Methods that the API leaves out are not public; records and errors are no features.
-    known = {word for names in features() for name in names for word in re.findall(r"\w+", name)}
-    classes = [conf["find"](name) for name in {*conf["OBJECTS"].values(), "cspace.TiledCSpace"}]
-    missing = []
-    for module in (cspace, planners):
-        for name in module.__all__:
-            value = getattr(module, name)
-            is_record = inspect.isclass(value) and (
-                dataclasses.is_dataclass(value) or issubclass(value, tuple | Warning | Exception)
-            )
-            if callable(value) and not is_record and value not in classes and name not in known:
-                missing.append(f"{module.__name__}.{name}")
-    for kind in classes:
-        inside = re.split(", ?", conf["autosummary_context"]["inside"].get(kind.__name__, ""))
-        for name, value in inspect.getmembers(kind, callable):
-            if (
-                not name.startswith("_")
-                and not inspect.isclass(value)
-                and name not in {*known, *inside}
-            ):
-                missing.append(f"{kind.__name__}.{name}")
-    assert missing == []
+def test_every_list_is_on_a_page() -> None:
+    pages = [page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md")]
+    found = {name for text in pages for name in re.findall("<!-- list: (.+?) -->", text)}
+    formats = {"short texts", "workspace formats", "robot formats", "export formats"}
+    assert found == formats | LISTS["find_names"]().keys()
 
 
 # ---- the API page --------------------------------------------------------------------------------
@@ -245,14 +183,16 @@ def test_api_page_shows_public_names_only() -> None:
         assert not name.startswith("_") and name in public.get(package, {name}), full
 
 
-def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> None:
-    # Sphinx lists public methods with docstrings, except those left out by docs/conf.py.
-    inside: dict[str, str] = conf["autosummary_context"]["inside"]
-    left_out = {f"{kind}.{name}" for kind, names in inside.items() for name in names.split(", ")}
+def test_api_pages_show_every_public_method_of_a_class() -> None:
+    # Sphinx lists public methods with docstrings, except those left out by docs/lists.py.
+    inside = LISTS["INSIDE"].items()
+    left_out = {f"{kind}.{name}" for kind, names in inside for name in names.split(", ")}
     methods = FunctionType, property, classmethod, staticmethod, cached_property
     undocumented = []
     for kind in shown_in_api().values():
-        for base in kind.__mro__ if inspect.isclass(kind) else ():
+        if not inspect.isclass(kind):
+            continue
+        for base in kind.__mro__:
             if base.__module__.split(".")[0] in ("cspace", "planners"):
                 left_out -= {f"{kind.__name__}.{name}" for name in vars(base)}
                 public = {
@@ -264,7 +204,7 @@ def test_api_pages_show_every_public_method_of_a_class(conf: dict[str, Any]) -> 
                     if isinstance(value, methods) and not inspect.getdoc(value)
                 ]
     assert undocumented == []
-    assert left_out == set(), "docs/conf.py leaves out methods that do not exist"
+    assert left_out == set(), "docs/lists.py leaves out methods that do not exist"
 
 
 # ---- the page for contributors -------------------------------------------------------------------

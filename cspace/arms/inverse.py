@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import (
-    PRISMATIC,
     REVOLUTE,
     Chain,
     forward_kinematics,
@@ -46,9 +45,6 @@ DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 POLISHED_SHARE: Final = 1e-3
 """Share of the tolerance at which a solution is good enough; the last steps converge quadratically.
 """
-
-STARTS_PER_BATCH: Final = 32
-"""Starts between two looks at what they found."""
 
 MAX_VAIN_STARTS: Final = 64
 """Starts in a row that find no further configuration, after which a search that found one ends."""
@@ -196,7 +192,7 @@ class PoseProblem(NamedTuple):
     tolerance: Floats
     lower: Floats
     upper: Floats
-    max_slow_steps: int = MAX_SLOW_STEPS
+    max_slow_steps: int
 
 
 class PoseScratch(NamedTuple):
@@ -244,15 +240,6 @@ class PoseSolutions(NamedTuple):
 
 
 @kernel
-def measure_pose(
-    problem: PoseProblem, q: Floats, scratch: PoseScratch, error: Floats
-) -> tuple[float, float, float]:
-    """Write the weighted error of the pose; see :func:`compare_pose`."""
-    forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
-    return compare_pose(problem, scratch, error)
-
-
-@kernel
 def compare_pose(
     problem: PoseProblem, scratch: PoseScratch, error: Floats
 ) -> tuple[float, float, float]:
@@ -295,7 +282,7 @@ def compare_pose(
 
 @kernel
 def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
-    """Write the weighted error's derivative at the poses of :func:`measure_pose`."""
+    """Write the weighted error's derivative at the poses of ``scratch``."""
     chain, jacobian, weights = problem.chain, scratch.jacobian, problem.weights
     for i in range(6):
         for k in range(jacobian.shape[1]):
@@ -309,7 +296,7 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
             for i in range(3):
                 jacobian[i, k] += factor * weights[0] * moment[i]
                 jacobian[3 + i, k] += factor * weights[1] * u[i]
-        elif chain.kinds[b] == PRISMATIC:
+        else:
             for i in range(3):
                 jacobian[i, k] += factor * weights[0] * u[i]
 
@@ -365,7 +352,8 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
 
     Returns distance, angle and squared error.
     """
-    distance, angle, cost = measure_pose(problem, q, scratch, scratch.errors[0])
+    forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
+    distance, angle, cost = compare_pose(problem, scratch, scratch.errors[0])
     factor, slow = FIRST_DAMPING, 0
     for _ in range(MAX_STEPS):
         if distance <= problem.enough[0] and angle <= problem.enough[1]:
@@ -374,9 +362,8 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         better, new_distance, new_angle, new_cost = False, distance, angle, cost
         for _ in range(MAX_REJECTED_STEPS):
             take_step(problem, q, scratch, factor * cost + 1e-14)
-            new_distance, new_angle, new_cost = measure_pose(
-                problem, scratch.trial, scratch, scratch.errors[1]
-            )
+            forward_kinematics(problem.chain, scratch.trial, scratch.trial, 0.0, scratch.poses)
+            new_distance, new_angle, new_cost = compare_pose(problem, scratch, scratch.errors[1])
             better = new_cost < cost
             if better:
                 break
@@ -393,24 +380,6 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         if slow >= problem.max_slow_steps:
             break
     return distance, angle, cost
-
-
-@kernel
-def descend_from(
-    problem: PoseProblem, starts: Floats, scratch: PoseScratch, errors: Floats, wanted: int
-) -> int:
-    """Move starts, shape (n, k), until ``wanted`` reach the pose.
-
-    ``errors``, shape (n, 3), gets their distances, angles and squared errors. Returns the number of
-    starts used.
-    """
-    for n in range(len(starts)):
-        distance, angle, cost = descend(problem, starts[n], scratch)
-        errors[n, 0], errors[n, 1], errors[n, 2] = distance, angle, cost
-        wanted -= distance <= problem.tolerance[0] and angle <= problem.tolerance[1]
-        if wanted <= 0:
-            return n + 1
-    return len(starts)
 
 
 def branch_to(chain: Chain, body: int) -> Branch:
@@ -435,23 +404,31 @@ def branch_to(chain: Chain, body: int) -> Branch:
 
 
 def make_pose_problem(
-    branch: Branch, tool: Floats, target: Floats, tolerance: Floats, limits: tuple[Floats, Floats]
+    branch: Branch,
+    tool: Floats,
+    target: Floats,
+    tolerance: Floats,
+    limits: tuple[Floats, Floats],
+    enough_share: float = POLISHED_SHARE,
 ) -> PoseProblem:
-    """Return a :class:`PoseProblem`, which explains the arguments."""
+    """Return a :class:`PoseProblem`, which explains the arguments.
+
+    A start is solved at ``enough_share`` of the tolerance.
+    """
     chain = branch.chain
-    reach = float(
-        np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3])
-    )
+    reach = np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3])
+    is_patient = enough_share == 1.0
     return PoseProblem(
         chain,
         as_contiguous(tool),
         target,
         weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
-        ignored=np.zeros(2),
-        enough=POLISHED_SHARE * tolerance,
+        ignored=IGNORED_SHARE * tolerance if is_patient else np.zeros(2),
+        enough=enough_share * tolerance,
         tolerance=tolerance,
         lower=as_contiguous(limits[0]),
         upper=as_contiguous(limits[1]),
+        max_slow_steps=MAX_STEPS if is_patient else MAX_SLOW_STEPS,
     )
 
 
@@ -489,61 +466,42 @@ def solve_pose(
     # A joint that can make a whole turn stops nowhere; otherwise it would get stuck at its limits.
     circles = whole_turns & (limits[1] - limits[0] > TWO_PI - MAX_GAP)
     open_limits = np.where(circles, -np.inf, limits[0]), np.where(circles, np.inf, limits[1])
-    problem = make_pose_problem(branch, tool, np.array(goal.pose), tolerance, open_limits)
+    given = branch, tool, np.array(goal.pose), tolerance
+    problem = make_pose_problem(*given, open_limits)
+    bounded = make_pose_problem(*given, limits, 1.0)
+    # The pose itself may be out of reach and poses within the tolerance not; and some valleys are
+    # long.
+    patient = make_pose_problem(*given, open_limits, 1.0)
+    solutions: list[Floats] = []
+
+    def try_start(problem: PoseProblem, q: Floats) -> tuple[float, float, float]:
+        """Move a start, and keep where it ends if that is a new solution."""
+        distance, angle, cost = descend(problem, q, scratch)
+        if (np.array([distance, angle]) <= tolerance).all():
+            turned = _turn_towards(near, q, limits, whole_turns)
+            # It was moved onto a limit if it lay in the gap of a circle.
+            reached = descend(bounded, turned, scratch)[:2]
+            is_new = all(np.abs(turned - other).max() > MIN_JOINT_DISTANCE for other in solutions)
+            if is_new and (np.array(reached) <= tolerance).all():
+                solutions.append(turned)
+        return distance, angle, cost
+
     starts = np.vstack([near, rng.uniform(*ranges, (MAX_STARTS - 1, len(near)))])
-    errors, solutions = np.empty((MAX_STARTS, 3)), np.empty((0, len(near)))
-
-    def add_solutions(first: int, stop: int) -> Floats:
-        reached = (errors[first:stop, :2] <= tolerance).all(axis=1)
-        turned = _turn_towards(near, starts[first:stop][reached], limits, whole_turns)
-        return _add_distinct(solutions, _keep_reaching(problem, turned, limits, scratch))
-
-    used = vain = 0
-    while used < MAX_STARTS and vain < MAX_VAIN_STARTS and len(solutions) < max_solutions:
-        first, found = used, len(solutions)
-        batch = slice(first, first + STARTS_PER_BATCH)
-        wanted = max_solutions - found
-        used += descend_from(problem, starts[batch], scratch, errors[batch], wanted)
-        solutions = add_solutions(first, used)
-        is_vain = 0 < found == len(solutions)
-        vain = vain + used - first if is_vain else 0
-    best = int(errors[:used, 2].argmin())
-    nearest = _turn_towards(near, starts[best], limits, whole_turns)
-    distance, angle, _ = errors[best].tolist()
-    if not len(solutions):
-        # The pose itself may be out of reach and poses within the tolerance not; and some valleys
-        # are long.
-        loose = np.where(np.isfinite(tolerance), IGNORED_SHARE * tolerance, 0.0)
-        patient = problem._replace(ignored=loose, enough=tolerance, max_slow_steps=MAX_STEPS)
-        starts = starts[np.argsort(errors[:, 2], kind="stable")[:RETRIED_STARTS]]
-        used = descend_from(patient, starts, scratch, errors, max_solutions)
-        solutions = add_solutions(0, used)
-    return PoseSolutions(solutions, nearest, distance, angle)
-
-
-def _keep_reaching(
-    problem: PoseProblem,
-    turned: Floats,
-    limits: tuple[Floats, Floats],
-    scratch: PoseScratch,
-) -> Floats:
-    """Return the configurations within limits, shape (n, k), that still reach the pose.
-
-    They were moved onto a limit if they lay in the gap of a circle.
-    """
-    bounded = problem._replace(lower=limits[0], upper=limits[1], enough=problem.tolerance)
-    errors = np.empty((len(turned), 3))
-    descend_from(bounded, turned, scratch, errors, len(turned) + 1)
-    return turned[(errors[:, :2] <= problem.tolerance).all(axis=1)]
-
-
-def _add_distinct(solutions: Floats, found: Floats) -> Floats:
-    """Append the configurations that differ from all before, shape (n, k)."""
-    kept = list(solutions)
-    for q in found:
-        if not kept or (np.abs(np.array(kept) - q).max(axis=1) > MIN_JOINT_DISTANCE).all():
-            kept.append(q)
-    return np.array(kept).reshape(-1, found.shape[1])
+    errors, vain = [], 0
+    for q in starts:
+        count = len(solutions)
+        errors.append(try_start(problem, q))
+        vain = 0 if len(solutions) > count or not count else vain + 1
+        if len(solutions) == max_solutions or vain == MAX_VAIN_STARTS:
+            break
+    order = np.argsort([cost for *_, cost in errors], kind="stable")
+    nearest = _turn_towards(near, starts[order[0]], limits, whole_turns)
+    distance, angle, _ = errors[order[0]]
+    if not solutions:
+        for n in order[:RETRIED_STARTS]:
+            if len(solutions) < max_solutions:
+                try_start(patient, starts[n])
+    return PoseSolutions(np.array(solutions).reshape(-1, len(near)), nearest, distance, angle)
 
 
 def _turn_towards(

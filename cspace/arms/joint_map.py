@@ -7,12 +7,12 @@ consists of these cells.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -29,8 +29,8 @@ from cspace.arms.boxes import (
 )
 from cspace.arms.chain import FIXED, REVOLUTE
 from cspace.arms.model import Arm
-from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch, pair_distances
-from cspace.arms.solids import SurfaceTree
+from cspace.arms.proofs import Scene, Solids, make_scene_scratch
+from cspace.arms.snapshots import Snapshot
 from cspace.arms.space import ArmSpace
 from cspace.bodies.triangles import MAX_PENDING_PAIRS
 from cspace.engines.slices import Progress
@@ -71,11 +71,7 @@ _LATTICE_POINTS_PER_SURFACE: Final = 1000
 
 
 _MAX_BALLS_PER_SURFACE: Final = 64
-"""Largest number of balls inside a closed surface."""
-
-
-_MAX_CORNERS_PER_SOLID: Final = 96
-"""Largest number of corners of a solid used as balls of radius zero."""
+"""Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
 
 
 def build_joint_map(
@@ -133,27 +129,28 @@ def build_joint_map(
     ----------
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
-    space = copy.copy(space)  # changes of the given space do not change this copy
-    side, arm = check_positive(spacing, "spacing", "radians"), space.arm
+    side, snapshot = check_positive(spacing, "spacing", "radians"), space.snapshot
+    arm = snapshot.arm
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
-    held = _held_configuration(space, names, held_joints)
+    held = _held_configuration(arm, joint_indices, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
-    counts = _count_cells(intervals, side)
+    # Rounding adds no cell.
+    counts = np.ceil(np.diff(intervals)[:, 0] / side - 1e-9)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
-    shape = tuple(counts.tolist())
+    shape = tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
     check_memory(
         _BYTES_PER_JOINT_CELL * math.prod(shape),
         "the map",
         PlannedGrid(shape, side, units[0]),
     )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
-    moving = _moving_pairs(space, joint_indices)
-    _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
+    moving = _moving_pairs(snapshot, joint_indices)
+    _refuse_held_contact(snapshot, names, held, ~moving.any(axis=1))
 
     states, deciding_pairs = _classify_cells(
-        space, grid, joint_indices, held, moving, workers or cores(), progress
+        snapshot, grid, joint_indices, held, moving, workers or cores(), progress
     )
     for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
         if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
@@ -163,18 +160,8 @@ def build_joint_map(
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
-    part_names = tuple(
-        each.name for group in space._snapshot.groups for each in group.members for _ in each.parts
-    )
-    geometry = JointGeometry(
-        space._outer_scene,
-        joint_indices,
-        held,
-        joint_limits,
-        part_names,
-        mixed,
-        deciding_pairs.ravel()[mixed],
-    )
+    deciding = deciding_pairs.ravel()[mixed]
+    geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed, deciding)
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
     return JointMap(contents, geometry)
@@ -197,7 +184,7 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _classify_cells(
-    space: ArmSpace,
+    snapshot: Snapshot,
     grid: Grid,
     joint_indices: Ints,
     held: Floats,
@@ -210,14 +197,14 @@ def _classify_cells(
     ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one
     cell represents all.
     """
-    cells = _joint_cells(space, grid, joint_indices, held)
-    balls = _inner_balls(space._snapshot.inner.solids)
+    cells = _joint_cells(snapshot, grid, joint_indices, held)
+    balls = _inner_balls(snapshot.inner.solids)
     shape, added = grid.shape, [1] * (3 - grid.dim)
     parts, work = list[CellStates](), []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         chosen = (moving == moved).all(axis=1)
-        scene = space._outer_scene.select_pairs(chosen)
-        inside = InnerScene(space._snapshot.inner.select_pairs(chosen), balls)
+        scene = snapshot.outer.select_pairs(chosen)
+        inside = InnerScene(snapshot.inner.select_pairs(chosen), balls)
         sides = np.array([*added, *np.where(moved, shape, 1)])
         part = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
         parts.append(part)
@@ -257,18 +244,32 @@ class JointMap(CSpace):
             (contents, _, layers) = super().__reduce__()[1]
             return type(self), (contents, self._geometry, layers)
 
+    def undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
+        """Return :func:`undecided_pairs`, or None once the cells changed."""
+        geometry, grid = self._geometry, self.grid
+        if geometry is None:
+            return None
+        cells, pairs = geometry.mixed_cells, geometry.deciding_pairs
+        if q is not None:
+            points = self._check_configurations(q, "q").reshape(-1, grid.dim)
+            places = self._cells_of(points)[:, -grid.dim :]
+            inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
+            chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
+            cells, pairs = cells[chosen], pairs[chosen]
+        places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
+        centers = geometry.configurations(grid.lower + grid.spacing * (places + 0.5))
+        found = Counter[tuple[str, str]]()
+        for pair in np.unique(pairs).tolist():
+            found.update(geometry.snapshot.nearest_parts(pair, centers[pairs == pair]))
+        return dict(found.most_common())
+
     @lazy
     def _exact(self) -> ExactQueries:
-        """Queries with exact geometry."""
-        return ExactQueries(self._problem, self._make_proofs)
-
-    def _make_proofs(self, problem: Problem) -> Proofs:
-        """Return proofs by the arm, or by the cells once they changed."""
-        return (
-            BoundaryProofs(problem)
-            if self._geometry is None
-            else JointProofs(self._geometry, problem)
-        )
+        """Queries with exact geometry, that of the arm until the cells change."""
+        geometry = self._geometry
+        if geometry is None:
+            return ExactQueries(self._problem)
+        return ExactQueries(self._problem, partial(JointProofs, geometry))
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop the geometry too, which belongs to the cells before the update."""
@@ -317,35 +318,12 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    geometry = joint_map._geometry if isinstance(joint_map, JointMap) else None
-    if geometry is None:
+    found = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
+    if found is None:
         rule = "maps from files and maps with changed cells have none"
         hint = "pass the map that build_joint_map made"
         raise InputError("joint_map", "has no geometry of an arm", rule, hint, value=joint_map)
-    cells, pairs, grid = geometry.mixed_cells, geometry.deciding_pairs, joint_map.grid
-    if q is not None:
-        points = joint_map._check_configurations(q, "q").reshape(-1, grid.dim)
-        places = joint_map._cells_of(points)[:, -grid.dim :]
-        inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
-        chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
-        cells, pairs = cells[chosen], pairs[chosen]
-    places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
-    centers = grid.lower + grid.spacing * (places + 0.5)
-    found = Counter[tuple[str, str]]()
-    for pair in np.unique(pairs).tolist():
-        scene = geometry.scene.select_pairs(np.array([pair]))
-        rows = geometry.configurations(centers[pairs == pair])
-        distances, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
-        pair_distances(scene, rows, distances, nearest, make_scene_scratch(scene))
-        for nodes, count in zip(
-            *np.unique(nearest[:, 1:], axis=0, return_counts=True), strict=True
-        ):
-            link, other = (
-                geometry.part_names[scene.solids.part_at(solid, node)]
-                for solid, node in zip(scene.pairs[0].tolist(), nodes.tolist(), strict=True)
-            )
-            found[link, other] += int(count)
-    return dict(found.most_common())
+    return found
 
 
 def _classify_block(
@@ -361,29 +339,25 @@ def _classify_block(
     classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
-def _held_configuration(
-    space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None
-) -> Floats:
+def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
     """Return the configuration with the values of the held joints.
 
     The others do not matter.
     """
-    others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
+        others = [name for n, name in enumerate(arm.joints) if n not in joint_indices]
         if others:
             rule = f"the map holds {', '.join(others)} still"
-            hint = f"pass the arm's {space.arm.dof} joint values"
+            hint = f"pass the arm's {arm.dof} joint values"
             raise InputError("held_joints", "is missing", rule, hint)
-        return np.zeros(space.arm.dof)
-    held = space.arm._check_configurations(held_joints, "held_joints")
+        return np.zeros(arm.dof)
+    held = arm.check_configurations(held_joints, "held_joints").copy()
     if held.ndim != 1:
         problem, rule = f"has shape {held.shape}", "it must be one configuration of the arm"
         raise InputError("held_joints", problem, rule, "pass one", value=held_joints)
-    within = space.arm._clamp(held)
-    joint_indices = [space.arm.joints.index(name) for name in others]
-    within[joint_indices] = held[joint_indices]
-    space.arm._check_limits(within, "held_joints")
-    return held.copy()
+    held[joint_indices] = arm.clamp(held)[joint_indices]
+    arm.check_limits(held, "held_joints")
+    return held
 
 
 def _joint_range(
@@ -426,21 +400,9 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
     return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
 
 
-def _count_cells(intervals: Floats, side: float) -> Ints:
-    """Return how many cells cover each interval, shape (d, 2).
-
-    Rounding adds no cell.
-    """
-    exact = (intervals[:, 1] - intervals[:, 0]) / side
-    nearest = np.rint(exact)
-    return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(
-        np.int64
-    )
-
-
-def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
+def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
-    chain, scene = space.arm.chain, space._outer_scene
+    chain, scene = snapshot.arm.chain, snapshot.outer
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
     return np.stack(
@@ -448,33 +410,32 @@ def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
     )
 
 
-def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, still: Ints) -> None:
+def _refuse_held_contact(
+    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Bools
+) -> None:
     """Raise ConfigurationError if pairs touch that the mapped joints do not move.
 
     Otherwise all cells would be BLOCKED.
     """
-    scene = space._outer_scene.select_pairs(still)
-    if not len(scene.pairs):
-        return
-    q = held[np.newaxis]
-    if not are_free(scene, q, q)[0]:
-        link, other, *_ = space._snapshot.contact(scene, q)
+    scene, q = snapshot.outer.select_pairs(still), held[np.newaxis]
+    if not snapshot.are_free(q, q, scene)[0]:
+        link, other, *_ = snapshot.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
-        rule = f"{', '.join(space.arm.joints[k] for k in joint_indices)} do not move them apart"
+        rule = f"{', '.join(names)} do not move them apart"
         hint = "hold the other joints elsewhere"
         raise ConfigurationError("held_joints", problem, rule, hint, value=held)
 
 
-def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
+def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
-    chain, solids = space.arm.chain, space._outer_scene.solids
+    chain, solids = snapshot.arm.chain, snapshot.outer.solids
+    reaches = np.zeros(len(chain.parents))
+    np.maximum.at(reaches, solids.bodies, solids.levers)
+    # How far each joint moves each body per unit.
+    travel = np.where(chain.kinds == REVOLUTE, chain.lengths + reaches[:, np.newaxis], 1.0)
+    travel *= np.abs(chain.factors) * chain.between[:, 0]
     levers = np.zeros(len(held))
-    for body in np.unique(solids.bodies[space._outer_scene.pairs]):
-        reach = float(solids.levers[solids.bodies == body].max())
-        for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != FIXED)):
-            travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == REVOLUTE else 1.0
-            number = chain.joint_indices[joint]
-            levers[number] = max(levers[number], abs(chain.factors[joint]) * travel)
+    np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
     pad = 3 - grid.dim
     return JointCells(
         lower=np.concatenate([np.zeros(pad), grid.lower]),
@@ -487,25 +448,22 @@ def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats)
 
 
 def _inner_balls(solids: Solids) -> InnerBalls:
-    """Return balls inside solids.
-
-    They are the deepest lattice points, apart from each other, and corners.
-    """
-    surfaces = [_sample_depths(solids.surfaces, root) for root in solids.surface_roots.tolist()]
+    """Return balls inside solids; their probes are balls of radius zero."""
     found: list[Floats] = []
-    for number in range(len(solids.bodies)):
-        (surface, anchor, part), (next_surface, next_anchor, next_part) = solids.starts[
-            number : number + 2
-        ].tolist()
+    for (surface, anchor, part), (next_surface, next_anchor, next_part) in pairwise(
+        solids.starts.tolist()
+    ):
+        points = solids.anchors[anchor:next_anchor]
         roots = solids.tree_roots[part:next_part]
         spans = solids.trees.spans[roots[roots >= 0]].tolist()
         rows = [solids.trees.triangles[first : first + count] for first, count in spans]
-        corners = solids.anchors[anchor:next_anchor]
-        corners = corners[:: -(-len(corners) // _MAX_CORNERS_PER_SOLID) or 1]
-        own = [_solid_balls(np.concatenate([np.empty((0, 10)), *rows]))]
-        own += [_pick_balls(*each) for each in surfaces[surface:next_surface]]
-        own.append(np.column_stack([corners, np.zeros(len(corners))]))
-        found.append(np.concatenate(own))
+        closed = solids.surface_roots[surface:next_surface].tolist()
+        balls = [
+            np.column_stack([points, np.zeros(len(points))]),
+            _solid_balls(np.concatenate([np.empty((0, 10)), *rows])),
+            *(_surface_balls(solids.surfaces, root) for root in closed),
+        ]
+        found.append(np.concatenate(balls))
     every = np.concatenate([np.empty((0, 4)), *found])
     return InnerBalls(
         centers=every[:, :3].copy(),
@@ -513,6 +471,28 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         starts=np.cumsum([0, *map(len, found)]),
         deepest=np.array([1.5 * balls[:, 3].max(initial=0.0) for balls in found]),
     )
+
+
+def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
+    """Return the largest balls around lattice points of a closed surface, shape (n, 4).
+
+    Points near larger balls are skipped.
+    """
+    center, half = surfaces.boxes[root].reshape(2, 3)
+    step = np.cbrt(8.0 * half.prod() / _LATTICE_POINTS_PER_SURFACE)
+    # Odd counts put lattice points in the center plane of thin bodies.
+    counts = np.minimum(2 * np.floor(half / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
+    lattice = np.indices(tuple(counts.astype(np.int64).tolist())).reshape(3, -1).T
+    points = center - half + (lattice + 0.5) * 2.0 * half / counts
+    depths = np.empty(len(points))
+    scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
+    surface_depths(surfaces, root, points, depths, scratch)
+    balls = np.empty((0, 4))
+    for k in np.argsort(-depths)[: np.count_nonzero(depths > 0.0)].tolist():
+        distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
+        if len(balls) < _MAX_BALLS_PER_SURFACE and (distances > 0.6 * balls[:, 3]).all():
+            balls = np.vstack([balls, [*points[k], depths[k]]])
+    return balls
 
 
 def _solid_balls(rows: Floats) -> Floats:
@@ -526,66 +506,29 @@ def _solid_balls(rows: Floats) -> Floats:
     return np.column_stack([rows[largest, :3], radii[largest]])
 
 
-def _sample_depths(surfaces: SurfaceTree, root: int) -> tuple[Floats, Floats]:
-    """Sample depths at lattice points of a closed surface.
-
-    Returns the points and the depths.
-    """
-    center, half = surfaces.boxes[root].reshape(2, 3)
-    sides = 2.0 * half
-    step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
-    # Odd counts put lattice points in the center plane of thin bodies.
-    counts = np.minimum(
-        2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4
-    ).astype(np.int64)
-    lattice = np.indices(tuple(counts.tolist())).reshape(3, -1).T
-    points = center - half + (lattice + 0.5) * sides / counts
-    depth = np.empty(len(points))
-    surface_depths(surfaces, root, points, depth, np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64))
-    return points, depth
-
-
-def _pick_balls(points: Floats, depth: Floats) -> Floats:
-    """Pick the largest balls around points, shape (n, 4).
-
-    Points near larger balls are skipped.
-    """
-    chosen: list[int] = []
-    for k in np.argsort(-depth)[: np.count_nonzero(depth > 0.0)].tolist():
-        if (
-            len(chosen) < _MAX_BALLS_PER_SURFACE
-            and (np.linalg.norm(points[chosen] - points[k], axis=1) > 0.6 * depth[chosen]).all()
-        ):
-            chosen.append(k)
-    return np.column_stack([points[chosen], depth[chosen]])
-
-
 @dataclass(frozen=True, eq=False)
 class JointGeometry:
     """Proofs of a map of an arm's joints among obstacles.
 
     Attributes
     ----------
-    scene : Scene
+    snapshot : Snapshot
     joint_indices : ndarray of int64, shape (d,)
         Indices of the mapped joints.
     held : ndarray of float64, shape (arm.dof,)
         Values of the other joints.
     intervals : ndarray of float64, shape (d, 2)
         Limits of each joint; infinite for continuous joints.
-    part_names : tuple of str
-        Link or obstacle of each part of the scene's solids.
     mixed_cells : ndarray of int64, shape (n,)
         Flat indices of the cells that a pair keeps MIXED.
     deciding_pairs : ndarray of int16, shape (n,)
-        That pair of the scene.
+        That pair of the outer scene.
     """
 
-    scene: Scene
+    snapshot: Snapshot
     joint_indices: Ints
     held: Floats
     intervals: Floats
-    part_names: tuple[str, ...]
     mixed_cells: Ints
     deciding_pairs: NDArray[np.int16]
 
@@ -617,7 +560,7 @@ class JointProofs:
         inside = np.flatnonzero(within.all(axis=1))
         firsts = self._geometry.configurations(q0[inside])
         lasts = self._geometry.configurations(q1[inside])
-        free[inside] = are_free(self._geometry.scene, firsts, lasts)
+        free[inside] = self._geometry.snapshot.are_free(firsts, lasts)
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:

@@ -294,7 +294,7 @@ def follow_lines(
     if rounding exceeds the tolerance.
     """
     arm, scene = snapshot.arm, snapshot.outer
-    branch, tool = arm._branch_to(frame)
+    branch, tool = arm.branch_to(frame)
     count = len(branch.joints)
     scratch = LineScratch(make_pose_scratch(branch), np.empty(count), np.empty(count), np.empty(6))
     limits = arm.lower[branch.joints], arm.upper[branch.joints]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -59,7 +59,7 @@ configurations differently."""
 
 
 _FIRST_SAMPLES: Final = 4
-"""Configurations tested first, because most pairs are apart in one of them."""
+"""Number of configurations tested first."""
 
 
 class JointValues(dict[str, float]):
@@ -156,6 +156,12 @@ class Arm:
         End effectors of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
     held_joints : dict of str to float
         Values of joints that do not move, radians or metres, without joints that mimic others.
+    placements : dict of str to Frame
+        Body of each of :attr:`frames`, and the pose on it.
+    carriers : dict of str to str
+        Frame that carries each attached object.
+    base_is_root : bool
+        Whether the base is the root of the URDF.
     """
 
     name: str
@@ -167,15 +173,14 @@ class Arm:
     chain: Chain
     units: tuple[str, ...]
     max_velocity: Floats
-    _frames: dict[str, Frame]
-    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    end_effectors: dict[str, EndEffector] = field(default_factory=dict)
-    held_joints: dict[str, float] = field(default_factory=dict)
-    _passive: frozenset[str] = frozenset()
-    _states: dict[str, dict[str, float]] = field(default_factory=dict)
-    _carriers: dict[str, str] = field(default_factory=dict)
-    _left_out: frozenset[str] = frozenset()
-    """Links of the URDF that are not below the base."""
+    groups: dict[str, tuple[str, ...]]
+    end_effectors: dict[str, EndEffector]
+    held_joints: dict[str, float]
+    placements: dict[str, Frame]
+    carriers: dict[str, str]
+    base_is_root: bool
+    _passive: frozenset[str]
+    _states: dict[str, dict[str, float]]
 
     @classmethod
     def from_urdf(
@@ -269,7 +274,7 @@ class Arm:
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of the frames of links and attached objects."""
-        return tuple(self._frames)
+        return tuple(self.placements)
 
     def pose(self, q: ArrayLike, frame: str) -> Floats:
         """Return the pose of a frame at configurations: its forward kinematics.
@@ -291,8 +296,8 @@ class Arm:
         InputError
             If the frame is unknown, or q is not of finite numbers, one for each joint.
         """
-        points = self._check_configurations(q, "q")
-        body, pose = self._frames[self._check_frame(frame, "frame")]
+        points = self.check_configurations(q, "q")
+        body, pose = self.placements[check_known(frame, "frame", self.placements)]
         return np.asarray(body_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
 
     def poses(self, q: ArrayLike) -> dict[str, Floats]:
@@ -306,9 +311,9 @@ class Arm:
         -------
         dict of str to ndarray of float64, shape (..., 4, 4)
         """
-        poses = body_poses(self.chain, self._check_configurations(q, "q"))
+        poses = body_poses(self.chain, self.check_configurations(q, "q"))
         return {
-            name: poses[..., frame.body, :, :] @ frame.pose for name, frame in self._frames.items()
+            name: poses[..., body, :, :] @ pose for name, (body, pose) in self.placements.items()
         }
 
     def inverse(
@@ -367,67 +372,56 @@ class Arm:
             If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number
             is out of range.
         """
-        return self._solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
+        return self.solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
 
-    def _solve_pose(
-        self,
-        goal: PoseGoal,
-        name: str,
-        near: ArrayLike | None = None,
-        max_solutions: int = 16,
-        seed: int = 0,
+    def solve_pose(
+        self, goal: PoseGoal, name: str, near: ArrayLike | None, max_solutions: int, seed: int
     ) -> Floats:
         """Return :meth:`inverse` of a pose from the argument ``name``."""
-        branch, tool = self._branch_to(goal.frame)
-        q = self._rest if near is None else self._check_configuration(near, "near")
-        q = self._clamp(q)
+        branch, tool = self.branch_to(goal.frame)
+        q = self.rest if near is None else self.check_configuration(near, "near")
+        q = self.clamp(q)
         count = check_count(max_solutions, "max_solutions", 1)
         rng = np.random.default_rng(check_count(seed, "seed"))
         rows = branch.joints
-        limits = self.lower[rows], self.upper[rows]
-        lowest, highest = self._ranges(q)
-        ranges = lowest[rows], highest[rows]
+        lower, upper, lowest, highest = (
+            each[rows] for each in (self.lower, self.upper, *self.ranges(q))
+        )
+        turns = self.whole_turns[rows]
         found = solve_pose(
-            branch, tool, goal, limits, ranges, q[rows], self._whole_turns[rows], count, rng
+            branch, tool, goal, (lower, upper), (lowest, highest), q[rows], turns, count, rng
         )
         if not len(found.joints):
-            nearest = q.copy()
-            nearest[rows] = found.nearest
-            far, within = f"{found.distance:.3g} m", f"{goal.tolerance[0]:g} m"
-            if math.isfinite(goal.tolerance[1]):
+            q[rows] = found.nearest
+            distance, angle = goal.tolerance
+            far, within = f"{found.distance:.3g} m", f"{distance:g} m"
+            if math.isfinite(angle):
                 far += f" and {found.angle:.3g} rad"
-                within += f" and {goal.tolerance[1]:g} rad"
-            problem = (
-                f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away"
-            )
-            hint = "move the pose, or pass a larger tolerance"
-            point = tuple(nearest.tolist())
+                within += f" and {angle:g} rad"
             raise ConfigurationError(
-                name, problem, f"it must be within {within}", hint, value=goal.pose, nearest=point
+                name,
+                f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away",
+                f"it must be within {within}",
+                "move the pose, or pass a larger tolerance",
+                value=goal.pose,
+                nearest=tuple(q.tolist()),
             )
         solutions = np.tile(q, (len(found.joints), 1))
         solutions[:, rows] = found.joints
         return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
 
-    def _branch_to(self, frame: str) -> tuple[Branch, Floats]:
+    def branch_to(self, frame: str) -> tuple[Branch, Floats]:
         """Return a frame's branch, and its pose on the last body."""
-        body, tool = self._frames[self._check_frame(frame, "frame")]
+        body, tool = self.placements[check_known(frame, "frame", self.placements)]
         if body == 0:
             rule = "no joint of the arm moves it"
             raise InputError(
                 "frame", f"is {frame!r}", rule, "name a frame beyond a joint", value=frame
             )
-        if body not in self._branches:
-            self._branches[body] = branch_to(self.chain, body)
-        return self._branches[body], tool
-
-    @cached_property
-    def _branches(self) -> dict[int, Branch]:
-        """Branches to bodies, made as they are needed."""
-        return {}
+        return branch_to(self.chain, body), tool
 
     @property
-    def _whole_turns(self) -> Bools:
+    def whole_turns(self) -> Bools:
         """Whether whole turns of each joint, shape (dof,), change no pose.
 
         A joint that moves another joint by a fraction of its own angle is none of these.
@@ -445,7 +439,7 @@ class Arm:
         group. Joints missing from a state are at zero, or at their nearest limit.
         """
         return {
-            name: frozen(self._move_joints(self._rest, self._state(name, "name")))
+            name: frozen(self._move_joints(self.rest, self._state(name, "name")))
             for name in self._states
         }
 
@@ -478,15 +472,15 @@ class Arm:
             If a value is more than 1e-5 rad (m) beyond the joint's limits.
         """
         if isinstance(base, str):
-            q = self._move_joints(self._rest, self._state(base, "base"))
-            self._check_limits(q, "base")
+            q = self._move_joints(self.rest, self._state(base, "base"))
+            self.check_limits(q, "base")
         else:
-            q = self._rest if base is None else self._check_configuration(base, "base")
+            q = self.rest if base is None else self.check_configuration(base, "base")
         given = self._state(values, "values") if isinstance(values, str) else values or {}
         if isinstance(given, JointValues):
             given = self._select(given, base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
-        self._check_limits(moved, "values")
+        self.check_limits(moved, "values")
         return moved
 
     def _select(self, values: JointValues, all_joints: bool) -> dict[str, float]:
@@ -509,9 +503,9 @@ class Arm:
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
-    def _rest(self) -> Floats:
+    def rest(self) -> Floats:
         """Configuration of all joints at zero, or at their nearest limit."""
-        return self._clamp(np.zeros(self.dof))
+        return self.clamp(np.zeros(self.dof))
 
     def _move_joints(self, q: Floats, values: Mapping[str, float]) -> Floats:
         """Return a configuration with some joints at given values."""
@@ -571,26 +565,24 @@ class Arm:
                 "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
             )
         check_text(name, "name", "tool")
-        others = check_names(touch_links, "touch_links")
-        if name in self._frames:
+        touching = [link, *check_names(touch_links, "touch_links")]
+        if name in self.placements:
             raise InputError(
                 "name", f"is {name!r}", "a link has it", "choose another one", value=name
             )
-        for each in (link, *others):
-            self._check_frame(each, "link")
-        body, to_body = self._frames[link]
+        for each in touching:
+            check_known(each, "link", self.placements)
+        body, to_body = self.placements[link]
         frame = Frame(body, to_body if pose is None else to_body @ check_rigid(pose, "pose"))
-        held = Solid(name, body, (PosedShape(solid, frame.pose),))
-        touching = {each.name for each in self.links}.intersection([link, *others])
-        allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in touching}
-        frames = self._frames | {name: frame}
-        carriers = self._carriers | {name: link}
+        allowed = {
+            sort_pair(name, each.name): "held" for each in self.links if each.name in touching
+        }
         return replace(
             self,
-            links=(*self.links, held),
-            allowed_collisions=allowed,
-            _frames=frames,
-            _carriers=carriers,
+            links=(*self.links, Solid(name, body, (PosedShape(solid, frame.pose),))),
+            allowed_collisions=self.allowed_collisions | allowed,
+            placements=self.placements | {name: frame},
+            carriers=self.carriers | {name: link},
         )
 
     def detach(self, name: str) -> Arm:
@@ -601,8 +593,8 @@ class Arm:
         InputError
             If no attached object has the name, or another one is attached to it.
         """
-        check_known(name, "name", self._carriers)
-        for other, link in self._carriers.items():
+        check_known(name, "name", self.carriers)
+        for other, link in self.carriers.items():
             if link == name:
                 hint = f"detach {other!r} first"
                 raise InputError("name", f"is {name!r}", f"it carries {other!r}", hint, value=name)
@@ -612,8 +604,8 @@ class Arm:
             allowed_collisions={
                 pair: why for pair, why in self.allowed_collisions.items() if name not in pair
             },
-            _frames={frame: pose for frame, pose in self._frames.items() if frame != name},
-            _carriers={each: link for each, link in self._carriers.items() if each != name},
+            placements={frame: pose for frame, pose in self.placements.items() if frame != name},
+            carriers={each: link for each, link in self.carriers.items() if each != name},
         )
 
     @cached_property
@@ -624,29 +616,34 @@ class Arm:
         says how often they touch in 1000 fixed random configurations: ``"never"``, ``"sometimes"``
         or ``"always"``. Every proof checks all other pairs, because sampling proves nothing.
         """
-        moving = _moving(self.links)
-        scene = make_scene(self.chain, self.links, moving)
-        shares = sample_apart(scene, self._contact_samples).mean(axis=1)
-        labels = [
-            "never" if share == 1.0 else "sometimes" if share else "always"
-            for share in shares.tolist()
-        ]
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
-        reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
+        for pair, scene in self.moving_pairs().items():
+            apart = are_free(scene, self.contact_samples, self.contact_samples)
+            reasons[pair] = "never" if apart.all() else "sometimes" if apart.any() else "always"
         return reasons | {
             pair: why for pair, why in self.allowed_collisions.items() if pair in reasons
         }
 
+    def moving_pairs(self) -> dict[Names, Scene]:
+        """Return a scene of each two links that move against each other."""
+        # The second body of a pair comes first in the chain.
+        pairs = [
+            (i, j) if a.body > b.body else (j, i)
+            for (i, a), (j, b) in combinations(enumerate(self.links), 2)
+            if a.body != b.body
+        ]
+        scene = make_scene(self.chain, self.links, pairs)
+        names = [sort_pair(self.links[i].name, self.links[j].name) for i, j in pairs]
+        return {
+            pair: scene.select_pairs(slice(number, number + 1)) for number, pair in enumerate(names)
+        }
+
     @cached_property
-    def _contact_samples(self) -> Floats:
+    def contact_samples(self) -> Floats:
         """Random configurations to find pairs that never or always touch."""
-        return draw_configurations(self._ranges(), CONTACT_SAMPLES)
+        return np.random.default_rng(0).uniform(*self.ranges(), (CONTACT_SAMPLES, self.dof))
 
-    def _names(self, pair: tuple[int, int]) -> Names:
-        """Return the link names of a pair of indices."""
-        return sort_pair(self.links[pair[0]].name, self.links[pair[1]].name)
-
-    def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
+    def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return the limits of the joints.
 
         Joints without limits get half a turn around the configurations, shape (n, dof).
@@ -657,11 +654,7 @@ class Arm:
             np.isinf(self.upper), high, self.upper
         )
 
-    def _check_frame(self, name: object, argument: str) -> str:
-        """Return a frame's name; raise InputError if it is unknown."""
-        return check_known(name, argument, self._frames)
-
-    def _check_limits(self, q: Floats, name: str) -> None:
+    def check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
 
         ``q`` are configurations, shape (..., dof).
@@ -678,11 +671,11 @@ class Arm:
                 value=value,
             )
 
-    def _clamp(self, q: Floats) -> Floats:
+    def clamp(self, q: Floats) -> Floats:
         """Clamp configurations, shape (..., dof), to the limits."""
         return np.asarray(q.clip(self.lower, self.upper))
 
-    def _check_configurations(self, q: ArrayLike, name: str) -> Floats:
+    def check_configurations(self, q: ArrayLike, name: str) -> Floats:
         """Return configurations, shape (..., dof), as floats.
 
         Raises
@@ -698,14 +691,14 @@ class Arm:
             )
         return array
 
-    def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
+    def check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
         """Return one configuration, within the limits."""
-        point = np.empty((0, 0)) if q is None else self._check_configurations(q, name)
+        point = np.empty((0, 0)) if q is None else self.check_configurations(q, name)
         if point.ndim != 1:
             problem = "is missing" if q is None else f"has shape {point.shape}"
             hint = f"pass ({', '.join(self.joints)})"
             raise InputError(name, problem, "it must be one configuration", hint, value=q)
-        self._check_limits(point, name)
+        self.check_limits(point, name)
         return point
 
 
@@ -761,27 +754,30 @@ def is_independent(joint: Joint) -> bool:
 def _read_joint(joint: Any, file: str) -> Joint:
     """Convert a joint of yourdfpy."""
     where = f"{file}: joint {joint.name!r}"
-    check_known(joint.type, where, _JOINT_KINDS)
-    kind = _JOINT_KINDS[joint.type]
+    kind = _JOINT_KINDS[check_known(joint.type, where, _JOINT_KINDS)]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
-    axis = check_finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
-    length = float(np.linalg.norm(axis))
-    if kind != FIXED and not length > 0.0:
-        rule = "a joint turns about it or slides along it"
-        raise InputError(f"{where}: axis", "is zero", rule, "correct it", value=joint.axis)
-    has_limits = kind != FIXED and joint.type != "continuous"
-    lower, upper = _read_limits(joint, where) if has_limits else (-math.inf, math.inf)
-    velocity = float(getattr(joint.limit, "velocity", None) or 0.0)
-    max_velocity = velocity if velocity > 0.0 else math.inf
-    leader, factor, offset = joint.name, 1.0, 0.0
+    axis = check_finite(joint.axis, f"{where}: axis")
+    velocity = getattr(joint.limit, "velocity", None) or 0.0
+    lower, upper, leader, factor, offset = -math.inf, math.inf, joint.name, 1.0, 0.0
+    if joint.type in ("revolute", "prismatic"):
+        lower, upper = _read_limits(joint, where)
     if joint.mimic is not None and kind != FIXED:
-        leader, given = joint.mimic.joint, (joint.mimic.multiplier, joint.mimic.offset)
-        pair = [default if x is None else x for x, default in zip(given, (1.0, 0.0), strict=True)]
-        factor, offset = check_finite(pair, f"{where}: mimic").tolist()
-    unit = axis / length if length > 0.0 else axis
-    ends = joint.parent, joint.child
+        leader = joint.mimic.joint
+        numbers = joint.mimic.multiplier, joint.mimic.offset
+        factor, offset = check_finite(numbers, f"{where}: mimic").tolist()
     return Joint(
-        joint.name, kind, *ends, frame, unit, lower, upper, leader, factor, offset, max_velocity
+        name=joint.name,
+        kind=kind,
+        parent=joint.parent,
+        child=joint.child,
+        frame=frame,
+        axis=axis if kind == FIXED else axis / np.linalg.norm(axis),
+        lower=lower,
+        upper=upper,
+        leader=leader,
+        factor=factor,
+        offset=offset,
+        max_velocity=velocity if velocity > 0.0 else math.inf,
     )
 
 
@@ -909,10 +905,11 @@ class _Assembly:
             },
             end_effectors=srdf.end_effectors,
             held_joints=self._held,
-            _frames=bodies,
+            placements=bodies,
+            carriers={},
+            base_is_root=len(bodies) == len(self._urdf.link_map),
             _passive=frozenset(self._joints.keys() - {*self._moving, *self._held}),
             _states=srdf.states,
-            _left_out=frozenset(self._urdf.link_map.keys() - bodies.keys()),
         )
 
     def default_allowed(self, arm: Arm) -> dict[Names, str]:
@@ -933,14 +930,10 @@ class _Assembly:
                 other = above.get(other)
             if other is not None:
                 allowed.setdefault(sort_pair(link.name, other), "adjacent")
-        pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in allowed]
-        scene = make_scene(arm.chain, arm.links, pairs)
-        touching = always_touch(scene, draw_configurations(arm._ranges(), 100))
-        return allowed | {
-            arm._names(pair): "always"
-            for pair, always in zip(pairs, touching, strict=True)
-            if always
-        }
+        for pair, scene in arm.moving_pairs().items():
+            if pair not in allowed and always_touch(scene, arm.contact_samples[:100]):
+                allowed[pair] = "always"
+        return allowed
 
     def _max_velocity(self, leader: str) -> float:
         """Return the largest speed of a joint within the limits of itself and its mimics."""
@@ -1024,37 +1017,8 @@ def _rest_value(joint: Joint) -> float:
     return float(np.clip(0.0, joint.lower, joint.upper))
 
 
-def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
-    """Return pairs of links, by index, that move against each other.
-
-    The second body comes first in the chain.
-    """
-    rows = combinations(range(len(links)), 2)
-    pairs = [(i, j) if links[i].body > links[j].body else (j, i) for i, j in rows]
-    return [(i, j) for i, j in pairs if links[i].body != links[j].body]
-
-
-def draw_configurations(ranges: tuple[Floats, Floats], count: int) -> Floats:
-    """Draw uniform configurations within ranges, always the same ones."""
-    return np.random.default_rng(0).uniform(*ranges, (count, len(ranges[0])))
-
-
-def sample_apart(scene: Scene, points: Floats) -> Bools:
-    """Return whether each pair is proven apart, shape (p, n).
-
-    There are n configurations.
-    """
-    proven = [
-        are_free(scene.select_pairs(slice(n, n + 1)), points, points)
-        for n in range(len(scene.pairs))
-    ]
-    return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
-
-
-def always_touch(scene: Scene, points: Floats) -> Bools:
-    """Return whether each pair is never proven apart, shape (p,)."""
-    if are_free(scene, points[:_FIRST_SAMPLES], points[:_FIRST_SAMPLES]).any():
-        return np.zeros(len(scene.pairs), dtype=np.bool_)
-    left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
-    left[left] = ~sample_apart(scene.select_pairs(left), points[_FIRST_SAMPLES:]).any(axis=1)
-    return left
+def always_touch(scene: Scene, points: Floats) -> bool:
+    """Return True if a scene is not proven free at any of several configurations."""
+    # Most pairs are apart in one of the first.
+    parts = points[:_FIRST_SAMPLES], points[_FIRST_SAMPLES:]
+    return not any(are_free(scene, part, part).any() for part in parts)

@@ -138,7 +138,7 @@ class PlanningScene:
         there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
         self._check_arm(arm)
-        bare, links = arm, [frame for frame in arm.frames if frame not in arm._carriers]
+        bare, links = arm, [frame for frame in arm.frames if frame not in arm.carriers]
         for name, each in self.attached.items():
             check_known(each.link, f"{self.source}: link_name of {name!r}", links)
             touching = [link for link in each.touch_links if link in links]
@@ -178,7 +178,7 @@ class PlanningScene:
         if each.frame == each.link:
             return pose
         # Only links that joints move need the robot's state.
-        q = arm.configuration(self.robot_state) if arm._frames[each.link].body else arm._rest
+        q = arm.configuration(self.robot_state) if arm.placements[each.link].body else arm.rest
         on_base = np.linalg.solve(base_pose, pose)
         return np.asarray(np.linalg.solve(arm.pose(q, each.link), on_base), dtype=np.float64)
 
@@ -195,12 +195,12 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     hint = "pass base_pose=, the pose of the arm's base in that frame"
     problem = f"has poses in the frame {frame!r}"
     if frame in arm.frames:
-        body, pose = arm._frames[frame]
+        body, pose = arm.placements[frame]
         if body:
             raise InputError(source, problem, "a joint of the arm moves it", hint, value=frame)
         return np.linalg.inv(pose).astype(np.float64)
     # MoveIt takes the root for the world.
-    if frame != WORLD or arm._left_out:
+    if frame != WORLD or not arm.base_is_root:
         rule = f"the arm has no such frame; its base is {arm.frames[0]!r}"
         raise InputError(source, problem, rule, hint, value=frame)
     return np.eye(4)

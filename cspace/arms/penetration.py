@@ -13,6 +13,7 @@ from cspace.errors import InputError
 from cspace.spectral import BallPenetration, Bump
 from cspace.spectral.descriptors import BallsLike, as_balls, check_same_dim, common_bump
 from cspace.support.arrays import Floats
+from cspace.support.check import check_known
 
 
 class ArmPenetration:
@@ -55,7 +56,7 @@ class ArmPenetration:
         kind = common_bump(bump, obstacles, *links.values())
         bodies, points, radii = [], [], []
         for name, source in links.items():
-            body, pose = arm._frames[arm._check_frame(name, "links")]
+            body, pose = arm.placements[check_known(name, "links", arm.placements)]
             balls = as_balls(source, name, kind)
             check_same_dim(name, balls.dim, 3)
             bodies.append(np.full(len(balls.radii), body))
@@ -75,7 +76,7 @@ class ArmPenetration:
         dof), in cubic metres, and that per radian or metre. Raises InputError if q is not of finite
         numbers, one for each joint.
         """
-        points, chain = self.arm._check_configurations(q, "q"), self.arm.chain
+        points, chain = self.arm.check_configurations(q, "q"), self.arm.chain
         poses = body_poses(chain, points)
         placed = poses[..., self._bodies, :, :]
         centers = (

@@ -33,12 +33,8 @@ A node from which a motion was blocked ignores farther samples (A. Yershova and 
 "Dynamic-domain RRTs", 2005). Distances between random configurations grow with that square root.
 """
 
-TRIES_PER_CLOCK_CHECK: Final = 32
-"""Growth attempts between two checks of the clock."""
-
-
-SAMPLES_PER_BATCH: Final = 256
-"""Samples drawn at once; most are too far away to help in a narrow passage."""
+SAMPLES_PER_BATCH: Final = 48
+"""Samples between two checks of the clock."""
 
 
 INITIAL_NODES: Final = 1000
@@ -85,76 +81,58 @@ class Forest(NamedTuple):
 
 
 @kernel
-def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
-    """Return the nearest node of a tree, and its distance."""
-    nodes, best, at = forest.nodes[side], np.inf, -1
-    for n in range(forest.counts[side]):
+def extend(
+    scene: Scene, forest: Forest, side: int, q: Floats, within: bool, scratch: SceneScratch
+) -> tuple[int, bool]:
+    """Grow a tree by at most a stride towards a configuration.
+
+    If ``within``, configurations beyond the reach of the nearest node are ignored. Returns the new
+    node, -1 if there is none, and whether it is the configuration itself.
+    """
+    nodes, new = forest.nodes[side], forest.counts[side]
+    nearest, near = np.inf, 0
+    for n in range(new):
         square = 0.0
         for d in range(len(q)):
             square += (nodes[n, d] - q[d]) ** 2
-        if square < best:
-            best, at = square, n
-    return at, math.sqrt(best)
-
-
-@kernel
-def write_step(forest: Forest, side: int, near: int, q: Floats) -> int:
-    """Write a node at most a stride from another, towards a configuration; return its index."""
-    new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
+        if square < nearest:
+            nearest, near = square, n
+    if within and math.sqrt(nearest) > forest.reaches[side, near]:
+        return -1, False
+    is_near = nearest <= MAX_STRIDE**2
+    share = 1.0 if is_near else MAX_STRIDE / math.sqrt(nearest)
     for d in range(len(q)):
-        square += (nodes[near, d] - q[d]) ** 2
-    share = MAX_STRIDE / math.sqrt(square) if square > MAX_STRIDE**2 else 1.0
-    for d in range(len(q)):
-        nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
-    return int(new)
-
-
-@kernel
-def keep_step(forest: Forest, side: int, near: int, is_free: bool) -> bool:
-    """Add the node of :func:`write_step` to its tree if the motion to it is free."""
-    new = forest.counts[side]
-    if is_free:
-        forest.parents[side, new], forest.reaches[side, new] = near, np.inf
-        forest.counts[side] = new + 1
-    else:
-        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(forest.nodes.shape[2])
-    return is_free
+        nodes[new, d] = q[d] if is_near else nodes[near, d] + share * (q[d] - nodes[near, d])
+    if not motion_is_free(scene, nodes[near], nodes[new], scratch):
+        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
+        return -1, False
+    forest.parents[side, new], forest.reaches[side, new] = near, np.inf
+    forest.counts[side] = new + 1
+    return new, is_near
 
 
 @kernel
 def grow_trees(
     scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch
-) -> tuple[int, int, int]:
+) -> tuple[int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof).
 
-    Returns the number of samples used, and the nodes of both trees that meet, -1 if none do. It
-    stops after TRIES_PER_CLOCK_CHECK attempts, or if the capacity is nearly used up.
+    Returns the nodes of both trees that meet, -1 if none do. It stops if the capacity is nearly
+    used up.
     """
-    nodes, counts = forest.nodes, forest.counts
-    capacity, tries = nodes.shape[1], 0
+    counts, capacity = forest.counts, forest.nodes.shape[1]
     for k in range(len(samples)):
         side = 0 if counts[0] <= counts[1] else 1
-        if tries == TRIES_PER_CLOCK_CHECK or max(counts[0], counts[1]) + 2 >= capacity:
-            return k, -1, -1
-        near, far = nearest_node(forest, side, samples[k])
-        if far > forest.reaches[side, near]:
-            continue
-        tries += 1
-        new = write_step(forest, side, near, samples[k])
-        is_free = motion_is_free(scene, nodes[side, near], nodes[side, new], scratch)
-        if not keep_step(forest, side, near, is_free):
-            continue
+        if max(counts[0], counts[1]) + 2 >= capacity:
+            break
+        new, _ = extend(scene, forest, side, samples[k], True, scratch)
         # Grow the other tree towards the new node as far as possible.
-        target, other = nodes[side, new], 1 - side
-        at, far = nearest_node(forest, other, target)
-        while is_free and far > 0.0 and counts[other] + 1 < capacity:
-            step = write_step(forest, other, at, target)
-            is_free = motion_is_free(scene, nodes[other, at], nodes[other, step], scratch)
-            keep_step(forest, other, at, is_free)
-            at, far = step, far - MAX_STRIDE
-        if is_free and far <= 0.0:
-            return (k + 1, new, at) if side == 0 else (k + 1, at, new)
-    return len(samples), -1, -1
+        at, meets = new, False
+        while at >= 0 and not meets and counts[1 - side] + 1 < capacity:
+            at, meets = extend(scene, forest, 1 - side, forest.nodes[side, new], False, scratch)
+        if meets:
+            return (new, at) if side == 0 else (at, new)
+    return -1, -1
 
 
 class PathSearch:
@@ -185,7 +163,8 @@ class PathSearch:
         rng: np.random.Generator,
         seconds: float,
     ) -> None:
-        self._scene, self._scratch, self._end = scene, make_scene_scratch(scene), clock() + seconds
+        self._scene, self._scratch = scene, make_scene_scratch(scene)
+        self._end = clock() + seconds
         self._bounds, self._start, self._spans, self._rng = bounds, start, spans, rng
         distances = np.linalg.norm(goals - start, axis=1)
         order = np.argsort(distances)
@@ -237,12 +216,11 @@ class PathSearch:
         straight: bool,
     ) -> Floats:
         """Grow two trees until they meet on a path below ``length``, or until time ends."""
-        forest, first, second, batches = _plant_trees(self._start, goals), -1, -1, 0
+        forest, first, batches = _plant_trees(self._start, goals), -1, 0
         while first < 0 and batches < max_batches and clock() < self._end:
-            if len(samples) < TRIES_PER_CLOCK_CHECK:
-                samples = np.concatenate([samples, self._sample(goals, length)])
-            used, first, second = grow_trees(self._scene, forest, samples, self._scratch)
-            samples, batches = samples[used:], batches + 1
+            samples = np.concatenate([samples, self._sample(goals, length)])
+            first, second = grow_trees(self._scene, forest, samples, self._scratch)
+            samples, batches = samples[:0], batches + 1
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
         self._batches.append(batches)

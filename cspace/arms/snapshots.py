@@ -5,24 +5,32 @@ A living :class:`cspace.ArmSpace` replaces its own.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are read when they are first used
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.chain import FIXED, body_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms.proofs import Scene, are_free, make_scene_scratch, pair_distances
+from cspace.arms.proofs import (
+    Scene,
+    are_blocked,
+    are_free,
+    make_scene_scratch,
+    motions_are_free,
+    pair_distances,
+)
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.queries.batches import as_contiguous
-from cspace.support.arrays import Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.threads import in_chunks
 
 MIN_MOTIONS_PER_THREAD: Final = 20
@@ -109,14 +117,33 @@ class Snapshot:
         """Names of links with geometry, attached objects and obstacles."""
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
-    def distances(self, points: Floats) -> tuple[Floats, Ints]:
+    def are_free(self, firsts: Floats, lasts: Floats, scene: Scene | None = None) -> Bools:
+        """Return whether motions, shapes (n, dof), are proven free, shape (n,).
+
+        ``scene`` is the outer scene, or one with more padding.
+        """
+        free = np.empty(len(firsts), dtype=np.bool_)
+        rows = as_contiguous(firsts), as_contiguous(lasts)
+        _run_in_threads(motions_are_free, scene or self.outer, *rows, free)
+        return free
+
+    def are_blocked(self, points: Floats) -> Bools:
+        """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""
+        blocked = np.empty(len(points), dtype=np.bool_)
+        _run_in_threads(are_blocked, self.inner, as_contiguous(points), blocked)
+        return blocked
+
+    def distances(self, points: Floats, scene: Scene | None = None) -> tuple[Floats, Ints]:
         """Return the smallest distance at each configuration.
 
         The pair with this distance is returned too. ``points`` has shape (n, dof). The distances,
         shape (n,), are in metres, zero if not proven positive. The second array, shape (n, 3), has
-        the index of the pair of solids and the nearest node of the hull tree of each.
+        the index of the pair of solids and the nearest node of the hull tree of each. ``scene`` is
+        the outer scene, or one with some of its pairs.
         """
-        return _measure_distances(self.outer, points, self.margin)
+        out, nearest = np.empty(len(points)), np.zeros((len(points), 3), dtype=np.int64)
+        _run_in_threads(pair_distances, scene or self.outer, as_contiguous(points), out, nearest)
+        return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
         """Return the pair nearest to touching.
@@ -124,33 +151,43 @@ class Snapshot:
         ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one
         configuration, shape (1, dof).
         """
-        distances, nearest = _measure_distances(scene, points, self.margin)
+        distances, nearest = self.distances(points, scene)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        part_names = [
-            each.name for group in self.groups for each in group.members for _ in each.parts
-        ]
-        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, points[0])
+        hulls, radii, poses = [], [], body_poses(self.arm.chain, points[0])
         for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
-            names.append(part_names[solids.part_at(number, node)])
             corners, radius = node_corners(solids.hulls, node)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append([radius])
-        return Contact(
-            names[0], names[1], float(distances[0]), _nearest_points(hulls[0], hulls[1], radii)
-        )
+        link, other = self._name_parts(scene.pairs[pair], nodes)
+        return Contact(link, other, float(distances[0]), _nearest_points(*hulls, radii))
+
+    def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
+        """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
+        _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
+        nodes, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
+        found = Counter[tuple[str, str]]()
+        for each, count in zip(nodes.tolist(), counts.tolist(), strict=True):
+            found[self._name_parts(self.outer.pairs[pair], each)] += count
+        return found
+
+    def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
+        """Return the names of the links or obstacles at nodes of a pair of solids."""
+        names = [each.name for group in self.groups for each in group.members for _ in each.parts]
+        link, other = map(self.outer.solids.part_at, pair.tolist(), nodes)
+        return names[link], names[other]
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the pairs that touch in all random configurations.
 
         They are names of links and obstacles, of the pairs of a scene.
         """
-        if not len(scene.pairs):
-            return
-        points = self.arm._contact_samples
-        for number in np.flatnonzero(always_touch(scene, points)).tolist():
-            yield self.contact(scene.select_pairs(slice(number, number + 1)), points[:1])[:2]
+        points = self.arm.contact_samples
+        for number in range(len(scene.pairs)):
+            pair = scene.select_pairs(slice(number, number + 1))
+            if always_touch(pair, points):
+                yield self.contact(pair, points[:1])[:2]
 
 
 def make_snapshot(
@@ -327,19 +364,14 @@ def _refuse_always(snapshot: Snapshot) -> None:
         )
 
 
-def _measure_distances(scene: Scene, points: Floats, margin: float) -> tuple[Floats, Ints]:
-    """Return the distances of a scene; see :meth:`Snapshot.distances`."""
-    rows = as_contiguous(points)
-    out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
+def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[Any]) -> None:
+    """Call ``kernel(scene, *arrays, scratch)`` on parts of contiguous arrays."""
 
-    def measure(first: int, stop: int) -> int:
-        pair_distances(
-            scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene)
-        )
+    def run(first: int, stop: int) -> int:
+        kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
         return -1
 
-    in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
-    return np.where(out > 0.0, out + margin, 0.0), nearest
+    in_chunks(run, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
 def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:

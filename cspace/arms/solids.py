@@ -31,7 +31,7 @@ from cspace.shapes import (
 from cspace.shapes.shape import unique_rows
 from cspace.support.arrays import Floats, Ints
 from cspace.support.check import check_finite
-from cspace.workspace import Workspace
+from cspace.workspace import Workspace, load_workspace
 
 PROBES_PER_PART: Final = 60
 """Approximate number of corners and inner points of each part that are sought in others, to prove
@@ -152,8 +152,8 @@ class PosedShape:
         # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
         # last bit.
         corners, index = unique_rows(mesh.vertices)
-        counted = np.flatnonzero(mesh._turns)
-        return self.transform(corners)[index[mesh.faces[counted]]], mesh._turns[counted]
+        counted = np.flatnonzero(mesh.windings)
+        return self.transform(corners)[index[mesh.faces[counted]]], mesh.windings[counted]
 
     @cached_property
     def surface_tree(self) -> SurfaceTree:
@@ -344,7 +344,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
         raise InputError("obstacles", problem, "arms are in space", hint, value=obstacle)
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
-    held = obstacle._in_memory()
+    held = load_workspace(obstacle)
     if not held.outer.any():
         return None
     bitmaps = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown

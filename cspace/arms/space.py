@@ -22,8 +22,9 @@ from cspace.arms.lines import (
 )
 from cspace.arms.model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
 from cspace.arms.moveit import PlanningScene, find_base_pose
-from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free
-from cspace.arms.snapshots import MIN_MOTIONS_PER_THREAD, Contact, Snapshot, make_snapshot
+from cspace.arms.proofs import make_scene_scratch, motion_is_free
+from cspace.arms.search import PathSearch
+from cspace.arms.snapshots import Contact, Snapshot, make_snapshot
 from cspace.arms.solids import PosedShape, check_rigid, named_obstacles, place_obstacle, place_shape
 from cspace.errors import ConfigurationError, InputError
 from cspace.interface import (
@@ -35,7 +36,6 @@ from cspace.interface import (
     Split,
 )
 from cspace.methods import ArmPlot
-from cspace.queries.batches import as_contiguous
 from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
 from cspace.shapes import ShapeLike, as_shape
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
@@ -50,7 +50,6 @@ from cspace.support.check import (
     check_rng,
     check_text,
 )
-from cspace.support.threads import in_chunks
 from cspace.workspace import Workspace
 
 MAX_DOUBLED_JOINTS: Final = 8
@@ -107,43 +106,39 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     searches = ("BiRRT",)
 
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
-        self._snapshot, self._base, self._lock = snapshot, base, threading.Lock()
+        self.snapshot, self._base = snapshot, base
+        self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy or pickle the scene, without locks and scratch memory."""
-        return type(self), (self._snapshot, self._base)
+        return type(self), (self.snapshot, self._base)
 
     @property
     def arm(self) -> Arm:
         """The arm, with all objects that are attached to it."""
-        return self._snapshot.arm
+        return self.snapshot.arm
 
     @property
     def obstacles(self) -> dict[str, PosedShape]:
         """The obstacles in the frame of the arm's base; a copy."""
         return {
-            name: placed for name, placed in self._snapshot.obstacles.items() if placed is not None
+            name: placed for name, placed in self.snapshot.obstacles.items() if placed is not None
         }
 
     @property
     def margin(self) -> float:
         """Metres that FREE keeps between links and everything else."""
-        return self._snapshot.margin
+        return self.snapshot.margin
 
     @property
     def padding(self) -> dict[str, float]:
         """Metres added to the margin by name, a copy; see :meth:`set_padding`."""
-        return dict(self._snapshot.padding)
+        return dict(self.snapshot.padding)
 
     @property
     def allowed_collisions(self) -> list[tuple[str, str]]:
         """Pairs that may touch, in addition to :attr:`Arm.allowed_collisions`."""
-        return sorted(self._snapshot.allowed)
-
-    @property
-    def _outer_scene(self) -> Scene:
-        """The current scene that proves FREE."""
-        return self._snapshot.outer
+        return sorted(self.snapshot.allowed)
 
     def __repr__(self) -> str:
         """Return the arm and the number of joints and obstacles."""
@@ -166,7 +161,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         A whole turn of a continuous joint leads to the same configuration. A joint that moves
         another joint by a fraction of its own angle is not periodic.
         """
-        return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
+        return tuple((np.isinf(self.arm.upper) & self.arm.whole_turns).tolist())
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -257,7 +252,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             placed = place_shape(as_shape(shape, radius, "shape"), name, at)
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             links = {link.name for link in now.arm.links}
             if name in links:
                 rule, hint = (
@@ -278,7 +273,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If no obstacle has the name; nothing changes then.
         """
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             check_known(name, "name", now.obstacles)
             left = {each: placed for each, placed in now.obstacles.items() if each != name}
             padding = _set_entry(now.padding, name, 0.0)
@@ -323,7 +318,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             left, carrier = dict(now.obstacles), check_known(link, "link", now.arm.frames)
             if shape is None:
                 if pose is not None:
@@ -332,7 +327,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 filled = {each: placed for each, placed in left.items() if placed is not None}
                 placed = filled[check_known(name, "name", filled)]
                 del left[name]
-                on_base = now.arm.pose(self._check_configuration(q, "q"), carrier)
+                on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
                 shape, pose = placed.shape, np.linalg.inv(on_base) @ placed.pose
             elif q is not None:
                 rule, hint = "only an obstacle is picked up at q", "leave out q, or the shape"
@@ -368,13 +363,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             arm, obstacles = now.arm.detach(name), dict(now.obstacles)
             allowed: Collection[Names] = now.allowed
             padding = now.padding
             if q is not None:
                 (part,) = next(link.parts for link in now.arm.links if link.name == name)
-                pose = now.arm.pose(self._check_configuration(q, "q"), name)
+                pose = now.arm.pose(self.arm.check_configuration(q, "q"), name)
                 obstacles[name] = place_shape(part.shape, name, pose)
                 allowed = now.allowed | _pair_with_links(
                     name, touch_links, [each.name for each in arm.links]
@@ -409,7 +404,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         extra = check_not_negative(padding, "padding")
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             check_known(name, "name", now.names)
             self._replace(now, now.obstacles, now.allowed, _set_entry(now.padding, name, extra))
 
@@ -424,7 +419,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If a name is unknown; nothing changes then.
         """
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             allowed = now.allowed | _check_allowed(pairs, "pairs", now.names)
             self._replace(now, now.obstacles, allowed, now.padding)
 
@@ -439,7 +434,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If no configuration would be free; nothing changes then.
         """
         with self._lock:
-            now = self._snapshot
+            now = self.snapshot
             given = _check_allowed(pairs, "pairs", now.names)
             for pair in sorted(given - now.allowed):
                 rule, hint = "only allowed pairs are taken back", "see space.allowed_collisions"
@@ -455,11 +450,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         arm: Arm | None = None,
     ) -> None:
         """Replace the snapshot in one assignment, which readers see whole."""
-        self._snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
-
-    def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
-        """Return one configuration."""
-        return self.arm._check_configuration(q, name)
+        self.snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
 
     # ---- queries ---------------------------------------------------------------------------------
 
@@ -491,13 +482,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             free = self._prove_motion(*q0, *q1)
         except (TypeError, ValueError):  # another number of entries, or none that are numbers
             return None
-        if free is None or len(q0) != self.size or self._is_suspect(q0) or self._is_suspect(q1):
+        # An angle that seems to be in degrees needs a warning.
+        is_suspect = any(abs(q[k]) > MAX_EXPECTED_ANGLE for q in (q0, q1) for k in self._angles)
+        if free is None or is_suspect or len(q0) != len(q1):
             return None
         return FREE if free else MIXED
-
-    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
-        """Return True if an angle seems to be in degrees, so that a warning is due."""
-        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
 
     @cached_property
     def _prove_motion(self) -> Callable[..., bool | None]:
@@ -505,7 +494,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         None beyond the limits.
         """
-        size, local = self.size, threading.local()
+        local = threading.local()
         lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
         upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
 
@@ -513,14 +502,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             for low, x, high in zip(lower, endpoints, upper, strict=True):
                 if not low <= x <= high:
                     return None
-            scene = self._snapshot.outer
+            scene = self.snapshot.outer
             # At the first call of a thread, and after a change.
             if getattr(local, "scene", None) is not scene:
                 local.scene, local.scratch = scene, make_scene_scratch(scene)
-                local.out = np.empty(1, dtype=np.bool_)
-            rows = np.array(endpoints, dtype=np.float64).reshape(2, 1, size)
-            motions_are_free(scene, rows[0], rows[1], local.out, local.scratch)
-            return bool(local.out[0])
+            first, last = np.array(endpoints, dtype=np.float64).reshape(2, -1)
+            return bool(motion_is_free(scene, first, last, local.scratch))
 
         return prove
 
@@ -545,7 +532,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             As :meth:`is_free`.
         """
         points = self._check_configurations(q, "q")
-        out, _ = self._snapshot.distances(points.reshape(-1, self.size))
+        out, _ = self.snapshot.distances(points.reshape(-1, self.size))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
@@ -566,14 +553,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         path = self._check_configurations(path, "path").reshape(-1, self.size)
         self._check_spans(path[:-1], path[1:])
-        midpoints, snapshot = 0.5 * (path[:-1] + path[1:]), self._snapshot
+        midpoints, snapshot = 0.5 * (path[:-1] + path[1:]), self.snapshot
         limit = float(snapshot.distances(np.concatenate([path, midpoints]))[0].min())
         if len(path) < 2 or math.isinf(limit) or limit == 0.0:
             return limit
         for share in _DISTANCE_SHARES:
             extra = share * (limit - snapshot.margin)
             wider = snapshot.outer._replace(padding=np.maximum(snapshot.outer.padding, extra))
-            if are_free(wider, as_contiguous(path[:-1]), as_contiguous(path[1:])).all():
+            if snapshot.are_free(path[:-1], path[1:], wider).all():
                 return snapshot.margin + extra
         return 0.0
 
@@ -592,10 +579,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         it is no configuration.
         """
         given = self._check_one(q, name)
-        point = self.arm._clamp(self._check_configurations(given, name))
+        point = self.arm.clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
-            raise _collision_error(self._snapshot, point, name)
+            raise _collision_error(self.snapshot, point, name)
         return tuple(wrapped(point, self.periodic_axes).tolist())
 
     def find_goals(
@@ -629,7 +616,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None
     ) -> list[Endpoint]:
         """Return the proven free configurations found at a pose."""
-        found = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        found = self.arm.solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
         points = wrapped(found, self.periodic_axes)
         free = points[np.asarray(self.is_free(points))]
         if len(free):
@@ -671,7 +658,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point, snapshot = self._check_configuration(q, "q"), self._snapshot
+        point, snapshot = self.arm.check_configuration(q, "q"), self.snapshot
         if not len(snapshot.outer.pairs):
             rule = "there is nothing to touch"
             raise InputError("obstacles", "are none", rule, "add an obstacle")
@@ -701,12 +688,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         count = 1 if n is None else check_count(n, "n")
-        generator, snapshot = check_rng(rng), self._snapshot
+        generator, snapshot = check_rng(rng), self.snapshot
         batches, found, tried = [np.empty((0, self.size))], 0, 0
         while found < count:
             drawn = min(max(2 * (count - found), 16), 10_000)
-            points = generator.uniform(*snapshot.arm._ranges(), (drawn, self.size))
-            batches.append(points[_prove_all(snapshot.outer, points)])
+            points = generator.uniform(*snapshot.arm.ranges(), (drawn, self.size))
+            batches.append(points[snapshot.are_free(points, points)])
             found, tried = found + len(batches[-1]), tried + drawn
             if tried >= _MAX_FAILED_SAMPLES and not found:
                 touching = snapshot.always_touching(snapshot.outer)
@@ -772,9 +759,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If a configuration is not one of finite numbers, the time limit is not above zero, or
             ``iterations`` is negative.
         """
-        from cspace.arms.search import PathSearch
-
-        start = self._check_configuration(q0, "q0")
+        start = self.arm.check_configuration(q0, "q0")
         goals = np.atleast_2d(self._check_configurations(q1, "q1"))
         if goals.ndim != 2 or not len(goals):
             rule = f"it must be one configuration of {self.size} numbers or rows of them"
@@ -782,16 +767,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             raise InputError("q1", f"has shape {goals.shape}", rule, hint, value=q1)
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
-        snapshot = self._snapshot
-        start, goals = snapshot.arm._clamp(start), snapshot.arm._clamp(goals)
+        snapshot = self.snapshot
+        start, goals = snapshot.arm.clamp(start), snapshot.arm.clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
-        free = are_free(snapshot.outer, endpoints, endpoints)
+        free = snapshot.are_free(endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise _collision_error(snapshot, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
-        ranges = snapshot.arm._ranges(np.vstack([start, images]))
+        ranges = snapshot.arm.ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
@@ -865,14 +850,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         >>> motion.certified, round(motion.fraction, 3), motion.stopped_by
         (False, 0.5, 'limit')
         """
-        snapshot = self._snapshot
+        snapshot = self.snapshot
         arm = snapshot.arm
-        start = arm._clamp(self._check_configuration(q0, "q0"))
-        arm._branch_to(frame)  # refuses unknown frames before the poses
+        start = arm.clamp(self.arm.check_configuration(q0, "q0"))
+        arm.branch_to(frame)  # refuses unknown frames before the poses
         largest = check_pose_tolerance(tolerance)
         corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
         lines = make_lines(corners)
-        if not are_free(snapshot.outer, start[np.newaxis], start[np.newaxis])[0]:
+        if not snapshot.are_free(start[np.newaxis], start[np.newaxis])[0]:
             raise _collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, largest)
 
@@ -958,59 +943,34 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return images
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        # BLOCKED is sought only where FREE is not proven.
         self._check_configurations(rows, "q")
-        inner = self._snapshot.inner
-        free = _prove_all(self._snapshot.outer, rows)
-        out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
-        undecided = np.flatnonzero(~free)
-
-        def find_blocked(first: int, stop: int) -> int:
-            blocked, chunk = np.empty(stop - first, dtype=np.bool_), undecided[first:stop]
-            are_blocked(inner, rows[chunk], blocked, make_scene_scratch(inner))
-            out[chunk[blocked]] = BLOCKED
-            return -1
-
-        return in_chunks(find_blocked, len(undecided), MIN_MOTIONS_PER_THREAD)
+        snapshot = self.snapshot
+        free = snapshot.are_free(rows, rows)
+        out[:] = np.where(free, FREE, MIXED)
+        # BLOCKED is sought only where FREE is not proven.
+        left = np.flatnonzero(~free)
+        out[left[snapshot.are_blocked(rows[left])]] = BLOCKED
+        return -1
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         self._check_configurations(rows, "q")
-        return _prove(self._snapshot.outer, [rows], out)
+        out[:] = self.snapshot.are_free(rows, rows)
+        return -1
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         self._check_configurations(starts, "q0")
         self._check_configurations(ends, "q1")
-        return _prove(self._snapshot.outer, [starts, ends], out)
+        out[:] = self.snapshot.are_free(starts, ends)
+        return -1
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Check configurations, and return them as an array.
 
         Raises ConfigurationError beyond the limits of a joint.
         """
-        points = self.arm._check_configurations(q, name)
-        self.arm._check_limits(points, name)
+        points = self.arm.check_configurations(q, name)
+        self.arm.check_limits(points, name)
         return points
-
-
-def _prove(scene: Scene, rows: Sequence[Floats], out: Bools) -> int:
-    """Write whether each motion is proven free.
-
-    Motions lead from the first batch to the last. ``rows`` has one batch, for motions that stay in
-    place, or two; each has shape (n, dof), and ``out`` shape (n,). Returns -1.
-    """
-
-    def prove(first: int, stop: int) -> int:
-        out[first:stop] = are_free(scene, rows[0][first:stop], rows[-1][first:stop])
-        return -1
-
-    return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)
-
-
-def _prove_all(scene: Scene, points: Floats) -> Bools:
-    """Return whether each configuration, shape (n, dof), is proven free."""
-    free = np.empty(len(points), dtype=np.bool_)
-    _prove(scene, [as_contiguous(points)], free)
-    return free
 
 
 def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:

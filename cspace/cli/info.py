@@ -183,7 +183,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
     corners = np.array(shapes["outer"].bounds)
     facts = {
-        name: {**describe_box(np.array(shape.bounds)), **shape._facts}
+        name: {**describe_box(np.array(shape.bounds)), **shape.facts}
         for name, shape in shapes.items()
     }
     return {
@@ -228,7 +228,7 @@ def _read_mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
     from cspace.shapes import Mesh
 
     mesh = Mesh.of(path, solid)
-    return np.array(mesh.bounds), mesh._facts
+    return np.array(mesh.bounds), mesh.facts
 
 
 def _read_points(path: Path) -> tuple[Any, dict[str, Any]]:

@@ -64,10 +64,8 @@ def make(
         str,
         typer.Option(
             metavar="SPEC",
-            help="In the plane: disc:0.3, rect:0.9x0.6, ellipse:0.5,0.3, footprint:[[X,Y],...] "
-            "or a file with a "
-            "polygon. In space: ball:0.3, box:0.6x0.6x0.2, cylinder:0.3x1.2, capsule:0.3x1.2 or "
-            "a mesh.",
+            help="A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot "
+            "help), or a file with a polygon, a mesh or a URDF.",
         ),
     ],
     spacing: Annotated[
@@ -301,10 +299,10 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.export.maps import EXPORTS
+    from cspace.export.maps import EXPORT_FORMATS
     from cspace.opening import open_map
 
-    check_outputs([output], EXPORTS, overwrite)
+    check_outputs([output], EXPORT_FORMATS, overwrite)
     clock = Clock()
     with clock.step("read"):
         box = None if window is None else parse_box(window, "window")

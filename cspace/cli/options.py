@@ -81,12 +81,13 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     short text has options.
     """
     from cspace.robot import Robot
-    from cspace.shapes.primitives import FOOTPRINT, is_short_text
+    from cspace.shapes.primitives import is_short_text
 
     options = drop_none(solid=solid, package_dirs=package_dirs or None)
-    kind, _, rest = text.partition(":")
-    if kind == FOOTPRINT and rest and not rest.lstrip().startswith("[") and not is_short_text(rest):
-        return Robot.open(rest, **options).footprint()
+    file = text.removeprefix("footprint:")
+    is_projection = file not in ("", text) and not file.lstrip().startswith("[")
+    if is_projection and not is_short_text(file):
+        return Robot.open(file, **options).footprint()
     if not is_short_text(text):
         return Robot.open(text, **options)
     for name, value in options.items():

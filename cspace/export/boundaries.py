@@ -6,7 +6,6 @@ digits, and separate corners for each triangle.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Final
@@ -18,7 +17,7 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.raster.bitmaps import boundary_mesh
-from cspace.support.arrays import FREE, Floats, Ints
+from cspace.support.arrays import FREE, Floats, Ints, StrPath
 
 
 def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
@@ -43,7 +42,7 @@ def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
 
 
 def write_boundary(
-    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
 ) -> None:
     """Write the boundary of the free space as a mesh file.
 
@@ -91,18 +90,13 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
         raise InputError("path", problem, rule, "write .ply or .obj instead")
-    scale = np.ptp(vertices, axis=0).max()
-    normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
-    rows = np.zeros(
-        len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
-    rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    rows = np.zeros(len(faces), dtype=record)
+    rows["normal"] = np.sign(np.cross(edges[:, 0], edges[:, 1]))  # faces lie along the axes
     rows["corners"] = corners
-    file.write(
-        b"binary STL, metres".ljust(80)
-        + np.array(len(faces), dtype="<u4").tobytes()
-        + rows.tobytes()
-    )
+    file.write(b"binary STL, metres".ljust(80))
+    file.write(len(faces).to_bytes(4, "little"))
+    file.write(rows.tobytes())
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {

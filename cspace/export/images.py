@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.support.arrays import BLOCKED, FREE, MIXED
+from cspace.support.arrays import BLOCKED, FREE, MIXED, StrPath
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey level of each state in a ROS map, as the ROS tools write free, unknown and occupied."""
@@ -34,7 +33,7 @@ _SHORT, _DOUBLE = 3, 12
 
 
 def write_geotiff(
-    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
 ) -> None:
     """Write the states of a plane map as a GeoTIFF.
 
@@ -63,7 +62,7 @@ def write_geotiff(
 
 
 def write_ros_map(
-    state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False
+    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
 ) -> None:
     """Write the states of a plane map as a ROS map.
 

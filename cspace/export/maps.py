@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,6 @@ from cspace.export.boundaries import WRITERS, write_boundary
 from cspace.export.images import write_geotiff, write_ros_map
 from cspace.export.vti import write_vti
 from cspace.files.access import check_suffix, replacing
-from cspace.grid import Grid
 from cspace.record.contents import Contents
 from cspace.record.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
 from cspace.record.save import MAP_SUFFIXES, save
@@ -42,22 +40,7 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
     return layers | {name: arrays[name] for name in ("outer", "inner", "unknown") if name in arrays}
 
 
-Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
-
-
-def _slice_writer(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
-    """Turn a writer of states into a writer of maps.
-
-    It writes one rotation cell.
-    """
-    return lambda contents, cells, path, overwrite: write(
-        contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite
-    )
-
-
-def _write_vti_cells(
-    contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool
-) -> None:
+def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
     """Write the states at some rotation cells as VTI."""
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
@@ -78,30 +61,80 @@ def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overw
         dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
 
-_PLANE_TIFF: Final = {3: "a GeoTIFF is plane, and the map is one in space"}
-_PLANE_ROS_MAP: Final = {3: "a ROS map is plane, and the map is one in space"}
-_MESH_IN_SPACE: Final = {2: "a boundary is a mesh in space, and the map is one of the plane"}
+def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
+    """Write a map as a compressed NumPy archive.
 
-_CELL_WRITERS: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
-    ".vti": (_write_vti_cells, {}),
-    ".nc": (_write_netcdf, {}),
-    **dict.fromkeys((".tif", ".tiff"), (_slice_writer(write_geotiff), _PLANE_TIFF)),
-    **dict.fromkeys((".yaml", ".yml"), (_slice_writer(write_ros_map), _PLANE_ROS_MAP)),
-    **dict.fromkeys(WRITERS, (_slice_writer(write_boundary), _MESH_IN_SPACE)),
+    See :func:`export` for its arrays.
+
+    Raises FileError if the file exists and may not be replaced, or cannot be written.
+    """
+    members: dict[str, Any] = {
+        **{
+            name: np.asarray(array)
+            for name, array in arrays_of(replace(contents, exterior=None)).items()
+        },
+        "lower": np.array(contents.grid.lower),
+        "spacing": np.array(contents.grid.spacing),
+        "metadata": json.dumps(metadata_of(contents), sort_keys=True),
+    }
+    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
+    # ".npz".
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **members)
+
+
+class ExportFormat(NamedTuple):
+    """Writer and description of the exports of one suffix.
+
+    Attributes
+    ----------
+    write : callable
+        Writes the map, ``write(contents, path, overwrite)``, if ``rotations`` is "all";
+        some rotation cells, ``write(contents, cells, path, overwrite)``, if "all or one"; one
+        slice, ``write(state, grid, path, overwrite)``, if "one".
+    rotations : {"all", "all or one", "one"}
+        Rotations that a file holds.
+    dimension : int or None
+        2 if it holds only maps of the plane, 3 if only maps in space.
+    summary : str
+        Content of such a file, for the documentation.
+    """
+
+    write: Callable[..., None]
+    rotations: Literal["all", "all or one", "one"]
+    dimension: int | None
+    summary: str
+
+
+_ROS_MAP: Final = ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
+_GEOTIFF: Final = ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
+_BOUNDARY: Final = ExportFormat(
+    write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
+)
+
+EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
+    **dict.fromkeys(
+        MAP_SUFFIXES, ExportFormat(save, "all", None, "a saved map, which `cspace.open` reads")
+    ),
+    ".npz": ExportFormat(write_npz, "all", None, "arrays for `numpy.load`"),
+    ".vti": ExportFormat(
+        _write_vti,
+        "all or one",
+        None,
+        "image data for ParaView; if the robot turns, one array for each rotation, "
+        "`cell_states_00` and on",
+    ),
+    ".nc": ExportFormat(_write_netcdf, "all or one", None, "netCDF, indexed `[rotation, z, y, x]`"),
+    **dict.fromkeys((".tif", ".tiff"), _GEOTIFF),
+    **dict.fromkeys((".yaml", ".yml"), _ROS_MAP),
+    **dict.fromkeys(WRITERS, _BOUNDARY),
 }
-"""Writer of rotation cells, by suffix, and the reason for a dimension that the format cannot hold.
-"""
-
-_MULTI_CELL_SUFFIXES: Final = (".vti", ".nc")
-"""Suffixes of formats that hold several rotation cells."""
-
-EXPORTS: Final = (*MAP_SUFFIXES, ".npz", *_CELL_WRITERS)
-"""Suffixes of all formats."""
+"""Formats of exports, by suffix."""
 
 
 def export(
     contents: Contents,
-    path: str | os.PathLike[str],
+    path: StrPath,
     overwrite: bool = False,
     *,
     rotation: ArrayLike | None = None,
@@ -142,57 +175,27 @@ def export(
     MissingPackageError
         If netCDF is asked for, and xarray is not installed.
     """
-    suffix = check_export(path, contents.grid.dim)
-    if suffix in _CELL_WRITERS:
-        cells: Sequence[int] = range(len(contents.rotations))
-        if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
-            cells = [
-                contents.rotations.find_one_cell(
-                    rotation, "rotation", f"{Path(path)} holds one slice"
-                )
-            ]
-        _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
-        return
-    if rotation is not None:
-        rule = f"a {suffix or 'Zarr'} map holds every slice"
-        raise InputError("rotation", f"is {rotation!r}", rule, "omit it", value=rotation)
-    write = write_npz if suffix == ".npz" else save
-    write(contents, path, overwrite)
-
-
-def check_export(path: StrPath, dim: int) -> str:
-    """Return the suffix of an export file for maps of a dimension.
-
-    Raises InputError if the suffix is unknown, or its format cannot hold such maps.
-    """
-    suffix = check_suffix(path, EXPORTS, "the suffix selects the format")
-    refused = _CELL_WRITERS[suffix][1] if suffix in _CELL_WRITERS else {}
-    if dim in refused:
+    suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format")
+    form = EXPORT_FORMATS[suffix]
+    if form.dimension not in (None, contents.grid.dim):
+        rule = f"{suffix} holds maps {'of the plane' if form.dimension == 2 else 'in space'} only"
         hint = "write another format, e.g. .vti"
-        raise InputError("path", f"is {Path(path)}", refused[dim], hint, value=path)
-    return suffix
-
-
-def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
-    """Write a map as a compressed NumPy archive.
-
-    See :func:`export` for its arrays.
-
-    Raises FileError if the file exists and may not be replaced, or cannot be written.
-    """
-    members: dict[str, Any] = {
-        **{
-            name: np.asarray(array)
-            for name, array in arrays_of(replace(contents, exterior=None)).items()
-        },
-        "lower": np.array(contents.grid.lower),
-        "spacing": np.array(contents.grid.spacing),
-        "metadata": json.dumps(metadata_of(contents), sort_keys=True),
-    }
-    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
-    # ".npz".
-    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **members)
+        raise InputError("path", f"is {Path(path)}", rule, hint, value=path)
+    if form.rotations == "all":
+        if rotation is not None:
+            rule = f"a {suffix or 'Zarr'} map holds every slice"
+            raise InputError("rotation", f"is {rotation!r}", rule, "omit it", value=rotation)
+        form.write(contents, path, overwrite)
+        return
+    cells: Sequence[int] = range(len(contents.rotations))
+    if rotation is not None or form.rotations == "one":
+        reason = f"{Path(path)} holds one slice"
+        cells = [contents.rotations.find_one_cell(rotation, "rotation", reason)]
+    if form.rotations == "one":
+        state = contents.states[int(contents.slice_of[cells[0]])]
+        form.write(state, contents.grid, path, overwrite)
+    else:
+        form.write(contents, cells, path, overwrite)
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:

@@ -48,8 +48,14 @@ def occupancy_grid_of(
 
     See :meth:`cspace.CSpace.to_occupancy_grid`.
     """
-    grid, state = space.grid, space._flat_state() if rotation is None else space.states_at(rotation)
-    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[state]
+    grid = space.grid
+    if rotation is None:
+        stack = space.cell_states.reshape(-1, *grid.shape)
+        lowest = stack.min(axis=0)
+        states = np.where(lowest == stack.max(axis=0), lowest, MIXED)
+    else:
+        states = space.states_at(rotation)
+    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[states]
     fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
     return _fill_grid(filled, "nav_msgs/OccupancyGrid", values, grid, "info", fields, frame_id)
@@ -57,36 +63,34 @@ def occupancy_grid_of(
 
 def costmap_of(
     space: CSpace,
+    clearances: Callable[[int | None], Floats],
     msg: Message | None,
     inflation_radius: float,
     cost_scaling_factor: float,
     rotation: ArrayLike | None,
     frame_id: str,
 ) -> Message | Costmap:
-    """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`."""
+    """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`.
+
+    ``clearances`` returns the clearance of each cell of a slice, or the largest of all slices.
+    """
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
-    if space.grid.dim == 3:
-        raise InputError(
-            "the map", "is one in space", "a costmap is plane", "build a map of the plane"
-        )
+    grid, workspace = space.grid, space.workspace
+    if grid.dim == 3:
+        hint = "build a map of the plane"
+        raise InputError("the map", "is one in space", "a costmap is plane", hint)
     number = None
     if rotation is not None:
-        number = int(
-            space.slice_of[
-                int(space.rotations.find_cells(space.rotations.check_rotation(rotation)))
-            ]
-        )
-    inscribed, clearance = (
-        space.robot.inscribed_radius + space.margin,
-        space._clearances_of_cells(number),
-    )
+        cell = space.rotations.find_cells(space.rotations.check_rotation(rotation))
+        number = int(space.slice_of[int(cell)])
+    inscribed = space.robot.inscribed_radius + space.margin
     costs = costs_of(
-        clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius
+        clearances(number), workspace.outer, workspace.unknown, inscribed, scaling, radius
     )
-    fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}
+    fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
     filled = Costmap() if msg is None else msg
-    return _fill_grid(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
+    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
 
 
 def fill_path(
@@ -100,26 +104,23 @@ def fill_path(
     Raises InputError if the message lacks a field.
     """
     kind = "nav_msgs/Path"
-    make, stamp = (
-        _element_class(msg, "poses", PoseStamped),
-        getattr(getattr(msg, "header", None), "stamp", None),
-    )
+    make = _element_class(msg, "poses", PoseStamped)
+    stamp = getattr(getattr(msg, "header", None), "stamp", None)
     poses = []
     for k, row in enumerate(rows.tolist()):
         q = dict(zip(axes, row, strict=True))
         if "yaw" in q:
             q |= {"qz": math.sin(q["yaw"] / 2.0), "qw": math.cos(q["yaw"] / 2.0)}
-        pose = _set_fields(make(), kind, {"header.frame_id": frame_id})
+        fields: dict[str, object] = {"header.frame_id": frame_id}
         if stamp is not None:
-            # Each pose needs a stamp of its own, because the times differ.
-            _set_fields(pose, kind, {"header.stamp": stamp if seconds is None else copy(stamp)})
-            if seconds is not None:
-                _add_seconds(pose, kind, "header.stamp", float(seconds[k]))
-        fields = {f"pose.position.{name}": q.get(name, 0.0) for name in "xyz"}
-        fields |= {
-            f"pose.orientation.{name}": q.get(f"q{name}", float(name == "w")) for name in "xyzw"
-        }
-        poses.append(_set_fields(pose, kind, fields))
+            fields["header.stamp"] = copy(stamp)
+        fields |= {f"pose.position.{name}": q.get(name, 0.0) for name in "xyz"}
+        fields |= {f"pose.orientation.{name}": q.get(f"q{name}", 0.0) for name in "xyz"}
+        fields["pose.orientation.w"] = q.get("qw", 1.0)
+        pose = _set_fields(make(), kind, fields)
+        if stamp is not None and seconds is not None:
+            _add_seconds(pose, kind, "header.stamp", float(seconds[k]))
+        poses.append(pose)
     return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
 
 
@@ -140,17 +141,13 @@ def fill_joint_trajectory(
     kind = "trajectory_msgs/JointTrajectory"
     make = _element_class(msg, "points", JointTrajectoryPoint)
     points = []
-    for position, velocity, time in zip(
-        positions.tolist(), velocities.tolist(), seconds.tolist(), strict=True
-    ):
-        point = _set_fields(
-            make(), kind, {"positions": array("d", position), "velocities": array("d", velocity)}
-        )
-        _add_seconds(point, kind, "time_from_start", time)
+    for position, velocity, time in zip(positions, velocities, seconds, strict=True):
+        fields = {"positions": array("d", position), "velocities": array("d", velocity)}
+        point = _set_fields(make(), kind, fields)
+        _add_seconds(point, kind, "time_from_start", float(time))
         points.append(point)
-    return _set_fields(
-        msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
-    )
+    every = {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
+    return _set_fields(msg, kind, every)
 
 
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
@@ -164,10 +161,8 @@ def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     # A time of ROS 1 has other names for the same fields.
     names = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
     whole, fraction = (getattr(time, part, 0) for part in names)
-    parts = divmod(10**9 * whole + fraction + round(1e9 * seconds), 10**9)
-    _set_fields(
-        msg, kind, {f"{name}.{part}": value for part, value in zip(names, parts, strict=True)}
-    )
+    whole, fraction = divmod(10**9 * whole + fraction + round(1e9 * seconds), 10**9)
+    _set_fields(msg, kind, {f"{name}.{names[0]}": whole, f"{name}.{names[1]}": fraction})
 
 
 def costs_of(
@@ -211,24 +206,22 @@ def _fill_grid(
 
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
-    if cells.shape != grid.shape[:2]:
-        raise InputError(
-            "the map", "is one in space", f"{kind} is plane", "cut it, or export another format"
-        )
-    origin = f"{about}.origin"
+    if grid.dim == 3:
+        hint = "cut it, or export another format"
+        raise InputError("the map", "is one in space", f"{kind} is plane", hint)
+    position, orientation = f"{about}.origin.position", f"{about}.origin.orientation"
     every = {
         "header.frame_id": frame_id,
         f"{about}.resolution": grid.spacing,
         **fields,
-        **{
-            f"{origin}.position.{name}": x
-            for name, x in zip("xyz", (*grid.lower, 0.0), strict=True)
-        },
-        **{
-            f"{origin}.orientation.{name}": x
-            for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)
-        },
-        "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
+        f"{position}.x": grid.lower[0],
+        f"{position}.y": grid.lower[1],
+        f"{position}.z": 0.0,
+        f"{orientation}.x": 0.0,
+        f"{orientation}.y": 0.0,
+        f"{orientation}.z": 0.0,
+        f"{orientation}.w": 1.0,
+        "data": array("b" if cells.dtype == np.int8 else "B", cells.T.tobytes()),
     }
     return _set_fields(msg, kind, every)
 
@@ -255,12 +248,8 @@ def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Call
     ROS messages declare it; for others, return `otherwise`.
     """
     declared = getattr(msg, "get_fields_and_field_types", None)  # ROS 2
-    if declared is not None:
-        kinds = dict(declared())
-    else:
-        kinds = dict(
-            zip(getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ()), strict=False)
-        )  # ROS 1
+    slots = getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ())  # ROS 1
+    kinds = dict(zip(*slots, strict=False)) if declared is None else dict(declared())
     named = re.search(r"(\w+)/(\w+)", kinds.get(name, ""))
     if named is None:
         return otherwise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.support.arrays import Floats
+from cspace.support.arrays import Floats, StrPath
 
 _VTK_TYPES: Final = {
     "uint8": ("UInt8", "|u1"),
@@ -26,7 +25,7 @@ _VTK_TYPES: Final = {
 def write_vti(
     arrays: Mapping[str, NDArray[Any]],
     grid: Grid,
-    path: str | os.PathLike[str],
+    path: StrPath,
     overwrite: bool = False,
     about: Mapping[str, Floats] | None = None,
 ) -> None:
@@ -39,45 +38,33 @@ def write_vti(
 
     Raises FileError as :func:`cspace.files.access.replacing`.
     """
-    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
-        file.write(_vti_header(arrays, grid, about or {}).encode())
-        for numbers in (about or {}).values():
-            file.write(
-                np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes()
-            )
-        for array in arrays.values():
-            kind = np.dtype(_VTK_TYPES[str(array.dtype)][1])
-            file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
-            file.write(array.astype(kind).tobytes(order="F"))  # x is fastest in VTK
-        file.write(b"\n  </AppendedData>\n</VTKFile>\n")
-
-
-def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[str, Floats]) -> str:
-    """Return the text before the first array."""
+    fields = dict(about or {})
     missing = 3 - grid.dim
     extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
     origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
-    offset = 0
-
-    def declared(parts: Mapping[str, NDArray[Any]], counted: bool) -> str:
-        nonlocal offset
-        lines = []
-        for name, array in parts.items():
-            kind, stored = _VTK_TYPES[str(array.dtype)]
-            count = f' NumberOfTuples="{array.size}"' * counted
-            place = f'{count} format="appended" offset="{offset}"'
-            lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)}{place}/>\n')
-            offset += 8 + array.size * np.dtype(stored).itemsize
-        return "".join(lines)
-
-    fields = f"      <FieldData>\n{declared(about, True)}      </FieldData>\n" if about else ""
-    return (
+    spacing = " ".join([repr(grid.spacing)] * 3)
+    lines, offset = [], 0
+    for name, array in (*fields.items(), *arrays.items()):
+        kind, stored = _VTK_TYPES[str(array.dtype)]
+        lines.append(
+            f'        <DataArray type="{kind}" Name={quoteattr(name)} '
+            f'NumberOfTuples="{array.size}" format="appended" offset="{offset}"/>\n'
+        )
+        offset += 8 + array.size * np.dtype(stored).itemsize
+    header = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" '
-        f'Spacing="{" ".join([repr(grid.spacing)] * 3)}">\n'
-        f'{fields}    <Piece Extent="{extent}">\n'
-        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}     "
-        " </CellData>\n"
+        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
+        f"      <FieldData>\n{''.join(lines[: len(fields)])}      </FieldData>\n"
+        f'    <Piece Extent="{extent}">\n'
+        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n"
+        f"{''.join(lines[len(fields) :])}      </CellData>\n"
         '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
     )
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        file.write(header.encode())
+        for array in (*fields.values(), *arrays.values()):
+            content = array.astype(_VTK_TYPES[str(array.dtype)][1]).tobytes(order="F")
+            file.write(len(content).to_bytes(8, "little"))
+            file.write(content)  # x is fastest in VTK
+        file.write(b"\n  </AppendedData>\n</VTKFile>\n")

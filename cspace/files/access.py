@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.limits import SizeLimit, check_bytes
-from cspace.support.arrays import Floats
+from cspace.support.arrays import Floats, StrPath
 
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
@@ -53,10 +53,7 @@ _MAX_QUOTED_CHARACTERS: Final = 60
 
 
 def check_file(
-    path: str | os.PathLike[str],
-    kind: str,
-    memory: float = 1.0,
-    limit: SizeLimit = "max_bytes",
+    path: StrPath, kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes"
 ) -> Path:
     """Return `path` as a Path, if a readable plain file is there.
 
@@ -64,108 +61,79 @@ def check_file(
     byte of the file. `limit` is the limit of :mod:`cspace.limits` for its size.
 
     Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not
-    a plain file, is larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
+    a plain file, is larger than :mod:`cspace.limits` allows, or is a git-lfs pointer, which git-lfs
+    leaves in place of a large file.
     """
     file, what = inspect_path(path, kind)
-    if not what:
-        hint = suggest_name(file) or "check the name and the folder"
-        raise FileError(str(file), "does not exist", f"{_with_article(kind)} is needed", hint)
     if what != "file":
-        raise FileError(
-            str(file),
-            f"is {what}",
-            f"{_with_article(kind)} must be a plain file",
-            "pass the file itself",
-        )
-    try:
+        problem = f"is {what}" if what else "does not exist"
+        rule = f"{_with_article(kind)} must be a plain file"
+        hint = suggest_file(file, "check the name and the folder")
+        raise FileError(str(file), problem, rule, hint)
+    with _reading(file, kind), file.open("rb") as stream:
         size = file.stat().st_size
-    except OSError as error:  # another process has just removed it
-        raise read_error(path, kind, error) from error
-    if size <= _MAX_LFS_POINTER_BYTES:
-        _refuse_pointer(file, kind)
+        start = stream.read(len(_LFS_POINTER_START))
+    if start == _LFS_POINTER_START and size <= _MAX_LFS_POINTER_BYTES:
+        rule = f"the {kind} itself has not been fetched"
+        hint = "run git lfs pull in its repository"
+        raise FileError(str(file), "is a git-lfs pointer", rule, hint)
     check_bytes(file, size, memory=memory, limit=limit)
     return file
 
 
-def _refuse_pointer(file: Path, kind: str) -> None:
-    """Raise FileError if `file` is a git-lfs pointer.
-
-    git-lfs leaves pointers in place of large files.
-    """
-    try:
-        with file.open("rb") as stream:
-            is_pointer = stream.read(len(_LFS_POINTER_START)) == _LFS_POINTER_START
-    except OSError as error:
-        raise read_error(file, kind, error) from error
-    if is_pointer:
-        rule = f"the {kind} itself has not been fetched"
-        raise FileError(
-            str(file), "is a git-lfs pointer", rule, "run git lfs pull in its repository"
-        )
-
-
-def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
+def inspect_path(path: StrPath, kind: str) -> tuple[Path, str]:
     """Return a path and the type of file there.
 
     The type is "file", "a folder", "a device, a pipe or a socket", or "" if nothing is there.
 
     Raises InputError if `path` is not a file name. Raises FileError if the system denies access.
     """
-    try:
-        file = Path(path)
+    file = check_name(path)
+    with _reading(file, kind):
         if file.is_file():
             return file, "file"
         if file.is_dir():
             return file, "a folder"
         return file, "a device, a pipe or a socket" if file.exists() else ""
-    except (TypeError, ValueError) as error:
-        raise name_error(path) from error
+
+
+@contextmanager
+def _reading(file: Path, kind: str) -> Iterator[None]:
+    """Turn an error of the system into one that names the file."""
+    try:
+        yield
     except OSError as error:
-        raise read_error(path, kind, error) from error
+        problem = f"cannot be read: {error.strerror or error}"
+        rule = f"{_with_article(kind)} must be readable"
+        raise FileError(str(file), problem, rule, "check its permissions") from error
 
 
-def suggest_name(path: Path) -> str:
-    """Return a hint that names the most similar file beside a missing one.
+def suggest_file(path: Path, otherwise: str) -> str:
+    """Return a hint about a wrong file name.
 
-    The text is empty if the folder is missing or has no similar name, or if the path exists.
+    It names a converter if the file exists. If the file is missing, it names the most similar file
+    beside it. `otherwise` is the hint if there is none.
     """
     try:
         if path.exists():
-            return ""
+            return _CONVERTERS.get(path.suffix.lower(), otherwise)
         visible = (each.name for each in path.parent.iterdir() if not each.name.startswith("."))
         names = {name.lower(): name for name in itertools.islice(visible, _MAX_NAMES_COMPARED)}
     except (OSError, ValueError):
-        return ""
+        return otherwise
     close = difflib.get_close_matches(path.name.lower(), names, n=1)
-    return f"did you mean {path.with_name(names[close[0]])}?" if close else ""
+    return f"did you mean {path.with_name(names[close[0]])}? {otherwise}" if close else otherwise
 
 
-def suggest_converter(path: Path) -> str:
-    """Return a hint that names a converter of an existing file.
+def check_name(path: StrPath) -> Path:
+    """Return a file name as a Path.
 
-    The text is empty if the file is missing or no converter is known.
+    Raises InputError if it is not one.
     """
-    return _CONVERTERS.get(path.suffix.lower(), "") if os.path.lexists(path) else ""
-
-
-def name_error(path: object) -> InputError:
-    """Return the error for a value that cannot be a file name."""
-    return InputError(
-        "path",
-        f"is {path!r}",
-        "it must be a file name",
-        "pass a string or a pathlib.Path",
-        value=path,
-    )
-
-
-def read_error(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
-    """Return the error for a file that the system refuses to read."""
-    problem, rule = (
-        f"cannot be read: {error.strerror or error}",
-        f"{_with_article(kind)} must be readable",
-    )
-    return FileError(os.fspath(path), problem, rule, "check its permissions")
+    if not isinstance(path, str | os.PathLike) or "\0" in str(path):
+        hint = "pass a string or a pathlib.Path"
+        raise InputError("path", f"is {path!r}", "it must be a file name", hint, value=path)
+    return Path(path)
 
 
 class ContentError(Exception):
@@ -189,7 +157,7 @@ class ContentError(Exception):
 
 
 @contextmanager
-def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[None]:
+def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
     """Turn any exception of a decoder into an error naming the file.
 
     `advice` is the rule and the hint for exceptions other than :class:`ContentError`, instead of
@@ -201,38 +169,27 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
         raise
     except ContentError as error:
         raise error.kind(os.fspath(path), *error.parts, value=error.value) from error
-    except PermissionError as error:
-        raise read_error(path, kind, error) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
         problem = f"cannot be read as {_with_article(kind)} ({reason})"
         raise FileError(os.fspath(path), *ContentError(problem, *advice).parts) from error
 
 
-def check_suffix(
-    path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path"
-) -> str:
+def check_suffix(path: StrPath, known: Iterable[str], rule: str, argument: str = "path") -> str:
     """Return the suffix of a file name, in lower case.
 
     Raises InputError if `path` is not a file name, or its suffix is not in `known`.
     """
-    try:
-        file = Path(path)
-    except TypeError as error:
-        raise name_error(path) from error
+    file = check_name(path)
     suffix = file.suffix.lower()
     if suffix not in known:
-        suffixes = f"use one of {', '.join(filter(None, known))}"
-        hint = suggest_converter(file) or " ".join(filter(None, (suggest_name(file), suffixes)))
+        hint = suggest_file(file, f"use one of {', '.join(filter(None, known))}")
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
     return suffix
 
 
 def read_bytes(
-    path: str | os.PathLike[str],
-    kind: str,
-    memory: float = 1.0,
-    limit: SizeLimit = "max_bytes",
+    path: StrPath, kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes"
 ) -> bytes:
     """Return the content of a file; parameters as for :func:`check_file`.
 
@@ -240,13 +197,11 @@ def read_bytes(
     read the file.
     """
     file = check_file(path, kind, memory, limit)
-    try:
+    with _reading(file, kind):
         return file.read_bytes()
-    except OSError as error:
-        raise read_error(file, kind, error) from error
 
 
-def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes | None:
+def read_member(folder: StrPath, name: str, kind: str) -> bytes | None:
     """Read a file that another file of its folder names.
 
     Returns None if the file is missing.
@@ -257,24 +212,13 @@ def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes |
     if part.drive or part.root or ".." in part.parts:
         rule, hint = "files outside the folder are never read", "do not trust it; fetch it again"
         raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
-    file = Path(folder, part)
-    if not os.path.lexists(file):
-        inspect_path(file, kind)  # refuses what no file can be named
+    file, what = inspect_path(Path(folder, part), kind)
+    if not what and not file.is_symlink():
         return None
-    try:
-        return read_bytes(file, kind)
-    except FileError:
-        if os.path.lexists(file):
-            raise
-        return None  # another process has just removed it
+    return read_bytes(file, kind)
 
 
-def read_text(
-    path: str | os.PathLike[str],
-    kind: str,
-    memory: float = 4.0,
-    limit: SizeLimit = "max_bytes",
-) -> str:
+def read_text(path: StrPath, kind: str, memory: float = 4.0, limit: SizeLimit = "max_bytes") -> str:
     """Return the text of a UTF-8 file.
 
     Every line end becomes a newline; parameters as for :func:`check_file`.
@@ -286,10 +230,9 @@ def read_text(
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         problem = f"is not text: byte {error.start} is not UTF-8"
-        raise FileError(
-            os.fspath(path), problem, f"{_with_article(kind)} is a text file", "pass the right file"
-        ) from error
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+        rule = f"{_with_article(kind)} is a text file"
+        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_columns(text: str, first: int = 1) -> Floats:
@@ -311,7 +254,7 @@ def read_columns(text: str, first: int = 1) -> Floats:
             io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2
         )
     except ValueError as error:
-        raise _line_error(text, first, separator, len(row.split(separator)), error) from error
+        raise _line_error(text, first, separator, len(row.split(separator))) from error
 
 
 def _strip_comment(line: str) -> str:
@@ -319,25 +262,21 @@ def _strip_comment(line: str) -> str:
     return line.partition("#")[0].strip()
 
 
-def _line_error(
-    text: str, first: int, separator: str | None, columns: int, error: ValueError
-) -> ContentError:
+def _line_error(text: str, first: int, separator: str | None, columns: int) -> ContentError:
     """Return the error for the first line that cannot be parsed."""
+    hint = "correct the line, or fetch a truncated file again"
     for number, line in enumerate(text.split("\n"), start=first):
-        parts = _strip_comment(line).split(separator) if _strip_comment(line) else []
-        rule = f"{columns} columns, like the first row"
+        content = _strip_comment(line)
+        parts = content.split(separator) if content else []
+        rule = f"it must hold {columns} columns, like the first row"
         try:
             if len(list(map(float, parts))) in (0, columns):
                 continue
         except ValueError:
-            rule = "only numbers; put '#' before a heading"
+            rule = "it must hold only numbers; put '#' before a heading"
         problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
-        return ContentError(
-            problem, f"it must hold {rule}", "correct the line, or fetch a truncated file again"
-        )
-    return ContentError(
-        f"cannot be read: {error}", "it must hold columns of numbers", "correct that line"
-    )
+        return ContentError(problem, rule, hint)
+    return ContentError("cannot be read", "it must hold columns of numbers", hint)
 
 
 def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
@@ -384,7 +323,7 @@ def _with_article(kind: str) -> str:
 
 @contextmanager
 def replacing(
-    path: str | os.PathLike[str],
+    path: StrPath,
     overwrite: bool = False,
     *,
     folder: Callable[[Path], bool] | None = None,
@@ -405,10 +344,7 @@ def replacing(
 
     Raises FileError if the target may not be written, or if writing fails.
     """
-    try:
-        target = Path(os.path.realpath(path))
-    except (TypeError, ValueError) as error:
-        raise name_error(path) from error
+    target = Path(os.path.realpath(check_name(path)))
     try:
         _check_target(target, overwrite, folder)
         temporary = _temporary_name(target)
@@ -421,13 +357,10 @@ def replacing(
     except FileError:
         raise
     except OSError as error:
-        problem, rule = (
-            f"cannot be written: {error.strerror or error}",
-            "outputs need a writable folder and free space",
-        )
-        raise FileError(
-            str(target), problem, rule, "free some space or choose another folder"
-        ) from error
+        problem = f"cannot be written: {error.strerror or error}"
+        rule = "outputs need a writable folder and free space"
+        hint = "free some space or choose another folder"
+        raise FileError(str(target), problem, rule, hint) from error
 
 
 def check_output(target: Path, overwrite: bool) -> None:
@@ -444,12 +377,8 @@ def check_output(target: Path, overwrite: bool) -> None:
         raise FileError(str(target), problem, "outputs go to an existing folder", "create it first")
     if not os.access(parent, os.W_OK | os.X_OK):
         problem = f"cannot be written: no permission to write in {parent}"
-        raise FileError(
-            str(target),
-            problem,
-            "outputs need a writable folder",
-            "change its permissions or use another",
-        )
+        rule = "outputs need a writable folder"
+        raise FileError(str(target), problem, rule, "change its permissions or use another")
     if target.exists() and not overwrite:
         raise FileError(
             str(target), "exists", "existing outputs are kept by default", "pass overwrite=True"
@@ -461,20 +390,17 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     check_output(target, overwrite)
     if not target.exists():
         return
-    if folder is None and not target.is_file():
-        raise FileError(
-            str(target), "is not a plain file", "a file replaces only a file", "choose another name"
-        )
-    if folder is not None and not target.is_dir():
-        raise FileError(
-            str(target), "is not a folder", "a folder replaces only a folder", "choose another name"
-        )
-    if folder is not None and any(target.iterdir()) and not folder(target):
-        rule, hint = (
-            "only an earlier output is replaced",
-            "choose another name, or remove the folder yourself",
-        )
-        raise FileError(str(target), "holds more than an earlier output", rule, hint)
+    problem = ""
+    if folder is None:
+        if not target.is_file():
+            problem = "is not a plain file"
+    elif not target.is_dir():
+        problem = "is not a folder"
+    elif any(target.iterdir()) and not folder(target):
+        problem = "holds more than an earlier output"
+    if problem:
+        hint = "choose another name, or remove it yourself"
+        raise FileError(str(target), problem, "only an earlier output is replaced", hint)
 
 
 def _temporary_name(target: Path) -> Path:

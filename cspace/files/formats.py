@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,18 +18,24 @@ _NUMPY_KIND: Final = "NumPy array"
 
 
 class Format(NamedTuple):
-    """The reader of the files of a suffix.
+    """Reader and description of the files of one suffix.
 
     Attributes
     ----------
     method : str
-        Name of the classmethod of ``Workspace`` that reads them.
+        Name of the classmethod of ``Workspace`` or ``Robot`` that reads them.
     dimension : int or None
         2 in the plane, 3 in space; None if it depends on the file.
+    summary : str
+        Content of such a file, for the documentation.
+    options : tuple of str
+        Options of ``Robot.open`` that apply to such a file.
     """
 
     method: str
     dimension: int | None
+    summary: str
+    options: tuple[str, ...] = ()
 
 
 _IMAGE_SUFFIXES: Final = (
@@ -46,18 +51,54 @@ _IMAGE_SUFFIXES: Final = (
     ".tiff",
 )
 
+_ROS_MAP: Final = Format(
+    "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
+)
+_IMAGE: Final = Format("from_image", 2, "an image, dark pixels occupied")
+_POLYGONS: Final = Format("from_polygons", 2, "polygons, lines and points")
+_MESH: Final = Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud")
+_OCTOMAP: Final = Format("from_octomap", 3, "an OctoMap")
+_POINTS: Final = Format(
+    "from_points", 3, "a point cloud, with a radius; `.pcd` of `ascii` or `binary` data"
+)
+
 WORKSPACE_FORMATS: Final[dict[str, Format]] = {
-    **dict.fromkeys(ros.ROS_MAP_SUFFIXES, Format("from_ros_map", 2)),
-    ".map": Format("from_movingai", 2),
-    ".3dmap": Format("from_movingai", 3),
-    **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("from_polygons", 2)),
-    **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
-    **dict.fromkeys(meshes.MESH_SUFFIXES, Format("from_mesh", 3)),
-    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
-    **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2)),
+    **dict.fromkeys(ros.YAML_SUFFIXES, _ROS_MAP),
+    **dict.fromkeys(_IMAGE_SUFFIXES, _IMAGE),
+    ".map": Format("from_movingai", 2, "a MovingAI map"),
+    ".3dmap": Format("from_movingai", 3, "a MovingAI map of voxels"),
+    **dict.fromkeys(vector.POLYGON_SUFFIXES, _POLYGONS),
+    **dict.fromkeys(meshes.MESH_SUFFIXES, _MESH),
+    **dict.fromkeys((".bt", ".ot"), _OCTOMAP),
+    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), _POINTS),
+    ".npy": Format("from_array", None, "a boolean array, or points: rows of three floats"),
+    ".zarr": Format(
+        "from_array",
+        None,
+        "a boolean array of Zarr version 3, raw or in zstd, read when needed",
+    ),
 }
-"""Reader of each suffix of a workspace file."""
+"""Formats of workspace files, by suffix."""
+
+ROBOT_FORMATS: Final[dict[str, Format]] = {
+    **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("polygon", 2, "polygons")),
+    **dict.fromkeys(
+        meshes.MESH_SUFFIXES, Format("from_mesh", 3, "a triangle mesh", options=("solid",))
+    ),
+    ".urdf": Format(
+        "from_urdf",
+        3,
+        "the fixed base of a URDF, or links of it: `FILE.urdf#LINK,LINK`",
+        options=("solid", "package_dirs"),
+    ),
+    **dict.fromkeys(
+        ros.YAML_SUFFIXES,
+        Format(
+            "from_nav2", 2, "the footprint in Nav2's parameters, or that of `FILE.yaml#COSTMAP`"
+        ),
+    ),
+}
+"""Formats of robot files, by suffix."""
 
 
 def find_constructor(path: StrPath) -> str:
@@ -92,7 +133,7 @@ def read_dimension(path: StrPath) -> int:
     return dimension
 
 
-def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
+def read_npy(path: StrPath) -> NDArray[Any]:
     """Map the array of a ``.npy`` file into memory, read-only.
 
     Raises FileError if the file is missing, truncated, in another format, or holds Python objects.
@@ -103,7 +144,7 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         return np.lib.format.open_memmap(file, mode="r")
 
 
-def read_zarr_array(path: str | os.PathLike[str]) -> ZarrArray:
+def read_zarr_array(path: StrPath) -> ZarrArray:
     """Open a Zarr folder as an array that reads when indexed.
 
     Raises FileError if the folder is missing or holds no array.

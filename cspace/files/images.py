@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import threading
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.files.access import ContentError, check_file, decoding, is_count, read_bytes, read_text
+from cspace.files.access import ContentError, decoding, is_count, read_bytes, read_text
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats, StrPath
 from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
@@ -45,8 +42,7 @@ _PILLOW_LIMIT_LOCK: Final = threading.Lock()
 """Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
 
 
-@dataclass(frozen=True, slots=True)
-class Shades:
+class Shades(NamedTuple):
     """An image indexed like coordinates, ``[x, y]`` with y up.
 
     Attributes
@@ -62,19 +58,17 @@ class Shades:
     white_level: int
     opaque: Bools | bool
 
-    def where(self, test: Callable[[Floats], Bools]) -> Bools:
-        """Return a mask of the pixels whose shade, from 0 (black) to 1 (white), passes a test."""
-        passes = test(np.arange(self.white_level + 1) / float(self.white_level))
-        return np.asarray(passes[self.levels])
+    @property
+    def shades(self) -> Floats:
+        """Shade of each level, from 0 (black) to 1 (white)."""
+        return np.arange(self.white_level + 1) / float(self.white_level)
 
-    def among_opaque(self, pixels: Bools) -> Bools:
-        """Return a mask without its transparent pixels."""
-        return pixels if self.opaque is True else pixels & self.opaque
+    def select(self, levels: Bools) -> Bools:
+        """Return a mask of the pixels whose level is set in `levels`."""
+        return levels[self.levels]
 
 
-def read_image(
-    path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied"
-) -> Bools:
+def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:
     """Read the occupied cells of an image, shape (nx, ny).
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
@@ -92,12 +86,11 @@ def read_image(
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)
     check_word(dark, "dark", CELL_MEANINGS)
     image = read_shades(path, "image")
-    if image.opaque is True:
-        return image.where(lambda shade: (shade < level) == (dark == "occupied"))
-    return ~image.among_opaque(image.where(lambda shade: (shade < level) == (dark == "free")))
+    is_free = (image.shades < level) == (dark == "free")
+    return ~(image.select(is_free) & image.opaque)
 
 
-def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
+def read_shades(path: StrPath, kind: str) -> Shades:
     """Read the shades of an image.
 
     Grey images of 16 bits keep all their levels. `kind` names the image in messages.
@@ -107,11 +100,9 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
     """
     from PIL import Image
 
-    file = check_file(path, kind)
-    data = read_bytes(file, kind)
-    with decoding(
-        file, kind, f"it must be a whole file of {', '.join(IMAGE_FORMATS)}", "save it again"
-    ):
+    data = read_bytes(path, kind)
+    rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
+    with decoding(path, kind, rule, "save it again"):
         with _PILLOW_LIMIT_LOCK:
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
             try:
@@ -121,13 +112,10 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
                 Image.MAX_IMAGE_PIXELS = limit
         with image, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they concern metadata, which are not used
-            check_cells(file, image.size, memory=_BYTES_PER_PIXEL)
-            if image.format in _BOUNDED_FORMATS and math.prod(
-                image.size
-            ) > _MAX_PIXELS_PER_BYTE * len(data):
-                raise ContentError(
-                    f"declares {image.width} x {image.height} pixels, more than its bytes can hold"
-                )
+            check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
+            pixels = math.prod(image.size)
+            if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
+                raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
             image.load()
             return _convert_image(image)
 
@@ -144,23 +132,19 @@ def _convert_image(image: Image) -> Shades:
     if white_level == 65535 and (pixels.min() < 0 or pixels.max() > white_level):
         raise _unknown_pixels(image)
     if pixels.ndim == 2:
-        return Shades(
-            pixels.astype(np.uint16 if white_level > 255 else np.uint8), white_level, True
-        )
-    opaque = np.ascontiguousarray(pixels[..., 3] == 255) if mode == "RGBA" else True
+        return Shades(pixels.astype(np.uint16), white_level, True)
+    opaque = pixels[..., 3] == 255 if mode == "RGBA" else True
     return Shades(pixels[..., :3].sum(axis=2, dtype=np.uint16), white_level, opaque)
 
 
 def _choose_channels(image: Image) -> tuple[str, int]:
     """Return the mode in which to read an image, and its largest shade."""
     is_clear = image.has_transparency_data
-    # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
-    is_deep = image.mode.startswith("I;16") or (
-        image.mode == "I" and image.format in ("PNG", "PPM")
-    )
     if image.mode in ("1", "L") and not is_clear:
         return "L", 255
-    if is_deep and not is_clear:
+    # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
+    is_grey = image.mode == "I" and image.format in ("PNG", "PPM")
+    if (is_grey or image.mode.startswith("I;16")) and not is_clear:
         return image.mode, 65535
     if image.mode in ("1", "L", *COLOUR_MODES):
         return "RGBA" if is_clear else "RGB", 3 * 255
@@ -169,9 +153,8 @@ def _choose_channels(image: Image) -> tuple[str, int]:
 
 def _unknown_pixels(image: Image) -> ContentError:
     rule = "pixels must be grey of up to 16 bits without transparency, or 8-bit colour"
-    return ContentError(
-        f"has image mode {image.mode!r}", rule, "convert it, e.g. to an 8-bit grey PNG"
-    )
+    hint = "convert it, e.g. to an 8-bit grey PNG"
+    return ContentError(f"has image mode {image.mode!r}", rule, hint)
 
 
 PASSABLE_CHARACTERS: Final = ".GS"
@@ -179,7 +162,7 @@ BLOCKED_CHARACTERS: Final = "@OTW"
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACTERS)
 
 
-def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
+def read_movingai_map(path: StrPath) -> Bools:
     """Read the blocked cells of a ``.map`` file, shape (width, height).
 
     ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is
@@ -223,7 +206,7 @@ def _parse_map_header(lines: list[str]) -> tuple[int, int]:
     raise ContentError(f"begins with {lines[:4]!r:.100}", rule, "fetch it again")
 
 
-def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
+def read_movingai_voxels(path: StrPath) -> Bools:
     """Read the blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
 
     The first line is ``voxel`` and the numbers of voxels along x, y and z. Each other line is ``x y
@@ -234,43 +217,38 @@ def read_movingai_voxels(path: str | os.PathLike[str]) -> Bools:
     """
     lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
     with decoding(path, "MovingAI voxel map"):
-        kind, *counts = lines[0].split() or [""]
-        if (
-            kind != "voxel"
-            or len(counts) != 3
-            or not all(is_count(count) and int(count) > 0 for count in counts)
-        ):
+        first, *sizes = lines[0].split() or [""]
+        shape = _parse_counts(sizes)
+        if first != "voxel" or min(shape, default=0) < 1:
             raise _line_error(1, lines, "'voxel' and three whole numbers above zero")
-        nx, ny, nz = map(int, counts)
-        check_cells(path, (nx, ny, nz))
-        voxels = []
+        check_cells(path, shape)
+        blocked = np.zeros(shape, dtype=np.bool_)
         for number, line in enumerate(lines[1:], start=2):
             words = line.split()
             if not words:
                 continue
-            if len(words) != 3 or not all(map(is_count, words)):
-                raise _line_error(
-                    number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on"
-                )
-            x, y, z = map(int, words)
-            if x >= nx or y >= ny or z >= nz:
-                raise _line_error(
-                    number, lines, f"a voxel inside {nx} x {ny} x {nz}, counted from 0"
-                )
-            voxels.append((x, y, z))
-    blocked = np.zeros((nx, ny, nz), dtype=np.bool_)
-    blocked[tuple(np.array(voxels, dtype=np.int64).reshape(-1, 3).T)] = True
+            voxel = _parse_counts(words)
+            if not voxel:
+                rule = "'x y z' of a blocked voxel, whole numbers from 0 on"
+                raise _line_error(number, lines, rule)
+            if any(index >= count for index, count in zip(voxel, shape, strict=True)):
+                rule = f"a voxel inside {' x '.join(sizes)}, counted from 0"
+                raise _line_error(number, lines, rule)
+            blocked[voxel] = True
     return blocked
 
 
-def _read_lines(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> list[str]:
+def _parse_counts(words: list[str]) -> tuple[int, ...]:
+    """Return three whole numbers, or nothing if the words are others."""
+    return tuple(map(int, words)) if len(words) == 3 and all(map(is_count, words)) else ()
+
+
+def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
     """Return the lines of a text without trailing blank ones."""
     return [line.rstrip() for line in read_text(path, kind, memory).rstrip().split("\n")]
 
 
 def _line_error(number: int, lines: list[str], rule: str) -> ContentError:
     """Return the error for a line that breaks `rule`."""
-    line = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
-    return ContentError(
-        f"line {number} is {line}", f"it must hold {rule}", "correct it or fetch it again"
-    )
+    problem = f"line {number} is {lines[number - 1][:60]!r}"
+    return ContentError(problem, f"it must hold {rule}", "correct it or fetch it again")

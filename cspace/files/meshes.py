@@ -1,37 +1,36 @@
 """Triangle meshes from files and from trimesh objects.
 
-A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with
-``process=False``, and a separate count of the file's triangles must agree with its result. This
-package reads STL, OBJ and COLLADA itself. For STL the census is the reading. In OBJ files trimesh
-moves triangles whose corners count backwards or are written in mixed forms, loses those on lines
-with a leading blank, and cuts bent polygons into fans that leave the polygon. pycollada drops
-unknown elements and warns on NumPy 2.5.
+A mesh is read with all of its triangles or refused. trimesh reads binary PLY, and this package
+reads the rest itself. In OBJ files trimesh moves triangles whose corners count backwards or are
+written in mixed forms, loses those on lines with a leading blank, and cuts bent polygons into fans
+that leave the polygon. pycollada drops unknown elements and warns on NumPy 2.5.
 
 In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not
 scale quantised numbers, and ignores instances, skins and morphs and everything below a camera node.
-This module refuses all of these by name, and counts the triangles and vertices of the rest.
+This module refuses by name what it does not read.
 """
 
 from __future__ import annotations
 
-import io
+import base64
 import json
 import logging
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+import struct
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import (
     ContentError,
-    check_file,
     check_suffix,
     decoding,
     parse_numbers,
@@ -48,18 +47,20 @@ from cspace.files.polygons import (
     unsupported_part,
 )
 from cspace.limits import check_bytes
-from cspace.support.arrays import Floats, Ints, Surface
+from cspace.support.arrays import Floats, Ints, StrPath, Surface
 from cspace.support.check import check_finite
 
 _MESH_KIND: Final = "mesh"
 
 _APPEARANCE_PREFIXES: Final = (
-    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "MSFT_texture_"),
+    "KHR_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "KHR_lights_",
+    "KHR_xmp",
+    "MSFT_texture_",
 )
 """Prefixes of the glTF extensions that do not change the shape."""
-
-_MAX_NODE_LEVELS: Final = 256
-"""Largest depth of nested scene nodes."""
 
 _TRIANGLES_MODE: Final = 4
 """Mode of a glTF primitive that consists of triangles."""
@@ -67,84 +68,73 @@ _TRIANGLES_MODE: Final = 4
 _MODE_NAMES: Final = {5: "strips of triangles", 6: "fans of triangles"}
 """Names of further modes of a glTF primitive, for messages."""
 
-_FLOAT_TYPE: Final = 5126
-"""glTF component type of 32-bit floats."""
-
-_ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, _FLOAT_TYPE: 12}
-"""Bytes of an index, or of a position for floats, by glTF component type."""
+_ROW_TYPES: Final[dict[str, dict[int, Any]]] = {
+    "VEC3": {5126: ("<f4", 3)},
+    "SCALAR": {5121: "<u1", 5123: "<u2", 5125: "<u4"},
+}
+"""Data type of a row of a glTF accessor, by its type and component type."""
 
 
 def _read_gltf(file: Path) -> Surface:
     """Read the triangles of a glTF scene.
 
-    Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as
-    declared. Raises GeometryError if it holds anything but triangles, or if its shape depends on an
-    extension, a skin, a morph, or on quantised, sparse or compressed numbers.
+    Raises FileError if the file or a buffer is missing, truncated or malformed. Raises
+    GeometryError if it holds anything but triangles, or if its shape depends on an extension, a
+    skin, a morph, or on quantised, sparse or compressed numbers.
     """
-    import trimesh
-
-    data = read_bytes(file, _MESH_KIND, memory=4.0)
-    is_binary = file.suffix.lower() == ".glb"
-    text = _glb_json(data) if is_binary else data
+    text = read_bytes(file, _MESH_KIND, memory=4.0)
+    embedded = b""
+    if file.suffix.lower() == ".glb":
+        text, embedded = _split_glb(text)
     check_bytes(file, len(text), "has a header of", 20.0, "max_text_bytes")
     header = _parse_gltf_header(text)
-    meshes = [mesh["primitives"] for mesh in header.get("meshes", [])]
-    triangles = [sum(_count_triangles(part, header) for part in mesh) for mesh in meshes]
-    vertices = [sum(_count_vertices(part, header) for part in mesh) for mesh in meshes]
-    instances = list(_instances(header))
-    # A mesh may be placed several times, so the memory is checked before trimesh copies it.
-    placed = [*range(len(meshes)), *instances]
-    size = sum(surface_bytes(vertices[mesh], triangles[mesh]) for mesh in placed)
-    check_bytes(file, size, "unfolds to", memory=3.0)
-    declared = sum(triangles[mesh] for mesh in instances)
-    if not declared:
-        return join_surfaces([])
-    scene = trimesh.load_scene(
-        io.BytesIO(data),
-        file_type="glb" if is_binary else "gltf",
-        resolver=_FolderFiles(file),
-        process=False,
-        skip_materials=True,
+    for buffer in header.get("buffers", []):
+        buffer["content"] = _read_buffer(buffer, embedded, file)
+    meshes = [
+        [_read_gltf_part(part, header) for part in mesh["primitives"]]
+        for mesh in header.get("meshes", [])
+    ]
+    placed = list(_place_gltf_meshes(header))
+    # Parts may share arrays, and a mesh may be placed several times, so the memory is checked
+    # before anything is copied.
+    sizes = [
+        sum(surface_bytes(len(points), len(corners) // 3) for points, corners in parts)
+        for parts in meshes
+    ]
+    check_bytes(file, sum(sizes[mesh] for mesh, _ in placed), "unfolds to", memory=3.0)
+    surfaces = {mesh: [_gltf_surface(*part) for part in meshes[mesh]] for mesh, _ in placed}
+    return join_surfaces(
+        [transform_surface(surface, pose) for mesh, pose in placed for surface in surfaces[mesh]]
     )
-    counts = [_count_vertices(part, header) for mesh in meshes for part in mesh]
-    found = [len(part.vertices) for part in scene.geometry.values()]
-    surface = flatten_trimesh(scene, str(file))
-    if counts != found or len(surface[1]) != declared:
-        problem = f"holds {declared} triangles but {len(surface[1])} were read"
-        rule, hint = "nothing may be lost or made up", "write it again as binary STL"
-        raise ContentError(f"{problem}, in parts of {found!s:.60} vertices", rule, hint)
-    return surface
 
 
-def _count_vertices(primitive: dict[str, Any], header: dict[str, Any]) -> int:
-    """Return the number of vertices of a glTF primitive."""
-    return int(header["accessors"][primitive["attributes"]["POSITION"]]["count"])
+def _gltf_surface(points: Floats, corners: Ints | range) -> Surface:
+    """Return the surface of three corners for each triangle."""
+    vertices = points.astype(np.float64)
+    sizes = np.full(len(corners) // 3, 3)
+    return vertices, triangulate(vertices, np.asarray(corners, dtype=np.int64), sizes)
 
 
-def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
-    """Return the number of triangles of a glTF primitive.
+def _read_gltf_part(part: dict[str, Any], header: dict[str, Any]) -> tuple[Floats, Ints | range]:
+    """Return the points, shape (V, 3), and the corners of a glTF primitive, shape (3 F,).
 
-    Raises GeometryError if trimesh would misread the primitive, and ContentError if it is
-    malformed.
+    Raises GeometryError if it holds anything but triangles.
     """
-    mode = primitive.get("mode", _TRIANGLES_MODE)
+    mode = part.get("mode", _TRIANGLES_MODE)
     if mode != _TRIANGLES_MODE:
-        raise unsupported_part(
-            f"a part of {_MODE_NAMES.get(mode, f'points or lines (mode {mode})')}"
-        )
-    _refuse_extensions(primitive)
-    if "POSITION" not in primitive["attributes"]:
+        kind = _MODE_NAMES.get(mode, f"points or lines (mode {mode})")
+        raise unsupported_part(f"a part of {kind}")
+    _refuse_extensions(part)
+    if "POSITION" not in part["attributes"]:
         raise unsupported_part("a part without positions of its own")
-    corners = _check_accessor(primitive["attributes"]["POSITION"], "VEC3", header)
-    if "indices" in primitive:
-        corners = _check_accessor(primitive["indices"], "SCALAR", header)
-    if corners < 3 or corners % 3:
-        raise ContentError(f"has a part of {corners} corners, which is not a multiple of 3")
-    return corners // 3
+    points = _read_accessor(part["attributes"]["POSITION"], "VEC3", header)
+    if "indices" in part:
+        return points, _read_accessor(part["indices"], "SCALAR", header)
+    return points, range(len(points))
 
 
-def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
-    """Return the number of rows of a glTF accessor.
+def _read_accessor(number: int, kind: str, header: dict[str, Any]) -> NDArray[Any]:
+    """Return the rows of a glTF accessor, as a view of its buffer.
 
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
     is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
@@ -154,75 +144,104 @@ def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
         raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
         raise unsupported_part(f"an accessor ({number}) without data, as after compression")
+    if accessor["type"] != kind:
+        raise ContentError(f"has accessor {number} of {accessor['type']} instead of {kind}")
     component = accessor["componentType"]
-    if kind == "VEC3" and component != _FLOAT_TYPE:
-        raise unsupported_part(f"quantised positions (accessor {number})")
-    if (
-        accessor["type"] != kind
-        or component not in _ROW_BYTES
-        or (kind == "SCALAR") == (component == _FLOAT_TYPE)
-    ):
-        raise ContentError(
-            f"has accessor {number} of {accessor['type']} {component} instead of {kind}"
-        )
+    if component not in _ROW_TYPES[kind]:
+        raise unsupported_part(f"quantised {kind} of type {component} (accessor {number})")
+    record = np.dtype([("row", _ROW_TYPES[kind][component])])
     view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
-    # Offsets, strides and ends are in bytes: of the accessor in its view, and of the view in its
-    # buffer.
-    width, count, start = _ROW_BYTES[component], accessor["count"], accessor.get("byteOffset", 0)
-    stride, view_start = view.get("byteStride", width), view.get("byteOffset", 0)
-    end = start + (count - 1) * stride + width
+    # Offsets and strides are in bytes: of the accessor in its view, and of the view in its buffer.
+    start, view_start = accessor.get("byteOffset", 0), view.get("byteOffset", 0)
+    view_end = view_start + view["byteLength"]
     buffer = _look_up(header, "buffers", view["buffer"])
-    if min(start, view_start) < 0 or count < 1 or stride < width or end > view["byteLength"]:
+    content = memoryview(buffer["content"])[view_start:view_end]
+    count, stride = accessor["count"], view.get("byteStride", record.itemsize)
+    end = start + (count - 1) * stride + record.itemsize
+    if (
+        min(start, view_start, view_end) < 0
+        or count < 1
+        or stride < record.itemsize
+        or end > len(content)
+    ):
         raise ContentError("has an accessor that is empty or exceeds its view")
-    if view_start + view["byteLength"] > buffer["byteLength"]:
-        raise ContentError("has a view that exceeds its buffer")
-    return int(count)
+    return np.ndarray(count, record, content, start, stride)["row"]
 
 
-def _instances(header: dict[str, Any]) -> Iterator[int]:
-    """Yield the mesh index of each mesh instance.
+def _read_buffer(buffer: dict[str, Any], embedded: bytes, file: Path) -> bytes:
+    """Return the content of a glTF buffer.
 
-    Only instances in the scene count. Raises ContentError if the nodes are not trees. Raises
-    GeometryError if a mesh is in no scene, below a camera, or moved by a skin or morph.
+    ``embedded`` is the binary chunk of the file. Other files must lie within its folder.
+    """
+    uri = buffer.get("uri")
+    if uri is None:
+        content = embedded
+    elif uri.startswith("data:"):
+        content = base64.b64decode(uri.partition(",")[2], validate=True)
+    else:
+        other = file.parent / unquote(uri)
+        if not other.resolve().is_relative_to(file.parent.resolve()):
+            raise ContentError(f"has its data in {uri!r:.80}, outside its folder")
+        content = read_bytes(other, "buffer of glTF")
+    if len(content) < buffer["byteLength"]:
+        raise ContentError(f"has a buffer of {len(content)} bytes, fewer than it declares")
+    return content
+
+
+def _place_gltf_meshes(header: dict[str, Any]) -> Iterator[tuple[int, Floats]]:
+    """Yield the index and the transform, shape (4, 4), of each mesh in the scene.
+
+    Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is in no scene,
+    or moved by a skin or a morph.
     """
     scenes, nodes = header.get("scenes", []), header.get("nodes", [])
     if not scenes and header.get("meshes"):
         raise unsupported_part("meshes in no scene", "export it again with its scene")
     if len(scenes) > 1 and "scene" not in header:
-        raise unsupported_part(
-            f"{len(scenes)} scenes of which none is the default", "export one scene"
-        )
-    seen: set[int] = set()
+        problem = f"{len(scenes)} scenes of which none is the default"
+        raise unsupported_part(problem, "export one scene")
     roots = _look_up(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
-    pending = [(number, 1) for number in roots]
+    pending = [(number, np.eye(4)) for number in roots]
+    seen: set[int] = set()
     while pending:
-        number, level = pending.pop()
-        if level > _MAX_NODE_LEVELS:
-            raise ContentError(f"has more than {_MAX_NODE_LEVELS} nested nodes")
+        number, above = pending.pop()
         if number in seen or not 0 <= number < len(nodes):
-            raise ContentError(
-                f"names node {number} twice, or it is missing; nodes must form trees"
-            )
+            raise ContentError(f"names node {number} twice, or it is missing; nodes form trees")
         seen.add(number)
         node = nodes[number]
         _refuse_extensions(node)
-        pending += [(child, level + 1) for child in node.get("children", [])]
-        if not any(np.asarray(node.get("rotation", [1.0]), dtype=np.float64)):
-            raise ContentError("has a node with a rotation of length 0")
-        if "camera" in node and ("mesh" in node or node.get("children")):
-            raise unsupported_part("a mesh at or below a camera", "hang the camera below the mesh")
+        pose = above @ _gltf_transform(node)
+        pending += [(child, pose) for child in node.get("children", [])]
         if "mesh" in node:
             _refuse_moved_mesh(node, _look_up(header, "meshes", node["mesh"]))
-            yield node["mesh"]
+            yield node["mesh"], pose
+
+
+def _gltf_transform(node: dict[str, Any]) -> Floats:
+    """Return the transform from a glTF node to its parent, shape (4, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    rotation = Rotation.from_quat(node.get("rotation", [0.0, 0.0, 0.0, 1.0])).as_matrix()
+    scale = np.array(node.get("scale", [1.0, 1.0, 1.0]), dtype=np.float64)
+    return _affine(rotation * scale, node.get("translation", [0.0, 0.0, 0.0]))
+
+
+def _affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
+    """Return the matrix of an affine transform, shape (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    matrix[:3, 3] = offset
+    return matrix
 
 
 def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
     """Refuse a mesh that a skin or a morph moves."""
     if "skin" in node:
-        raise unsupported_part(
-            "a mesh that a skin moves", "apply its pose and export it without the skin"
-        )
+        hint = "apply its pose and export it without the skin"
+        raise unsupported_part("a mesh that a skin moves", hint)
     if any(node.get("weights", mesh.get("weights", []))):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
@@ -232,11 +251,9 @@ def _refuse_extensions(element: dict[str, Any]) -> None:
 
     Raises GeometryError, except for extensions of the appearance alone.
     """
-    foreign = [
-        name for name in element.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)
-    ]
-    if foreign:
-        raise unsupported_part(f"a part with the extension {foreign[0]}")
+    for name in element.get("extensions", {}):
+        if not name.startswith(_APPEARANCE_PREFIXES):
+            raise unsupported_part(f"a part with the extension {name}")
 
 
 def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
@@ -245,28 +262,29 @@ def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     ``kind`` is the name of its list, and ``number`` its index. Raises ContentError if the list is
     shorter.
     """
-    items = header.get(kind, [])
+    items: list[dict[str, Any]] = header.get(kind, [])
     if not 0 <= number < len(items):
         raise ContentError(f"names number {number} of its {len(items)} {kind}")
-    item: dict[str, Any] = items[number]
-    return item
+    return items[number]
 
 
-def _glb_json(data: bytes) -> bytes:
-    """Return the JSON header of a GLB file.
+def _split_glb(data: bytes) -> tuple[bytes, bytes]:
+    """Return the JSON header and the binary chunk of a GLB file.
 
     Raises ContentError if its chunks do not fill the file exactly.
     """
-    if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
+    magic, version, length = struct.unpack_from("<4sII", data)
+    if magic != b"glTF" or version != 2:
         raise ContentError("does not begin with a GLB header of version 2")
-    length, position = int.from_bytes(data[8:12], "little"), 12
-    if length != len(data):
-        raise ContentError(f"has {len(data)} bytes but declares {length}")
-    while position < length:
-        position += 8 + int.from_bytes(data[position : position + 4], "little")
-    if position != length or data[16:20] != b"JSON":
-        raise ContentError("has a chunk that exceeds the file, or no header in JSON")
-    return data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    chunks: dict[bytes, bytes] = {}
+    position = 12
+    while position < len(data):
+        size, kind = struct.unpack_from("<I4s", data, position)
+        chunks.setdefault(kind, data[position + 8 : position + 8 + size])
+        position += 8 + size
+    if not position == length == len(data):
+        raise ContentError(f"has {len(data)} bytes but declares {length}, and chunks to {position}")
+    return chunks[b"JSON"], chunks.get(b"BIN\0", b"")
 
 
 def _parse_gltf_header(data: bytes) -> dict[str, Any]:
@@ -274,51 +292,23 @@ def _parse_gltf_header(data: bytes) -> dict[str, Any]:
 
     Raises ContentError if it is malformed or not of version 2.
     """
-    try:
-        text = data.decode("utf-8-sig")
-        check_nesting(text, "[{", "]}")
-        header = json.loads(text)
-    except ValueError as error:
-        raise ContentError(f"has a header that is not JSON ({error})") from error
-    if not isinstance(header, dict):
-        raise ContentError("has a header that is not a JSON object")
-    version = str(header.get("asset", {}).get("version", ""))
+    text = data.decode("utf-8-sig")
+    check_nesting(text, "[{", "]}")
+    header: dict[str, Any] = json.loads(text)
+    version = str(header["asset"]["version"])
     if not version.startswith("2."):
-        raise ContentError(f"is of version {version or 'none'}; only glTF 2 is read")
+        raise ContentError(f"is of version {version}; only glTF 2 is read")
     _refuse_extensions({"extensions": dict.fromkeys(header.get("extensionsRequired", []))})
     return header
 
-
-class _FolderFiles(Mapping[str, bytes]):
-    """Files that a glTF file names, by URI.
-
-    They must lie within its folder. trimesh looks them up here.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self.file = file
-
-    def __getitem__(self, uri: str) -> bytes:
-        folder = self.file.parent
-        other = folder / unquote(uri)
-        if not other.resolve().is_relative_to(folder.resolve()):
-            raise ContentError(f"has its data in {uri!r:.80}, outside its folder")
-        return read_bytes(other, "buffer of glTF")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
-
-
-Named = dict[str, Element | None]
-"""Elements of a file by id; None if two elements share the id."""
 
 _SHAPELESS_CHILDREN: Final = frozenset(
     ["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"]
 )
 """Tags of the children of a node that have no shape."""
+
+_MAX_NODE_LEVELS: Final = 256
+"""Largest depth of nested nodes of COLLADA."""
 
 _MAX_EXTRA_VISITS: Final = 100_000
 """Largest number of node visits beyond the number of elements; a few nested instances can unfold
@@ -328,7 +318,40 @@ _SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines"
 """Tags of the children of a mesh that have no surface."""
 
 
-def read_collada(file: Path) -> Surface:
+class _Collada(NamedTuple):
+    """Elements of a COLLADA file.
+
+    Attributes
+    ----------
+    root : Element
+        Its tags have no namespace.
+    named : dict of str to Element or None
+        Elements by id; None if two elements share the id.
+    arrays : dict of Element to ndarray
+        Arrays that are parsed already.
+    """
+
+    root: Element
+    named: dict[str, Element | None]
+    arrays: dict[Element, Floats]
+
+    def resolve(self, reference: Element, attribute: str = "source") -> Element:
+        """Return the element that an attribute of an element names.
+
+        Raises GeometryError if it is in another file, and ContentError if it is missing or
+        repeated.
+        """
+        url = reference.get(attribute, "")
+        if not url.startswith("#"):
+            problem = f"a {reference.tag} of another file ({url!r})"
+            raise unsupported_part(problem, "export it again as one file")
+        target = self.named.get(url[1:])
+        if target is None:
+            raise ContentError(f"names {url!r}, which is missing or repeated")
+        return target
+
+
+def _read_collada(file: Path) -> Surface:
     """Read the triangles of a COLLADA scene, in metres.
 
     Axes stay as they are; lines are skipped.
@@ -336,54 +359,44 @@ def read_collada(file: Path) -> Surface:
     Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an
     unsupported surface or a polygon whose triangles are ambiguous.
     """
-    root = parse_xml(read_bytes(file, "mesh", 20.0, "max_text_bytes"))
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]
-    if root.tag != "COLLADA":
-        raise ContentError(f"holds {root.tag}, not COLLADA")
-    named: Named = {}
-    for element in root.iter():
-        if name := element.get("id"):
-            named[name] = None if name in named else element
-    unit = root.find("asset/unit")
-    metres = float(unit.get("meter", "1")) if unit is not None else 1.0
-    if not (math.isfinite(metres) and metres > 0.0):
-        raise ContentError(f"has a unit of {metres:g} metres")
-    instances = _place_geometries(root, named, metres)
+    collada = _parse_collada(read_bytes(file, _MESH_KIND, 20.0, "max_text_bytes"))
+    placed = list(_place_geometries(collada))
+    surfaces = {geometry: _read_surfaces(geometry, collada) for geometry, _ in placed}
     # A geometry may be placed several times, so the memory is checked before it is copied.
-    arrays: dict[Element, Floats] = {}
-    surfaces = {
-        each: _read_surfaces(each, named, arrays)
-        for each in dict.fromkeys(each for each, _ in instances)
-    }
     sizes = {
-        each: sum(surface_bytes(len(points), len(faces)) for points, faces in surfaces[each])
-        for each in surfaces
+        geometry: sum(surface_bytes(len(points), len(faces)) for points, faces in parts)
+        for geometry, parts in surfaces.items()
     }
-    check_bytes(file, sum(sizes[each] for each, _ in instances), "unfolds to", memory=3.0)
+    check_bytes(file, sum(sizes[each] for each, _ in placed), "unfolds to", memory=3.0)
     return join_surfaces(
-        [transform_surface(surface, pose) for each, pose in instances for surface in surfaces[each]]
+        [transform_surface(surface, pose) for each, pose in placed for surface in surfaces[each]]
     )
 
 
-def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[Element, Floats]]:
-    """List the placed geometries of a COLLADA scene.
+def _parse_collada(data: bytes) -> _Collada:
+    """Parse a COLLADA file, and list its elements by id."""
+    root = parse_xml(data)
+    named: dict[str, Element | None] = {}
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+        if name := element.get("id"):
+            named[name] = None if name in named else element
+    if root.tag != "COLLADA":
+        raise ContentError(f"holds {root.tag}, not COLLADA")
+    return _Collada(root, named, {})
 
-    Each has its transform, shape (4, 4), which contains the scale to ``metres`` per unit. Raises
-    ContentError if nodes are nested without end, and GeometryError if the scene has an unsupported
-    element.
+
+def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
+    """Yield each geometry in a COLLADA scene with its transform, shape (4, 4), to metres.
+
+    Raises ContentError if nodes are nested without end, and GeometryError if the scene has an
+    unsupported element.
     """
-    instance = root.find("scene/instance_visual_scene")
-    if instance is None:
-        raise unsupported_part("geometries in no scene", "export it again with its scene")
-    scene = _resolve_instance(instance, named)
-    if scene.tag != "visual_scene":
-        raise ContentError(f"names {scene.tag} as its scene")
-    instances: list[tuple[Element, Floats]] = []
-    visits, max_visits = 0, _MAX_EXTRA_VISITS + sum(1 for _ in root.iter())
+    unit = _affine(np.diag([_read_unit(collada.root)] * 3))
+    visits, max_visits = 0, _MAX_EXTRA_VISITS + sum(1 for _ in collada.root.iter())
     # Elements to visit, depth first, with the transform and the nodes above them.
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
-        (child, np.diag([metres, metres, metres, 1.0]), ()) for child in reversed(list(scene))
+        (child, unit, ()) for child in reversed(_find_scene(collada))
     ]
     while pending:
         element, above, path = pending.pop()
@@ -393,222 +406,150 @@ def _place_geometries(root: Element, named: Named, metres: float) -> list[tuple[
         if element.tag in _SHAPELESS_CHILDREN:
             continue
         if element.tag == "instance_node":
-            element = _resolve_instance(element, named)
-        if element.tag == "node":
-            if element in path:
-                raise ContentError(f"has the node {element.get('id')!r} within itself")
-            transform, children = _local_transform(element)
-            pending += [
-                (child, above @ transform, (*path, element)) for child in reversed(children)
-            ]
-        elif element.tag == "instance_geometry":
-            instances.append((_resolve_instance(element, named), above))
-        else:
+            element = collada.resolve(element, "url")
+        if element.tag == "instance_geometry":
+            yield collada.resolve(element, "url"), above
+        elif element.tag != "node":
             raise unsupported_part(f"a {element.tag} in its scene")
-    return instances
+        elif element in path:
+            raise ContentError(f"has the node {element.get('id')!r} within itself")
+        else:
+            pose = above @ _collada_transform(element)
+            pending += [
+                (child, pose, (*path, element))
+                for child in reversed(element)
+                if child.tag not in _TRANSFORMS
+            ]
 
 
-def _resolve_instance(instance: Element, named: Named) -> Element:
-    """Return the element that an instance refers to.
-
-    Raises GeometryError if it is in another file, and ContentError if it is missing.
-    """
-    url = instance.get("url", "")
-    if not url.startswith("#"):
-        raise unsupported_part(
-            f"a {instance.tag} of another file ({url!r})", "export it again as one file"
-        )
-    target = named.get(url[1:])
-    if target is None:
-        raise ContentError(f"names {url!r}, which is missing or repeated")
-    return target
+def _read_unit(root: Element) -> float:
+    """Return the metres per unit of a COLLADA file."""
+    unit = root.find("asset/unit[@meter]")
+    metres = 1.0 if unit is None else float(unit.get("meter", ""))
+    if not (math.isfinite(metres) and metres > 0.0):
+        raise ContentError(f"has a unit of {metres:g} metres")
+    return metres
 
 
-def _local_transform(node: Element) -> tuple[Floats, list[Element]]:
-    """Return the transform and the children of a node.
+def _find_scene(collada: _Collada) -> Element:
+    """Return the scene of a COLLADA file."""
+    instance = collada.root.find("scene/instance_visual_scene")
+    if instance is None:
+        raise unsupported_part("geometries in no scene", "export it again with its scene")
+    scene = collada.resolve(instance, "url")
+    if scene.tag != "visual_scene":
+        raise ContentError(f"names {scene.tag} as its scene")
+    return scene
 
-    ``node`` is of COLLADA. Its children are returned without the elements of its transform, which
-    has shape (4, 4), from the node to its parent.
-    """
-    transform, children = np.eye(4), []
+
+def _collada_transform(node: Element) -> Floats:
+    """Return the transform from a COLLADA node to its parent, shape (4, 4)."""
+    transform = np.eye(4)
     for child in node:
-        if child.tag in ("lookat", "skew"):
-            raise unsupported_part(
-                f"a node with the transform {child.tag}", "export it again with matrices"
-            )
-        if child.tag not in _TRANSFORMS:
-            children.append(child)
-            continue
-        size, matrix = _TRANSFORMS[child.tag]
-        numbers = np.array((child.text or "").split(), dtype=np.float64)
-        if len(numbers) != size:
-            raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
-        transform = transform @ matrix(numbers)
-    return transform, children
-
-
-def _translation(offset: Floats) -> Floats:
-    """Return the matrix of a translation, shape (4, 4).
-
-    `offset` has shape (3,).
-    """
-    matrix = np.eye(4)
-    matrix[:3, 3] = offset
-    return matrix
+        if child.tag in _TRANSFORMS:
+            size, matrix = _TRANSFORMS[child.tag]
+            numbers = np.array((child.text or "").split(), dtype=np.float64)
+            if len(numbers) != size:
+                raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
+            transform = transform @ matrix(numbers)
+    return transform
 
 
 def _rotation(values: Floats) -> Floats:
-    """Return the matrix of a rotation, shape (4, 4).
+    """Return the matrix of a rotation, shape (3, 3).
 
-    `values`, shape (4,), are the axis and the angle in degrees (Rodrigues, 1840).
+    `values`, shape (4,), are the axis and the angle in degrees.
     """
-    length = float(np.linalg.norm(values[:3]))
-    x, y, z = values[:3] / length if length > 0.0 else values[:3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(values[3])
-    matrix = np.eye(4)
-    matrix[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
-    return matrix
+    from scipy.spatial.transform import Rotation
+
+    axis = values[:3] / (np.linalg.norm(values[:3]) or 1.0)
+    return np.asarray(Rotation.from_rotvec(values[3] * axis, degrees=True).as_matrix())
 
 
 _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
     "matrix": (16, lambda values: values.reshape(4, 4)),
-    "translate": (3, _translation),
-    "rotate": (4, _rotation),
-    "scale": (3, lambda values: np.diag([*values, 1.0])),
+    "translate": (3, lambda values: _affine(np.eye(3), values)),
+    "rotate": (4, lambda values: _affine(_rotation(values))),
+    "scale": (3, lambda values: _affine(np.diag(values))),
 }
 """Number of values of each transform of a COLLADA node, and the function that makes its matrix."""
 
 
-def _read_surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
-    """Read the primitives of a COLLADA geometry as surfaces.
-
-    ``arrays`` caches the parsed arrays.
-    """
+def _read_surfaces(geometry: Element, collada: _Collada) -> list[Surface]:
+    """Read the primitives of a COLLADA geometry as surfaces."""
     surfaces = []
     for element in geometry:
         if element.tag in ("asset", "extra"):
             continue
         if element.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {element.tag}")
-        surfaces += [
-            _read_primitive(part, named, arrays)
-            for part in element
-            if part.tag not in _SURFACELESS_CHILDREN
-        ]
+        parts = [part for part in element if part.tag not in _SURFACELESS_CHILDREN]
+        surfaces += [_read_collada_part(part, collada) for part in parts]
     return surfaces
 
 
-def _read_primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
+def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     """Read the triangles of a COLLADA primitive.
 
     Raises GeometryError for an unsupported kind of primitive, and ContentError if counts disagree.
     """
-    lists = [_read_corners(indices, part) for indices in part.findall("p")]
-    corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
+    lists = [_parse_integers(indices.text) for indices in part.findall("p")]
+    numbers = np.concatenate([np.empty(0, dtype=np.int64), *lists])
     count = int(part.get("count", "0"))
-    points = _read_positions(part, named, arrays) if count else np.empty((0, 3))
+    if not count and not len(numbers):
+        return join_surfaces([])
+    # Each corner has an index for every input; the offset of the input VERTEX selects one of them.
+    inputs = part.findall("input")
+    vertices = part.findall("input[@semantic='VERTEX']")
+    stride = 1 + max((int(each.get("offset", "0")) for each in inputs), default=0)
+    if len(vertices) != 1 or any(len(each) % stride for each in lists):
+        problem = f"has {part.tag} with {len(vertices)} inputs VERTEX"
+        raise ContentError(f"{problem} and {len(numbers)} numbers, {stride} for a corner")
     if part.find("ph") is not None:
         raise unsupported_part("a polygon with holes")
     if part.tag == "triangles":
-        if len(corners) != 3 * count:
-            raise ContentError(f"declares {count} triangles but holds {len(corners)} corners")
         sizes = np.full(count, 3)
     elif part.tag == "polylist":
-        counts = part.find("vcount")
-        sizes = _parse_integers(counts) if counts is not None else np.empty(0, dtype=np.int64)
+        sizes = _parse_integers(part.findtext("vcount"))
     elif part.tag == "polygons":
-        sizes = np.array(list(map(len, lists)), dtype=np.int64)
+        sizes = np.array([len(each) // stride for each in lists], dtype=np.int64)
     else:
         raise unsupported_part(f"a mesh with {part.tag}")
     if len(sizes) != count:
         raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
+    corners = numbers[int(vertices[0].get("offset", "0")) :: stride]
+    points = _read_positions(collada.resolve(vertices[0]), collada)
     return points, triangulate(points, corners, sizes)
 
 
-def _find_inputs(element: Element, semantic: str) -> list[Element]:
-    """List the inputs of a COLLADA element by meaning.
-
-    ``semantic`` is the meaning, e.g. "VERTEX".
-    """
-    return [each for each in element.findall("input") if each.get("semantic") == semantic]
-
-
-def _read_corners(indices: Element, part: Element) -> Ints:
-    """Return vertex indices of a COLLADA primitive.
-
-    The result has shape (n,). Each corner has an index for every input of the primitive; the offset
-    of the input VERTEX selects one of them.
-    """
-    stride = 1 + max((int(each.get("offset", "0")) for each in part.findall("input")), default=0)
-    inputs = _find_inputs(part, "VERTEX")
-    numbers = _parse_integers(indices)
-    if len(inputs) != 1 or len(numbers) % stride:
-        raise ContentError(
-            f"has {part.tag} with {len(inputs)} inputs VERTEX and {len(numbers)} numbers, "
-            f"{stride} each"
-        )
-    return numbers[int(inputs[0].get("offset", "0")) :: stride]
-
-
-def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
-    """Return the vertex positions of a COLLADA primitive.
-
-    The result has shape (n, 3), in units of the file. `arrays` caches the parsed arrays.
-    """
-    vertices = [_resolve_source(given, named) for given in _find_inputs(part, "VERTEX")]
-    sources = [
-        _resolve_source(given, named)
-        for element in vertices
-        for given in _find_inputs(element, "POSITION")
-    ]
-    if len(sources) != 1:
-        raise ContentError(
-            f"has {part.tag} with {len(sources)} sources of positions instead of one"
-        )
-    accessor = sources[0].find("technique_common/accessor")
+def _read_positions(vertices: Element, collada: _Collada) -> Floats:
+    """Return the positions of COLLADA vertices, shape (n, 3), in units of the file."""
+    inputs = vertices.findall("input[@semantic='POSITION']")
+    if len(inputs) != 1:
+        raise ContentError(f"has vertices with {len(inputs)} sources of positions instead of one")
+    accessor = collada.resolve(inputs[0]).find("technique_common/accessor")
     if accessor is None:
         raise ContentError("has a source of positions without an accessor")
-    array = _resolve_source(accessor, named)
-    if array.tag not in ("float_array", "int_array"):
-        raise ContentError(f"has positions in {array.tag}")
-    values = arrays.get(array)
-    if values is None:
-        values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
+    array = collada.resolve(accessor)
+    if array not in collada.arrays:
+        collada.arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
+    values = collada.arrays[array]
     count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
     first = int(accessor.get("offset", "0"))
-    columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
-    names = [param.get("name") for param in accessor.findall("param") if param.get("name")]
-    if names != ["X", "Y", "Z"] or columns[-1] >= stride or first < 0 or count < 0:
+    names = [param.get("name") for param in accessor.findall("param")]
+    if list(filter(None, names)) != ["X", "Y", "Z"] or len(names) > stride:
         raise ContentError(f"has positions with the columns {names} instead of X, Y, Z")
-    if len(values) != int(array.get("count", len(values))) or len(values) < first + count * stride:
+    end = first + count * stride
+    declared = int(array.get("count", len(values)))
+    if min(first, count) < 0 or len(values) != declared or end > declared:
         raise ContentError(f"has {len(values)} numbers of positions but declares another count")
-    return values[first : first + count * stride].reshape(count, stride)[:, columns]
+    columns = [names.index(axis) for axis in "XYZ"]
+    return values[first:end].reshape(count, stride)[:, columns]
 
 
-def _resolve_source(given: Element, named: Named) -> Element:
-    """Return the element that an input refers to.
-
-    Raises ContentError if it is missing or repeated.
-    """
-    name = given.get("source", "")
-    source = named.get(name[1:]) if name.startswith("#") else None
-    if source is None:
-        raise ContentError(f"names the source {name!r}, which is missing or repeated")
-    return source
-
-
-def _parse_integers(element: Element) -> Ints:
-    """Parse the text of an element as integers.
-
-    The result has shape (n,).
-    """
-    try:
-        return np.array((element.text or "").split(), dtype=np.int64)
-    except ValueError as error:
-        raise ContentError(
-            f"has a {element.tag} that holds more than whole numbers ({error})"
-        ) from error
+def _parse_integers(text: str | None) -> Ints:
+    """Parse a text as integers, shape (n,)."""
+    return np.array((text or "").split(), dtype=np.int64)
 
 
 # Silence trimesh's log of a bad file, because the error that is raised gives the reason.
@@ -630,7 +571,7 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
 
-def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
+def read_mesh(path: StrPath) -> tuple[Floats, Ints]:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
@@ -652,18 +593,12 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     faces : ndarray of int64, shape (F, 3)
         Vertex indices.
     """
-    file = check_file(path, _MESH_KIND)
-    suffix = check_suffix(file, _READERS, "the suffix selects the format", "mesh")
-    with decoding(file, _MESH_KIND):
-        vertices, faces = _READERS[suffix](file)
+    suffix = check_suffix(path, _READERS, "the suffix selects the format", "mesh")
+    with decoding(path, _MESH_KIND):
+        vertices, faces = _READERS[suffix](Path(path))
         if not len(faces):
-            raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
-        check_finite(vertices, f"vertices of {file}")
-        wrong = faces[(faces < 0) | (faces >= len(vertices))]
-        if len(wrong):
-            raise ContentError(
-                f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}"
-            )
+            raise _without_triangles(os.fspath(path), "cloud of points" if len(vertices) else "")
+        check_finite(vertices, f"vertices of {path}")
     return vertices, np.ascontiguousarray(faces)
 
 
@@ -675,11 +610,8 @@ def _read_stl(file: Path) -> Surface:
     data = read_bytes(file, _MESH_KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
-        vertices = (
-            np.frombuffer(data, _STL_RECORD, declared, 84)["corners"]
-            .reshape(-1, 3)
-            .astype(np.float64)
-        )
+        records = np.frombuffer(data, _STL_RECORD, declared, 84)
+        vertices = records["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
@@ -695,21 +627,16 @@ def _parse_stl_text(data: bytes) -> Floats:
 
     Returns shape (3 F, 3). Raises ContentError if anything but whole facets is found.
     """
-    text = data.lower().replace(b"\r", b"\n")
+    text = data.lower().replace(b"\r", b"\n").rstrip(b" \t\n\0")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
-    if (
-        not kinds
-        or kinds != [False, True] * (len(kinds) // 2)
-        or text[lines[-1].end() :].strip(b" \t\n\0")
-    ):
+    if kinds != [False, True] * (len(kinds) // 2) or lines[-1].end() != len(text):
         raise ContentError("does not go from solid to endsolid, as a text STL file must")
-    if b"\0" in text[: lines[-1].end()]:  # a NUL would end a number
+    if b"\0" in text:  # a NUL would end a number
         raise ContentError("is not text")
     if any(b"endfacet" in line[0] for line in lines):
-        raise ContentError(
-            "has facets on a line of solid or endsolid; they need lines of their own"
-        )
+        problem = "has facets on a line of solid or endsolid"
+        raise ContentError(f"{problem}; they need lines of their own")
     # Single blanks, because patterns that skip blanks take quadratic time on long runs of them.
     text = b" ".join(_SOLIDS.sub(b"", text).split())
     facets = _FACET.findall(text)
@@ -731,7 +658,7 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".ply": _read_ply,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
-    ".dae": read_collada,
+    ".dae": _read_collada,
 }
 """Function that reads a file, by suffix."""
 
@@ -763,25 +690,17 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
     surfaces = []
     for part, transform in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
-            content = (
-                "cloud of points"
-                if isinstance(part, trimesh.PointCloud)
-                else "part without triangles"
-            )
-            if len(parts) > 1:
-                problem = f"has a {content} ({type(part).__name__}) among its meshes"
-                raise GeometryError(
-                    name,
-                    problem,
-                    "it would be lost",
-                    "remove it, or pass the meshes alone",
-                    value=part,
-                )
-            raise _without_triangles(name, f"{content} ({type(part).__name__})")
+            is_cloud = isinstance(part, trimesh.PointCloud)
+            content = "cloud of points" if is_cloud else "part without triangles"
+            content = f"{content} ({type(part).__name__})"
+            if len(parts) == 1:
+                raise _without_triangles(name, content)
+            problem = f"has a {content} among its meshes"
+            hint = "remove it, or pass the meshes alone"
+            raise GeometryError(name, problem, "it would be lost", hint, value=part)
         points = check_finite(part.vertices, f"vertices of {name}")
-        surfaces.append(
-            transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform)
-        )
+        surface = points, np.asarray(part.faces, dtype=np.int64)
+        surfaces.append(transform_surface(surface, transform))
     if not surfaces:
         raise _without_triangles(name, "")
     return join_surfaces(surfaces)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import os
+from array import array
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace.files.access import ContentError, decoding, iterate_header_lines, read_bytes
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Bytes, Floats, Ints, frozen
-from cspace.support.compiling import kernel
+from cspace.support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
 
 _OCTOMAP_KIND: Final = "OctoMap"
 
@@ -20,11 +19,21 @@ _FIRST_LINES: Final = {"# Octomap OcTree binary file": True, "# Octomap OcTree f
 _COLOUR_BYTES: Final = {"OcTree": 0, "ColorOcTree": 3}
 """Bytes of colour in a node of a full tree, by the tree's type."""
 
-OCTREE_LEVELS: Final = 16
-"""Number of levels below the root of an octree: 2^16 cells along each axis."""
+_LEVELS: Final = 16
+"""Number of levels below the root of an octree."""
 
-_ORIGIN_CELL: Final = 2 ** (OCTREE_LEVELS - 1)
-"""Index of the octree cell at the origin, along each axis."""
+_SIDE: Final = 2**_LEVELS
+"""Number of finest cells along each axis of an octree. The origin is in the middle."""
+
+_OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
+
+_CHILD_OFFSETS: Final[Ints] = np.ravel_multi_index(
+    np.array([[child & 1, child >> 1 & 1, child >> 2] for child in range(8)]).T, _OCTREE_SHAPE
+)
+"""Flat index of the first cell of each child, if children are one cell across."""
+
+_UNSEEN: Final = 2
+"""State of cells without a leaf; 0 is free and 1 is occupied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +47,7 @@ class _OctomapHeader:
 
 
 def read_octomap(
-    path: str | os.PathLike[str], unknown_is_occupied: bool = True
+    path: StrPath, unknown_is_occupied: bool = True
 ) -> tuple[Floats, float, Bools, Bools]:
     """Read the placement, occupied and unknown cells of an OctoMap.
 
@@ -52,22 +61,22 @@ def read_octomap(
     Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is
     truncated or damaged, has no known cell, or is larger than :mod:`cspace.limits` allows.
     """
-    # Each byte becomes a leaf of five 8-byte numbers at most, and a copy of it.
-    content = read_bytes(path, _OCTOMAP_KIND, memory=80.0)
+    # Each byte becomes four leaves at most, of ten 8-byte numbers with their intermediate results.
+    content = read_bytes(path, _OCTOMAP_KIND, memory=320.0)
     with decoding(path, _OCTOMAP_KIND):
         header, end = _parse_octomap_header(content)
         leaves = _read_leaves(header, content[end:])
-    first = leaves[:, :3].min(axis=0)
-    shape = (leaves[:, :3] + leaves[:, 3:4]).max(axis=0) - first
+    first = leaves.corners.min(axis=0)
+    shape = (leaves.corners + leaves.sides[:, None]).max(axis=0) - first
     across = tuple(int(n) for n in shape)
-    check_cells(path, across, memory=2.0)
-    leaves[:, :3] -= first
-    unseen, occupied = np.ones(across, dtype=np.bool_), np.zeros(across, dtype=np.bool_)
-    fill_leaves(unseen, leaves[:, :4], False)
-    fill_leaves(occupied, leaves[leaves[:, 4] == 1, :4], True)
+    check_cells(path, across, memory=3.0)
+    states = np.full(across, _UNSEEN, dtype=np.uint8)
+    _fill_leaves(states, leaves._replace(corners=leaves.corners - first))
+    unseen = states == _UNSEEN
+    occupied = states == 1
     if unknown_is_occupied:
         occupied |= unseen
-    lower = (first - _ORIGIN_CELL) * header.resolution
+    lower = (first - _SIDE // 2) * header.resolution
     return lower, header.resolution, frozen(occupied), frozen(unseen)
 
 
@@ -110,138 +119,112 @@ def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHead
     return _OctomapHeader(binary, tree, count, side)
 
 
-def _read_leaves(header: _OctomapHeader, data: bytes) -> Ints:
-    """Decode the leaves of an octree, shape (n, 5).
+class _Leaves(NamedTuple):
+    """Leaves of an octree.
 
-    Columns are the first cell (3), the side in cells, and 1 if occupied.
+    Attributes
+    ----------
+    corners : ndarray of int, shape (n, 3)
+        First cell of each leaf.
+    sides : ndarray of int, shape (n,)
+        Side of each leaf, in cells.
+    occupied : ndarray of bool, shape (n,)
     """
-    values = np.empty(0, dtype=np.float32)
+
+    corners: Ints
+    sides: Ints
+    occupied: Bools
+
+
+def _read_leaves(header: _OctomapHeader, data: bytes) -> _Leaves:
+    """Decode the leaves of an octree.
+
+    Raises ContentError if it is truncated, invalid, or has another size than its header.
+    """
     if header.binary:
-        records = np.frombuffer(data, dtype=np.uint8, count=len(data) // 2 * 2).reshape(-1, 2)
+        leaves, nodes = _decode_binary(data)
     else:
-        record = np.dtype(
-            [("value", "<f4"), ("colour", "V", _COLOUR_BYTES[header.tree]), ("children", "u1")]
-        )
-        full = np.frombuffer(data, dtype=record, count=len(data) // record.itemsize)
-        values = full["value"]
-        records = np.stack([full["children"], values >= 0.0], axis=1).astype(np.uint8)
-        records.setflags(
-            write=False
-        )  # like those of a binary tree, so that one compiled variant reads both
-    leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
-    stack = np.zeros((OCTREE_LEVELS + 1, 4), dtype=np.int64)
-    nodes, count, problem = decode_leaves(records, header.binary, leaves, stack)
-    broken = int(np.isnan(values[:nodes]).sum())
+        leaves, nodes = _decode_full(data, _COLOUR_BYTES[header.tree])
+    if nodes != header.size:
+        raise ContentError(f"holds {nodes} nodes but its header says {header.size}")
+    return leaves
+
+
+def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
+    """Return the leaves and the number of nodes of a binary tree.
+
+    It has one record per inner node, with two bits for each of its eight children: 01 is a free
+    leaf, 10 an occupied leaf, 11 an inner node, and 00 unknown.
+    """
+    records = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
+    kinds = (records[:, None] >> np.arange(0, 16, 2, dtype=np.uint16) & 3).astype(np.uint8)
+    firsts, sides = _place_nodes(np.packbits(kinds == 3, axis=1, bitorder="little"), 2)
+    kinds = kinds[: len(firsts)]
+    if not kinds.any(axis=1).all():
+        raise ContentError("holds an inner node without children")
+    parents, children = np.nonzero((kinds == 1) | (kinds == 2))
+    sides = sides[parents] // 2
+    corners = _unravel(firsts[parents] + sides * _CHILD_OFFSETS[children])
+    leaves = _Leaves(corners, sides, kinds[parents, children] == 2)
+    return leaves, 1 + int(np.count_nonzero(kinds))
+
+
+def _decode_full(data: bytes, colour_bytes: int) -> tuple[_Leaves, int]:
+    """Return the leaves and the number of nodes of a full tree.
+
+    It has one record per node: its value, its colour, and a bit for each child. A node without
+    children is a leaf.
+    """
+    record = np.dtype([("value", "<f4"), ("colour", "V", colour_bytes), ("children", "u1")])
+    nodes = np.frombuffer(data, dtype=record, count=len(data) // record.itemsize)
+    firsts, sides = _place_nodes(nodes["children"], 1)
+    nodes = nodes[: len(firsts)]
+    broken = np.count_nonzero(np.isnan(nodes["value"]))
     if broken:
         raise ContentError(f"has {broken} nodes without a value (NaN)")
-    if problem == 1:
-        raise ContentError(f"ends after {nodes} nodes but its header says {header.size}")
-    if problem or nodes != header.size:
-        reason = {
-            2: f"an inner node below level {OCTREE_LEVELS}",
-            3: "an inner node without children",
-        }.get(problem, f"{'more' if problem else nodes} nodes but its header says {header.size}")
-        raise ContentError(
-            f"holds {reason}", "the octree is invalid", "the file is damaged; fetch it again"
-        )
-    return leaves[:count]
+    is_leaf = nodes["children"] == 0
+    corners = _unravel(firsts[is_leaf])
+    return _Leaves(corners, sides[is_leaf], nodes["value"][is_leaf] >= 0.0), len(nodes)
 
 
-@kernel
-def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tuple[int, int, int]:
-    """Collect the leaves of an octree in depth-first order.
+def _place_nodes(masks: Bytes, smallest: int) -> tuple[Ints, Ints]:
+    """Return the flat index of the first cell, and the side, of each node with a record.
 
-    Returns the numbers of nodes visited and leaves written, and an error code. `records` has shape
-    (n, 2). A binary tree has one record per inner node, with two bits for each of its eight
-    children: 01 is a free leaf, 10 an occupied leaf, 11 an inner node and 00 unknown. A full tree
-    has one record per node: one bit per child, and 1 if the node is occupied; a node without
-    children is a leaf.
+    Records are in depth-first order; `masks` has a bit for each child with a record. A node of
+    `smallest` cells across has no such child.
 
-    Writes `leaves`, shape (m, 5): first cell, side in cells, and 1 if occupied. `stack`, shape
-    (levels + 1, 4), must be zeros; it holds, for each level of the current branch, the first cell
-    of the node and a bit for each inner child still to be visited.
-
-    Error codes: 0 for a valid tree, 1 if records are missing, 2 if a node lies too deep, 3 if an
-    inner node has no child, 4 if `leaves` is full.
+    Raises ContentError if a node lies too deep or records are missing.
     """
-    # A loop instead of recursion, so that memory is bounded by `stack` however deep a damaged file
-    # leads.
-    corner, pending = stack[:, :3], stack[:, 3]
-    nodes, count, used, depth = 1, 0, 0, 0
-    entering = True
-    while depth >= 0:
-        if entering:
-            if used == len(records):
-                return nodes if binary else used, count, 1
-            first, second = np.int64(records[used, 0]), np.int64(records[used, 1])
-            used += 1
-            children = np.int64(0)
-            if binary:
-                # Leaves have no record of their own, so they are counted and written with their
-                # parent.
-                kinds = first | second << 8
-                if kinds == 0:
-                    return nodes, count, 3
-                for child in range(8):
-                    kind = (kinds >> (2 * child)) & 3
-                    nodes += kind != 0
-                    if kind == 3:
-                        children |= 1 << child
-                    elif kind != 0:
-                        if count == len(leaves):
-                            return nodes, count, 4
-                        side = 1 << (OCTREE_LEVELS - 1 - depth)
-                        _write_child_corner(leaves[count], corner[depth], child, side)
-                        leaves[count, 3], leaves[count, 4] = side, kind == 2
-                        count += 1
-            else:
-                nodes, children = used, first
-                if children == 0:
-                    if count == len(leaves):
-                        return nodes, count, 4
-                    _write_child_corner(leaves[count], corner[depth], 0, 0)
-                    leaves[count, 3], leaves[count, 4] = 1 << (OCTREE_LEVELS - depth), second
-                    count += 1
-            # A node of the last level is a single cell: it has no children, and no record in a
-            # binary tree.
-            if children and depth == OCTREE_LEVELS - binary:
-                return nodes, count, 2
-            pending[depth] = children
-        entering = pending[depth] != 0
-        if entering:
-            child = _lowest_bit(pending[depth])
-            pending[depth] &= pending[depth] - 1
-            _write_child_corner(
-                corner[depth + 1], corner[depth], child, 1 << (OCTREE_LEVELS - 1 - depth)
-            )
-            depth += 1
-        else:
-            depth -= 1
-    return nodes, count, 0
+    offsets_by_mask = [
+        [offset for child, offset in enumerate(_CHILD_OFFSETS.tolist()) if mask >> child & 1][::-1]
+        for mask in range(256)
+    ]
+    firsts, sides = array("q"), array("q")
+    pending = [(0, _SIDE)]  # the next node is the last
+    for mask in masks.tobytes():
+        if not pending:
+            break
+        first, side = pending.pop()
+        firsts.append(first)
+        sides.append(side)
+        if mask and side == smallest:
+            raise ContentError(f"holds an inner node below level {_LEVELS}")
+        half = side // 2
+        pending += [(first + half * offset, half) for offset in offsets_by_mask[mask]]
+    if pending:
+        raise ContentError(f"ends after {len(masks)} records, within its octree")
+    return np.array(firsts), np.array(sides)
 
 
-@kernel
-def _write_child_corner(out: Ints, corner: Ints, child: int, side: int) -> None:
-    """Write the first cell of a child into `out`."""
-    for axis in range(3):
-        out[axis] = corner[axis] + ((child >> axis) & 1) * side
+def _unravel(firsts: Ints) -> Ints:
+    """Return the cells of flat indices, shape (n, 3)."""
+    return np.stack(np.unravel_index(firsts, _OCTREE_SHAPE), axis=1)
 
 
-@kernel
-def _lowest_bit(bits: int) -> int:
-    """Return the index of the lowest bit set."""
-    number = 0
-    while not (bits >> number) & 1:
-        number += 1
-    return number
-
-
-def fill_leaves(out: Bools, leaves: Ints, value: bool) -> None:
-    """Set `out` to `value` in cubic leaves.
-
-    `leaves` has shape (n, 4): first cell and side.
-    """
-    is_cell = leaves[:, 3] == 1
-    out[tuple(leaves[is_cell, :3].T)] = value
-    for x, y, z, side in leaves[~is_cell].tolist():
-        out[x : x + side, y : y + side, z : z + side] = value
+def _fill_leaves(states: Bytes, leaves: _Leaves) -> None:
+    """Set the state of the cells in leaves: 1 if occupied, else 0."""
+    is_cell = leaves.sides == 1
+    states[tuple(leaves.corners[is_cell].T)] = leaves.occupied[is_cell]
+    coarse = (column[~is_cell].tolist() for column in leaves)
+    for (x, y, z), side, occupied in zip(*coarse, strict=True):
+        states[x : x + side, y : y + side, z : z + side] = occupied

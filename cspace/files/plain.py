@@ -7,7 +7,6 @@ Anchors, aliases and tags of YAML and entities of XML are refused, and nesting i
 from __future__ import annotations
 
 import json
-import os
 import re
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,6 +16,7 @@ import numpy as np
 
 from cspace.files.access import ContentError, decoding, read_text
 from cspace.limits import SizeLimit, check_file_memory
+from cspace.support.arrays import StrPath
 
 _MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
@@ -44,7 +44,7 @@ _MEMORY_PER_JSON_BYTE: Final = 20.0
 """Bytes of memory to load one byte of JSON."""
 
 
-def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
+def read_yaml(path: StrPath, kind: str) -> Any:
     """Read the plain value of a YAML file.
 
     `kind` names the expected file in messages.
@@ -133,7 +133,7 @@ def _parse_word(word: str) -> Any:
 
 
 def read_json(
-    path: str | os.PathLike[str],
+    path: StrPath,
     kind: str,
     each_list: float = 0.0,
     limit: SizeLimit = "max_text_bytes",

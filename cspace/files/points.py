@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from typing import Final
 
@@ -55,13 +54,9 @@ def read_points(path: StrPath) -> Floats:
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
-            raise ContentError(
-                "holds no point",
-                "a cloud needs one",
-                "check how it was written",
-                kind=GeometryError,
-            )
-        broken = int((~np.isfinite(points).all(axis=1)).sum())
+            hint = "check how it was written"
+            raise ContentError("holds no point", "a cloud needs one", hint, kind=GeometryError)
+        broken = np.count_nonzero(~np.isfinite(points).all(axis=1))
         if broken:
             problem = f"holds {broken} points of {len(points)} that are not finite"
             rule = "a missing return is neither free nor occupied"
@@ -74,10 +69,9 @@ def _read_npy(path: StrPath) -> Floats:
     """Read the points of a ``.npy`` file, shape (n, 3)."""
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+        problem = f"holds shape {array.shape} and type {array.dtype}"
         rule = "a cloud is one array of numbers of shape (n, 3)"
-        raise ContentError(
-            f"holds shape {array.shape} and type {array.dtype}", rule, "save one of that shape"
-        )
+        raise ContentError(problem, rule, "save one of that shape")
     return np.array(array, dtype=np.float64)
 
 
@@ -87,14 +81,15 @@ def _read_text(path: StrPath) -> Floats:
     Further columns are ignored.
     """
     rows = read_columns(read_text(path, "point cloud", memory=12.0))
-    if len(rows) and rows.shape[1] < 3:
-        raise ContentError(
-            f"has {rows.shape[1]} columns", "points have x, y and z", "write three columns"
-        )
-    return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
+    if not len(rows):
+        return np.zeros((0, 3))
+    if rows.shape[1] < 3:
+        problem = f"has {rows.shape[1]} columns"
+        raise ContentError(problem, "points have x, y and z", "write three columns")
+    return np.ascontiguousarray(rows[:, :3])
 
 
-def read_pcd(path: str | os.PathLike[str]) -> Floats:
+def read_pcd(path: StrPath) -> Floats:
     """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
     They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may
@@ -104,34 +99,30 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
     entries, lines, end = _parse_pcd_header(content)
-    data = " ".join(entries["DATA"])
-    if data == "binary_compressed":
+    encoding = " ".join(entries["DATA"])
+    if encoding == "binary_compressed":
         hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
         raise ContentError("holds compressed points", "only ascii and binary are read", hint)
-    if data not in ("ascii", "binary"):
-        raise ContentError(
-            f"says DATA {data!r:.60}", "it must be ascii or binary", "write it again"
-        )
+    if encoding not in ("ascii", "binary"):
+        problem = f"says DATA {encoding!r:.60}"
+        raise ContentError(problem, "it must be ascii or binary", "write it again")
     try:
         counts = [int(word) for word in entries.get("COUNT", ["1"] * len(entries["FIELDS"]))]
         record = _make_record(entries, counts)
         expected = _count_points(entries)
     except (TypeError, ValueError, IndexError) as error:
-        rule = (
-            "fields need types F, I or U, a SIZE in bytes and a COUNT, and POINTS is their number"
-        )
+        rule = "fields need types F, I or U, a SIZE and a COUNT, and POINTS is their number"
         raise ContentError(f"has a malformed header: {error}; {rule}") from error
     columns = _find_coordinates(entries["FIELDS"], counts)
-    if data == "ascii":
-        rows = read_columns(content[end:].decode("latin-1"), lines + 1)
-        found = len(rows)
-    else:
+    if encoding == "binary":
         found = (len(content) - end) // record.itemsize
-    if found < expected or (data == "ascii" and found > expected):
-        raise ContentError(f"holds {found} points but its header says {expected}")
-    if data == "binary":
+        if found < expected:
+            raise ContentError(f"holds {found} points but its header says {expected}")
         cloud = np.frombuffer(content, record, expected, end)
         return np.concatenate([cloud[str(n)] for n in columns], axis=1, dtype=np.float64)
+    rows = read_columns(content[end:].decode("latin-1"), lines + 1)
+    if len(rows) != expected:
+        raise ContentError(f"holds {len(rows)} points but its header says {expected}")
     if not expected:
         return np.zeros((0, 3))
     if rows.shape[1] != sum(counts):
@@ -147,9 +138,8 @@ def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
         key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _PCD_KEYS:
             rule = f"a PCD header has lines of {', '.join(_PCD_KEYS)}"
-            raise ContentError(
-                f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format"
-            )
+            hint = "the file is damaged or of another format"
+            raise ContentError(f"line {number} is {line[:40]!r}", rule, hint)
         if key:
             entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after
@@ -157,9 +147,8 @@ def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
             break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
     if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
-        raise ContentError(
-            f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA"
-        )
+        names = " and ".join(missing) or "POINTS"
+        raise ContentError(f"lacks {names} in its header, which ends with DATA")
     return entries, number, end
 
 
@@ -194,12 +183,11 @@ def _count_points(entries: dict[str, list[str]]) -> int:
 
 def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
     """Return the indices of the fields x, y and z."""
-    single = [field for field, count in zip(fields, counts, strict=True) if count == 1]
-    if any(fields.count(axis) != 1 or axis not in single for axis in "xyz"):
-        raise ContentError(
-            f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each"
-        )
-    return [fields.index(axis) for axis in "xyz"]
+    columns = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
+    if len(columns) != 3 or any(counts[n] != 1 for n in columns):
+        problem = f"has the fields {' '.join(fields)}"
+        raise ContentError(f"{problem}; a cloud in space has x, y and z, once each")
+    return columns
 
 
 CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {

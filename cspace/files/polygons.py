@@ -10,7 +10,6 @@ this module parses its header, for meshes and point clouds.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
-from cspace.support.arrays import Bools, Floats, Ints, Surface
+from cspace.support.arrays import Bools, Floats, Ints, StrPath, Surface
 
 MAX_BEND: Final = 1e-4
 """Maximum distance of a flat polygon's corners from its plane, relative to its size."""
@@ -37,13 +36,8 @@ FILE_ROUNDING: Final = 1e-6
 """Additional tolerance relative to the largest coordinate, because files keep seven digits."""
 
 
-MAX_FANS: Final = 500
+MAX_FANS: Final = 100
 """Maximum number of corners tried as the centre of a fan; trying all takes quadratic time."""
-
-MIN_WORK: Final = 2**26
-WORK_PER_CORNER: Final = 16
-"""Maximum number of corners visited in all fans tried for a file: `WORK_PER_CORNER` times its
-corners, at least `MIN_WORK`. Visiting a million takes 0.1 s."""
 
 
 _SKIPPED_STATEMENTS: Final = frozenset(
@@ -99,7 +93,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     if len(sizes) and int(sizes.min()) < 3:
         raise ContentError(f"has a face with {int(sizes.min())} corners; a face needs three")
     if int(sizes.sum()) != len(corners):
-        raise ContentError(f"has faces with {int(sizes.sum())} corners but names {len(corners)}")
+        raise ContentError(f"names {len(corners)} corners in faces with {int(sizes.sum())}")
     wrong = corners[(corners < 0) | (corners >= len(vertices))]
     if len(wrong):
         raise ContentError(
@@ -107,13 +101,12 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         )
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
-    work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
         if size > 4:
             _check_repeats(polygons)
         if size > 3:
-            polygons, work = _cut_fans(vertices, polygons, work)
+            polygons = _cut_fans(vertices, polygons)
         faces.append(polygons)
     return np.concatenate(faces)
 
@@ -130,11 +123,8 @@ def _check_repeats(polygons: Ints) -> None:
         raise _face_error(polygons[np.argmin(distinct)], f"repeat only {distinct.min()} vertices")
 
 
-def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
-    """Cut polygons, shape (P, n) with n > 3, into fans.
-
-    Return the triangles and the work left; at most `work` corners are visited.
-    """
+def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
+    """Cut polygons, shape (P, n) with n > 3, into fans of triangles."""
     points = vertices[polygons]
     # A later check refuses values that are not finite, by name.
     points = np.where(np.isfinite(points).all(axis=(1, 2), keepdims=True), points, 0.0)
@@ -145,15 +135,13 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     slack = np.asarray(FILE_ROUNDING + MAX_BEND * size)
     normal, flat = _fit_planes(points, size, slack)
     if not flat.all():
-        raise _face_error(
-            polygons[np.argmin(flat)], "do not lie in one plane, or enclose no area there"
-        )
+        problem = "do not lie in one plane, or enclose no area there"
+        raise _face_error(polygons[np.argmin(flat)], problem)
     count = polygons.shape[1]
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, MAX_FANS)):
         left = np.flatnonzero(apex < 0)
-        work -= len(left) * count
-        if not len(left) or work < 0:
+        if not len(left):
             break
         spokes = np.roll(points[left] - points[left, first : first + 1], -first, axis=1)[:, 1:]
         areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
@@ -164,12 +152,10 @@ def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
         )
         raise _face_error(polygons[np.argmin(apex)], problem)
     order = (apex[:, None] + np.arange(count)) % count
-    turned = polygons[np.arange(len(polygons))[:, None], order]
-    fans = np.stack(
-        [np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]],
-        axis=2,
-    )
-    return np.asarray(fans.reshape(-1, 3)), work
+    turned = np.take_along_axis(polygons, order, axis=1)
+    centers = np.repeat(turned[:, :1], count - 2, axis=1)
+    fans = np.stack([centers, turned[:, 1:-1], turned[:, 2:]], axis=2)
+    return np.asarray(fans.reshape(-1, 3))
 
 
 def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
@@ -195,18 +181,16 @@ def _face_error(polygon: Ints, what: str) -> ContentError:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
     problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    return ContentError(
-        problem, rule, "triangulate the faces where the file is written", kind=GeometryError
-    )
+    hint = "triangulate the faces where the file is written"
+    return ContentError(problem, rule, hint, kind=GeometryError)
 
 
 def unsupported_part(
     what: str, hint: str = "export it as plain triangles, e.g. as STL"
 ) -> ContentError:
     """Return the error for an unsupported part of a file."""
-    return ContentError(
-        f"has {what}, which is not read", "it would be lost", hint, kind=GeometryError
-    )
+    problem = f"has {what}, which is not read"
+    return ContentError(problem, "it would be lost", hint, kind=GeometryError)
 
 
 def read_obj(file: Path) -> Surface:
@@ -238,9 +222,8 @@ def read_obj(file: Path) -> Surface:
         elif name in _SURFACE_STATEMENTS:
             raise unsupported_part(f"a statement {name.decode()!r}")
         elif name not in _SKIPPED_STATEMENTS:
-            raise ContentError(
-                f"has a line {line[:60].decode('latin-1')!r}, which is not a statement of OBJ"
-            )
+            text = line[:60].decode("latin-1")
+            raise ContentError(f"has a line {text!r}, which is not a statement of OBJ")
     vertices = _parse_vertices(points)
     counts = np.array(sizes, dtype=np.int64)
     numbers = _parse_indices(corners, np.repeat(np.array(before, dtype=np.int64), counts))
@@ -266,13 +249,9 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
 
     A fourth number is a weight, which must be 1; six or more numbers include a colour.
     """
-    widths = set(map(len, points))
-    if widths & {0, 1, 2, 5}:
-        raise ContentError(
-            f"has a vertex with {min(widths & {0, 1, 2, 5})} numbers; a vertex has x, y and z"
-        )
-    weights = [point[3] for point in points if len(point) == 4] if 4 in widths else []
-    if any(float(weight) != 1.0 for weight in weights):
+    for count in set(map(len, points)) & {0, 1, 2, 5}:
+        raise ContentError(f"has a vertex with {count} numbers; a vertex has x, y and z")
+    if any(float(point[3]) != 1.0 for point in points if len(point) == 4):
         raise unsupported_part("vertices with weights other than 1")
     return parse_numbers([word for point in points for word in point[:3]], float).reshape(-1, 3)
 
@@ -297,7 +276,7 @@ PLY_KIND: Final = "PLY file"
 
 _PLY_FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
 _CORNER_LISTS: Final = ("vertex_indices", "vertex_index")
-_NO_FACES: Final = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64))
+_NO_FACES: Final = np.empty(0, dtype=np.int64)
 
 _MEMORY_PER_PLY_BYTE: Final = 8.0
 """Bytes of memory to read one byte of a PLY file."""
@@ -334,7 +313,7 @@ class PlyHeader:
         return self.counts.get("face", 0)
 
 
-def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
+def read_ply_header(path: StrPath) -> PlyHeader:
     """Read the header of a PLY file.
 
     Raises FileError if the file is missing, or has no whole header with vertices. Raises
@@ -346,7 +325,7 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
         return _parse_ply_header(stream.read(2**16))
 
 
-def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
+def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     """Read the vertices and polygons of a PLY file.
 
     Returns the vertices, shape (V, 3), the corners of all polygons, and the number of corners of
@@ -360,34 +339,28 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     header = _parse_ply_header(content)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise ContentError("has vertices without x, y and z")
-    names = [
-        name
-        for name, is_list in header.properties.get("face", [])
-        if is_list and name in _CORNER_LISTS
-    ]
+    lists = [name for name, is_list in header.properties.get("face", []) if is_list]
+    names = [name for name in lists if name in _CORNER_LISTS]
     if header.faces and len(names) != 1:
         raise ContentError(f"has faces without one list named {' or '.join(_CORNER_LISTS)}")
     if header.is_text:
         return _read_ply_text(content[header.end :], header)
     if not header.vertices:
-        return np.empty((0, 3)), *_NO_FACES
+        return np.empty((0, 3)), _NO_FACES, _NO_FACES
     from trimesh.exchange.ply import load_ply
 
     with decoding(path, f"{PLY_KIND} with faces of equally many corners"):
         loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
-        vertices = np.column_stack(
-            [np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"]
-        )
-        faces = (
-            _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
-        )
-    if len(vertices) != header.vertices or len(faces[1]) != header.faces:
-        counts = f"{len(vertices)} and {len(faces[1])} were read"
-        raise ContentError(
-            f"declares {header.vertices} vertices and {header.faces} faces, and {counts}"
-        )
-    return vertices.astype(np.float64), *faces
+        columns = elements["vertex"]["data"]
+        vertices = np.column_stack([columns[axis].reshape(-1) for axis in "xyz"])
+        corners = sizes = _NO_FACES
+        if header.faces:
+            corners, sizes = _read_corners(elements["face"]["data"], names[0], lists)
+    if len(vertices) != header.vertices or len(sizes) != header.faces:
+        declared = f"{header.vertices} vertices and {header.faces} faces"
+        raise ContentError(f"declares {declared} but has {len(vertices)} and {len(sizes)}")
+    return vertices.astype(np.float64), corners, sizes
 
 
 def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
@@ -397,27 +370,24 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
     list's length to all.
     """
     rows = [tokens for line in text.splitlines() if (tokens := line.split())]
-    if len(rows) != sum(header.counts.values()):
-        raise ContentError(
-            f"declares {sum(header.counts.values())} elements but has {len(rows)} lines of them"
-        )
-    elements = np.repeat(list(header.counts), list(header.counts.values()))
-    columns = [[name for name, _ in header.properties["vertex"]].index(axis) for axis in "xyz"]
+    declared = sum(header.counts.values())
+    if len(rows) != declared:
+        raise ContentError(f"declares {declared} elements but has {len(rows)} lines of them")
+    elements = np.repeat(list(header.counts), list(header.counts.values())).tolist()
+    names = [name for name, _ in header.properties["vertex"]]
+    columns = [names.index(axis) for axis in "xyz"]
     points: list[bytes] = []
     corners: list[bytes] = []
     sizes: list[int] = []
     try:
-        for element, tokens in zip(elements.tolist(), rows, strict=True):
+        for element, tokens in zip(elements, rows, strict=True):
             at = 0
             for name, is_list in header.properties[element]:
-                if not is_list:
-                    at += 1
-                    continue
-                stop = at + 1 + int(tokens[at])
-                if element == "face" and name in _CORNER_LISTS:
-                    sizes.append(stop - at - 1)
-                    corners += tokens[at + 1 : stop]
-                at = stop
+                length = int(tokens[at]) if is_list else 0
+                if element == "face" and is_list and name in _CORNER_LISTS:
+                    sizes.append(length)
+                    corners += tokens[at + 1 : at + 1 + length]
+                at += 1 + length
             if at != len(tokens):
                 raise ContentError(f"has a {element} of {len(tokens)} words but declares {at}")
             if element == "vertex":
@@ -460,17 +430,13 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
 
 def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[str, bool]]]) -> None:
     """Refuse elements other than faces that have lists."""
-    strange = []
     for element, count in counts.items():
         has_list = any(is_list for _, is_list in properties[element])
         if count and has_list and element not in ("face", "range_grid"):
-            strange.append(element)
-    if strange:
-        problem = f"has elements {', '.join(strange)} with lists, which may be surfaces"
-        rule = "only 'face' is read, so they would be lost"
-        raise ContentError(
-            problem, rule, "write it with faces, e.g. with MeshLab", kind=GeometryError
-        )
+            problem = f"has elements {element} with lists, which may be surfaces"
+            rule = "only 'face' is read, so they would be lost"
+            hint = "write it with faces, e.g. with MeshLab"
+            raise ContentError(problem, rule, hint, kind=GeometryError)
 
 
 def _ply_header_error() -> ContentError:
@@ -480,16 +446,14 @@ def _ply_header_error() -> ContentError:
     return ContentError("has no whole PLY header", rule, hint)
 
 
-def _read_corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:
+def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
     """Return the faces of a binary file, all of equal size.
 
     trimesh applies the size of the first face to all.
     """
-    counts, corners = data[name]["f0"], data[name]["f1"]
-    size = corners.shape[1] if corners.ndim == 2 else 1
-    lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]
-    if any((lengths != lengths[0]).any() for lengths in lists):
-        raise ContentError(
-            "has faces of different numbers of corners; write it as text, or with triangles only"
-        )
-    return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)
+    for each in lists:
+        if (data[each]["f0"] != data[each]["f0"][0]).any():
+            problem = "has faces of different numbers of corners"
+            raise ContentError(f"{problem}; write it as text, or with triangles only")
+    corners = np.asarray(data[name]["f1"], dtype=np.int64).reshape(-1)
+    return corners, data[name]["f0"].astype(np.int64).reshape(-1)

@@ -11,7 +11,7 @@ import math
 import os
 import pathlib
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -22,7 +22,7 @@ from cspace.errors import FileError, GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.images import Shades, read_shades
 from cspace.files.plain import read_yaml
-from cspace.support.arrays import Bools, Floats
+from cspace.support.arrays import Bools, Floats, StrPath
 from cspace.support.check import (
     check_count,
     check_finite,
@@ -31,10 +31,13 @@ from cspace.support.check import (
     check_real,
 )
 
-ROS_MAP_SUFFIXES: Final = (".yaml", ".yml")
+YAML_SUFFIXES: Final = (".yaml", ".yml")
 
 _MAX_METRES: Final = 1e15
 """Maximum coordinate and resolution, in metres; its reciprocal is the minimum resolution."""
+
+MODES: Final = ("trinary", "scale", "raw")
+"""Values of ``mode`` in the YAML of a map; the first is the default."""
 
 _REQUIRED_MAP_KEYS: Final = (
     "image",
@@ -46,7 +49,7 @@ _REQUIRED_MAP_KEYS: Final = (
 )
 
 
-def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
+def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
     The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of
@@ -82,7 +85,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
     """
     with decoding(path, "ROS map"):
         header = _read_header(path)
-    return header.info, *MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
+    return header.info, *_classify(header, read_shades(header.image, "ROS map's image"))
 
 
 class MapInfo(NamedTuple):
@@ -118,106 +121,65 @@ class _MapHeader:
     free_thresh: float
 
 
-def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
+def _read_header(path: StrPath) -> _MapHeader:
     """Read the YAML file of a ROS map.
 
     Raises an error that names the key if a value is missing or wrong.
     """
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
-        raise _key_error(
-            f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'"
-        )
-    missing = [key for key in _REQUIRED_MAP_KEYS if key not in document]
-    if missing:
-        present = ", ".join(document) or "nothing"
-        raise _key_error(
-            f"{missing[0]} is missing", f"there, besides {present:.200}", f"add '{missing[0]}:'"
-        )
-    image = document["image"]
-    if not isinstance(image, str) or not image or "\0" in image:
-        raise _key_error(
-            f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'"
-        )
-    mode = document.get("mode", "trinary")
-    if not isinstance(mode, str) or mode not in MODES:
+        problem, hint = f"holds {type(document).__name__}", "write e.g. 'resolution: 0.05'"
+        raise _key_error(problem, "keys and values", hint)
+    for key in _REQUIRED_MAP_KEYS:
+        if key not in document:
+            present = ", ".join(document) or "nothing"
+            raise _key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
+    mode, negate = document.get("mode", MODES[0]), document["negate"]
+    if mode not in MODES:
         raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
-    resolution, x, y, yaw = _parse_placement(document)
-    negate = document["negate"]
-    if isinstance(negate, list | dict) or negate not in (0, 1):
-        raise _key_error(
-            f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles"
-        )
+    if negate not in (0, 1):
+        hint = "write 'negate: 0' if dark pixels are obstacles"
+        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", hint)
     if negate and mode == "raw":
-        raise _key_error(
-            "negate is 1 in raw mode",
-            "0 there: ROS 1 and ROS 2 disagree on its effect",
-            "remove it",
-        )
-    occupied, free = _parse_thresholds(document)
-    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
-    return _MapHeader(info, _image_path(path, image), mode, bool(negate), occupied, free)
-
-
-def _parse_placement(document: dict[str, Any]) -> tuple[float, float, float, float]:
-    """Return the resolution, and x, y and yaw of the origin."""
-    resolution = _finite_number(document["resolution"], "resolution")
-    if not 1.0 / _MAX_METRES <= resolution <= _MAX_METRES:
-        rule = f"metres per cell, above zero, from {1.0 / _MAX_METRES:g} to {_MAX_METRES:g}"
-        raise _key_error(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
+        rule = "0 there: ROS 1 and ROS 2 disagree on its effect"
+        raise _key_error("negate is 1 in raw mode", rule, "remove it")
+    resolution = _parse_number(document["resolution"], "resolution", 1.0 / _MAX_METRES)
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise _key_error(
-            f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'"
-        )
-    x, y, yaw = (_finite_number(value, f"origin[{i}]") for i, value in enumerate(origin))
-    if max(abs(x), abs(y)) > _MAX_METRES:
-        raise _key_error(
-            f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units"
-        )
-    return resolution, x, y, yaw
-
-
-def _parse_thresholds(document: dict[str, Any]) -> tuple[float, float]:
-    """Return the thresholds of occupied and of free cells."""
-    occupied = _finite_number(document["occupied_thresh"], "occupied_thresh")
-    free = _finite_number(document["free_thresh"], "free_thresh")
-    for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
-        if not 0.0 <= value <= 1.0:
-            raise _key_error(f"{key} is {value}", "between 0 and 1", "correct it")
+        hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
+        raise _key_error(f"origin is {origin!r:.60}", "x, y and yaw", hint)
+    x, y, yaw = (_parse_number(value, f"origin[{i}]") for i, value in enumerate(origin))
+    occupied = _parse_number(document["occupied_thresh"], "occupied_thresh", 0.0, 1.0)
+    free = _parse_number(document["free_thresh"], "free_thresh", 0.0, 1.0)
     if free >= occupied:
         problem = f"free_thresh is {free} and occupied_thresh is {occupied}"
         raise _key_error(problem, "free below occupied", "exchange them")
-    return occupied, free
+    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
+    image = _find_image(pathlib.Path(path), document["image"])
+    return _MapHeader(info, image, mode, bool(negate), occupied, free)
 
 
-def _image_path(path: str | os.PathLike[str], image: str) -> pathlib.Path:
-    """Return the path of the image.
-
-    Warns if it lies outside the map's folder.
-    """
-    folder = pathlib.Path(path).parent
-    file = folder / image
-    try:
-        outside = not file.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError, ValueError) as error:
-        problem = f"image is {image!r:.60}, which is not a valid path"
-        raise _key_error(problem, "the name of a file", "correct it") from error
-    if outside:
-        warn_user(
-            f"{os.fspath(path)}: image is {image!r}, which lies outside the folder of the map"
-        )
+def _find_image(path: pathlib.Path, name: Any) -> pathlib.Path:
+    """Return the path of the image; warn if it lies outside the map's folder."""
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise _key_error(f"image is {name!r:.60}", "its name", "write e.g. 'image: map.pgm'")
+    file = path.parent / name
+    if not file.resolve().is_relative_to(path.parent.resolve()):
+        warn_user(f"{path}: image is {name!r}, which lies outside the folder of the map")
     return file
 
 
-def _finite_number(value: Any, key: str) -> float:
-    """Return a value as a finite float."""
+def _parse_number(
+    value: Any, key: str, lowest: float = -_MAX_METRES, highest: float = _MAX_METRES
+) -> float:
+    """Return a value of the header as a float between two bounds."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
-    if not math.isfinite(number):
-        raise _key_error(f"{key} is {value!r:.60}", "a finite number", "correct it")
+    if not lowest <= number <= highest:
+        rule = f"a number from {lowest:g} to {highest:g}"
+        raise _key_error(f"{key} is {value!r:.60}", rule, "correct it")
     return number
 
 
@@ -225,43 +187,17 @@ def _key_error(problem: str, rule: str, hint: str) -> ContentError:
     return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
-def _classify_trinary(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
-    """Return the free and the occupied pixels, by thresholds."""
-    free, occupied = (
-        image.where(lambda shade: _occupied_probability(header, shade) < header.free_thresh),
-        image.where(lambda shade: _occupied_probability(header, shade) >= header.occupied_thresh),
-    )
-    return image.among_opaque(free), image.among_opaque(occupied)
-
-
-def _classify_scale(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
-    free = image.where(lambda shade: _occupied_probability(header, shade) < header.free_thresh)
-    return image.among_opaque(free), image.among_opaque(~free)
-
-
-def _classify_raw(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
-    """Return the free and the occupied pixels of raw mode.
-
-    A raw shade is a percentage; shades above 100 are unknown.
-    """
-
-    def percent(shade: Floats) -> Floats:
-        return np.floor(255.0 * shade + 0.5)
-
-    free = image.where(lambda shade: percent(shade) < 100.0 * header.free_thresh)
-    return free, ~free & image.where(lambda shade: percent(shade) <= 100.0)
-
-
-def _occupied_probability(header: _MapHeader, shade: Floats) -> Floats:
-    return shade if header.negate else 1.0 - shade
-
-
-MODES: Final[Mapping[str, Callable[[_MapHeader, Shades], tuple[Bools, Bools]]]] = {
-    "trinary": _classify_trinary,
-    "scale": _classify_scale,
-    "raw": _classify_raw,
-}
-"""Function that classifies the shades into free and occupied cells, by the ``mode`` of the YAML."""
+def _classify(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+    """Return the free and the occupied pixels, as :func:`read_ros_map` documents."""
+    shades = image.shades
+    if header.mode == "raw":
+        percent = np.floor(255.0 * shades + 0.5)
+        free = percent < 100.0 * header.free_thresh
+        return image.select(free), image.select(~free & (percent <= 100.0))
+    probability = shades if header.negate else 1.0 - shades
+    free = probability < header.free_thresh
+    occupied = ~free if header.mode == "scale" else probability >= header.occupied_thresh
+    return image.select(free) & image.opaque, image.select(occupied) & image.opaque
 
 
 _MAX_TILT: Final = 1e-6
@@ -426,26 +362,15 @@ def read_occupancy_grid(
 
     Raises InputError if a field is missing or invalid, or another argument is invalid.
     """
-    low, high = (
-        check_not_negative(free_thresh, "free_thresh", ""),
-        check_not_negative(occupied_thresh, "occupied_thresh", ""),
-    )
-    if not 0.0 <= low < high <= 1.0:
-        rule, hint = (
-            "free_thresh must be below occupied_thresh, both from 0 to 1",
-            "pass e.g. 0.25 and 0.65",
-        )
-        raise InputError(
-            "free_thresh",
-            f"is {low:g} and occupied_thresh is {high:g}",
-            rule,
-            hint,
-            value=free_thresh,
-        )
-    width, height = (
-        check_count(_get_field(msg, f"info.{name}"), f"msg.info.{name}", 1)
-        for name in ("width", "height")
-    )
+    low = check_not_negative(free_thresh, "free_thresh", "")
+    high = check_not_negative(occupied_thresh, "occupied_thresh", "")
+    if not low < high <= 1.0:
+        problem = f"is {low:g} and occupied_thresh is {high:g}"
+        rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
+        hint = "pass e.g. 0.25 and 0.65"
+        raise InputError("free_thresh", problem, rule, hint, value=free_thresh)
+    width = check_count(_get_field(msg, "info.width"), "msg.info.width", 1)
+    height = check_count(_get_field(msg, "info.height"), "msg.info.height", 1)
     values = check_real(_get_field(msg, "data"), "msg.data")
     if values.shape != (width * height,) or values.dtype.kind not in "iu":
         problem = f"has shape {values.shape} and type {values.dtype}"
@@ -454,13 +379,10 @@ def read_occupancy_grid(
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
+    place = "info.origin.position"
     x, y = (
-        float(
-            check_finite(
-                _get_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}"
-            )
-        )
-        for k in "xy"
+        float(check_finite(_get_field(msg, f"{place}.{name}"), f"msg.{place}.{name}"))
+        for name in "xy"
     )
     return MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg)), free, occupied
 
@@ -499,9 +421,8 @@ def _parse_yaw(msg: object) -> float:
     An unset quaternion, all zeros, counts as no rotation.
     """
     place = "info.origin.orientation"
-    x, y, z, w = check_finite(
-        [_get_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}"
-    ).tolist()
+    values = [_get_field(msg, f"{place}.{name}") for name in "xyzw"]
+    x, y, z, w = check_finite(values, f"msg.{place}").tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:
         return 0.0
@@ -528,11 +449,9 @@ class CostmapRobot(NamedTuple):
 
     def __str__(self) -> str:
         """Describe the robot in the words of the parameters."""
-        size = (
-            f"a footprint of {len(self.corners)} corners"
-            if self.corners
-            else f"a robot_radius of {self.radius:g} m"
-        )
+        size = f"a robot_radius of {self.radius:g} m"
+        if self.corners:
+            size = f"a footprint of {len(self.corners)} corners"
         return f"{size}, footprint_padding {self.padding:g} m"
 
 
@@ -556,7 +475,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     return corners
 
 
-def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> CostmapRobot:
+def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     """Read the robot of a Nav2 parameter file.
 
     The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and
@@ -569,26 +488,23 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Costm
     file = os.fspath(path)
     tables = dict(_iterate_tables(read_yaml(path, "Nav2 parameter file"), ()))
     if not tables:
+        problem, rule = "holds neither footprint nor robot_radius", "a costmap has one of them"
         hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
-        raise FileError(
-            file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint
-        )
-    bases = {
-        name: _parse_robot(table, f"{file}: {name or 'the file'}") for name, table in tables.items()
+        raise FileError(file, problem, rule, hint)
+    robots = {
+        name: _parse_robot(table, f"{file}: {name or 'the file'}")
+        for name, table in tables.items()
+        if costmap is None or name.endswith(costmap)
     }
-    chosen = {
-        name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)
-    }
-    if not chosen:
-        raise FileError(
-            file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these"
-        )
-    if len(set(chosen.values())) > 1:
-        names = "; ".join(f"{name} has {base}" for name, base in chosen.items())
-        first = next(iter(chosen))
+    if not robots:
+        rule = f"it has {', '.join(tables)}"
+        raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
+    first = next(iter(robots))
+    if len(set(robots.values())) > 1:
+        names = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
         hint = f"pass e.g. costmap={first!r}, or {pathlib.Path(file).name}#{first}"
         raise FileError(file, f"describes several robots: {names}", "a map has one robot", hint)
-    return next(iter(chosen.values()))
+    return robots[first]
 
 
 def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -608,12 +524,10 @@ def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Ma
 def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
     """Parse the robot of a costmap's parameters."""
     footprint: Any = table.get("footprint")
-    padding = check_not_negative(
-        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
-    )
+    padding = table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING)
+    padding = check_not_negative(padding, f"{place}: footprint_padding")
     if footprint in _NO_FOOTPRINT:
-        return CostmapRobot(
-            (), check_positive(table["robot_radius"], f"{place}: robot_radius"), padding
-        )
-    corners: Sequence[Sequence[float]] = parse_footprint(footprint, f"{place}: footprint").tolist()
+        radius = check_positive(table["robot_radius"], f"{place}: robot_radius")
+        return CostmapRobot((), radius, padding)
+    corners = parse_footprint(footprint, f"{place}: footprint").tolist()
     return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

@@ -191,9 +191,8 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
         if parent not in links or child not in links:
             problem = f"joins {parent!r} to {child!r} by the joint {name!r}"
             raise ContentError(problem, "both must be links of the robot", "correct the names")
-        axis = _read_attribute(joint, "axis", "xyz")
-        is_zero = axis is not None and not any(word.strip("+-0.eE") for word in axis.split())
-        if joint.get("type") != "fixed" and is_zero:
+        axis = _read_attribute(joint, "axis", "xyz") or "1 0 0"
+        if joint.get("type") != "fixed" and np.linalg.norm([*map(float, axis.split())]) == 0.0:
             problem = f"has the axis {axis!r} at the joint {name!r}"
             raise ContentError(problem, "it must not be zero", "correct it")
         if child in parents:

@@ -14,6 +14,7 @@ from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import decoding, read_text
 from cspace.files.plain import check_nesting, read_json
 from cspace.limits import check_file_memory
+from cspace.support.arrays import StrPath
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -86,7 +87,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
         )
 
 
-def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+def _from_text(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a WKT string or a file."""
     suffix = Path(source).suffix.lower()
     if suffix not in POLYGON_SUFFIXES:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 from cspace.files.access import ContentError, decoding, inspect_path, read_member
 from cspace.files.plain import read_json
 from cspace.limits import bytes_text
-from cspace.support.arrays import Box, Bytes, intersect_boxes
+from cspace.support.arrays import Box, Bytes, StrPath, intersect_boxes
 
 ROOT_FILE: Final = "zarr.json"
 """Name of the file with the metadata of a folder or an array."""
@@ -237,7 +236,7 @@ class ZarrArray:
     Raises FileError if the folder holds no array, or an array that cannot be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: StrPath) -> None:
         self.filename = Path(path).absolute()  # workers have other working folders
         file = self.filename / ROOT_FILE
         with decoding(path, _ARRAY_KIND, _ARRAY_RULE, _ARRAY_HINT):

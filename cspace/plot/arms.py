@@ -83,7 +83,7 @@ class ArmFigure:
 
 def _link_surface(arm: Any, link: Any) -> Surface:
     """Return the surface of a link in its own frame."""
-    to_link = np.linalg.inv(arm._frames[link.name].pose)
+    to_link = np.linalg.inv(arm.placements[link.name].pose)
     parts = [(part.shape.outer.surface, to_link @ part.pose) for part in link.parts]
     return join_surfaces([transform_surface(surface, pose) for surface, pose in parts])
 

@@ -20,11 +20,11 @@ from cspace.queries.points import (
     state_at,
 )
 from cspace.record.cells import Map
-from cspace.rotations.quaternion import count_arcs, find_arc, next_part, time_on_arc
-from cspace.rotations.yaw import (
-    clip_parameters,
-    count_yaw_arcs,
+from cspace.rotations.lookup import (
+    arc_count,
+    find_arc,
     first_widened_cell,
+    next_part,
     signed_angle,
     widened_bounds,
     wrap_to_cells,
@@ -69,14 +69,18 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
     start = wrap_to_cells(borders, yaw0)
-    for arc in range(count_yaw_arcs(yaw0, yaw1)):
+    for arc in range(arc_count(r0, r1)):
         angle = signed_angle(yaw0, yaw1, arc)
         cell = first_widened_cell(borders, min(start, start + angle))
         k, low, high = widened_bounds(borders, cell)
         while not low > max(
             start, start + angle
         ):  # also for NaN, which the test of the segment refuses
-            begin, stop = clip_parameters(low, high, start, angle)
+            begin, stop = 0.0, 1.0
+            if angle != 0.0:
+                enter = min(max((low - start) / angle, 0.0), 1.0)
+                leave = min(max((high - start) / angle, 0.0), 1.0)
+                begin, stop = min(enter, leave), max(enter, leave)
             s = int(map_.rotations.slice_of[k])
             if not segment_is_free(
                 map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)
@@ -91,14 +95,14 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
 def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return the answer of :func:`edge_is_free` for quaternions."""
     borders = map_.rotations.borders[0]
-    for number in range(count_arcs(r0, r1)):
+    for number in range(arc_count(r0, r1)):
         arc = find_arc(r0, r1, number)
         if not arc.tangent < 2.0:  # NaN
             return False
         done, begin, more = 0.0, 0.0, True
         while more:
-            cell, done, more = next_part(borders, arc, done)
-            stop = max(time_on_arc(arc, done), begin) if more else 1.0
+            cell, done, time, more = next_part(borders, arc, done)
+            stop = max(time, begin) if more else 1.0
             s = int(map_.rotations.slice_of[cell])
             # Where OMPL's rotation may jump, each part must be FREE along the whole edge.
             first = p0 if arc.is_tiny else position_along(p0, p1, begin)

@@ -14,9 +14,19 @@ import numpy as np
 
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.record.cells import Map
-from cspace.rotations.lookup import is_rotation, rotation_cell, rotation_in
-from cspace.rotations.quaternion import QUOTIENT_SLACK, cell_index, normalise, parts_around, split
-from cspace.rotations.yaw import first_widened_cell, widened_bounds, wrap_to_cells
+from cspace.rotations.lookup import (
+    OTHER_COMPONENTS,
+    QUOTIENT_SLACK,
+    cell_index,
+    first_widened_cell,
+    is_rotation,
+    normalise,
+    parts_around,
+    rotation_cell,
+    rotation_in,
+    widened_bounds,
+    wrap_to_cells,
+)
 from cspace.support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row, States
 from cspace.support.compiling import inlined, kernel
 
@@ -261,10 +271,10 @@ def quaternions_around_are_free(
         math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
     )  # a rotation's angle is twice that of its quaternion
     for chart in range(4):
-        largest, a, b, c = split(q, chart)
-        i0, i1 = parts_around(borders, largest, a, reach)
-        j0, j1 = parts_around(borders, largest, b, reach)
-        k0, k1 = parts_around(borders, largest, c, reach)
+        a, b, c = OTHER_COMPONENTS[chart]
+        i0, i1 = parts_around(borders, q[chart], q[a], reach)
+        j0, j1 = parts_around(borders, q[chart], q[b], reach)
+        k0, k1 = parts_around(borders, q[chart], q[c], reach)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
                 for k in range(k0, k1 + 1):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,9 @@ from cspace.support.threads import in_chunks
 
 MAX_RASTER_CELLS = 2**28
 """Maximum number of cells in the bounding box of a raster."""
+
+MIN_SLABS_PER_THREAD = 32
+"""Minimum number of first indices of an array for each thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +39,13 @@ class Raster:
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
         """Trim a bitmap; its first entry is the offset ``lower``."""
-        window, remaining = [], cells
-        for _ in range(cells.ndim):
-            occupied = np.flatnonzero(remaining.reshape(len(remaining), -1).any(axis=1))
+        window = []
+        for axis in range(cells.ndim):
+            others = tuple(other for other in range(cells.ndim) if other != axis)
+            occupied = np.flatnonzero(cells.any(axis=others))
             if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
-            remaining = np.asarray(remaining.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
         first = tuple(low + part.start for low, part in zip(lower, window, strict=True))
         return cls(frozen(tight), first)
@@ -87,23 +89,16 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     owner : ndarray of int64, shape (n,)
         Index of the raster that each run belongs to.
     """
-    edges: list[Ints] = []
+    runs = []
     for raster in rasters:
-        n = raster.cells.shape[-1]
-        lines = math.prod(raster.cells.shape[:-1])
-        # With a gap before the first line and after each line, runs start and stop where
-        # consecutive bits differ.
-        bits = np.zeros(1 + lines * (n + 1), dtype=np.bool_)
-        bits[1:].reshape(lines, n + 1)[:, :n] = raster.cells.reshape(lines, n)
-        edges.append(np.flatnonzero(bits[1:] != bits[:-1]))
-    owner = np.repeat(np.arange(len(rasters)), [len(found) // 2 for found in edges])
-    shapes = np.array([(1, *raster.cells.shape)[-3:] for raster in rasters])[owner]
-    lower = np.array([(0, *raster.lower)[-3:] for raster in rasters])[owner]
-    first, stop = np.concatenate(edges).reshape(-1, 2).T
-    line, z = np.divmod(first, shapes[:, 2] + 1)
-    x, y = np.divmod(line, shapes[:, 1])
-    offsets = np.column_stack([x, y, z]) + lower
-    return np.column_stack([offsets, stop - first]), owner
+        cells = raster.cells.view(np.int8).reshape((1, *raster.cells.shape)[-3:])
+        gap = np.int8(0)
+        steps = np.diff(cells, axis=2, prepend=gap, append=gap)
+        first, stop = np.argwhere(steps == 1), np.argwhere(steps == -1)
+        lower = (0, *raster.lower)[-3:]
+        runs.append(np.column_stack([first + lower, stop[:, 2] - first[:, 2]]))
+    owner = np.repeat(np.arange(len(rasters)), [len(found) for found in runs])
+    return np.concatenate(runs), owner
 
 
 def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
@@ -123,17 +118,17 @@ def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints
     return first, last
 
 
-def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any, min_slabs: int) -> None:
+def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> None:
     """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
 
-    A slab is a range of first indices; a thread gets at least ``min_slabs``.
+    A slab is a range of first indices.
     """
 
     def work(start: int, stop: int) -> int:
         kernel(out, *inputs, start, stop)
         return -1
 
-    in_chunks(work, len(out), min_slabs)
+    in_chunks(work, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:

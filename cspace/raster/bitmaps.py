@@ -134,11 +134,8 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
         start = np.ravel_multi_index(squares_at, corners)
         quads.append(start[:, None] + np.array([0, first, first + second, second]))
         windings.append(np.repeat((1 if axis == 1 else -1) * steps[squares_at], 2))
-    squares = np.concatenate(quads)
-    used = np.zeros(int(np.prod(corners)), dtype=np.bool_)
-    used[squares] = True
-    points = np.flatnonzero(used)
-    faces = np.searchsorted(points, squares)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    points, numbers = np.unique(np.concatenate(quads), return_inverse=True)
+    faces = numbers.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     indices = np.stack(np.unravel_index(points, corners), axis=1)
     vertices = np.asarray(lower, dtype=np.float64) + spacing * indices
     return vertices, faces, np.concatenate(windings).astype(np.int64)

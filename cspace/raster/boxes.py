@@ -46,9 +46,6 @@ from cspace.raster.segments import OBSTACLE_REACH
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import kernel
 
-MIN_COLUMNS_FOR_THREADS = 100_000
-"""Minimum number of columns, over all boxes, for which threads are started."""
-
 
 class RoundedBoxes(NamedTuple):
     """Boxes, each grown by a radius.
@@ -64,10 +61,6 @@ class RoundedBoxes(NamedTuple):
     lows: Floats
     highs: Floats
     radii: Floats
-
-    def select(self, chosen: Bools) -> RoundedBoxes:
-        """Return the boxes of a mask."""
-        return RoundedBoxes(self.lows[chosen], self.highs[chosen], self.radii[chosen])
 
 
 def rounded_rasters(
@@ -90,7 +83,7 @@ def rounded_rasters(
     inner = np.zeros_like(outer)
     lows, highs = lows - lower, highs - lower
     mark_touched(outer, RoundedBoxes(lows, highs, wide), -1.0, 1.0)
-    mark_inside(inner, RoundedBoxes(lows, highs, tight).select(tight >= 0.0), 0.0, 0.0)
+    mark_inside(inner, RoundedBoxes(lows, highs, tight), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
@@ -110,13 +103,8 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     starts = lows - local.radii[:, None]
     stops = highs + local.radii[:, None]
     check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
-    # Boxes a full cell away from the grid meet none of its cells.
-    near = ((stops > -1.0) & (starts < np.add(grid.shape, 1.0))).all(axis=1)
-    local = local.select(near)
     mark_touched(outer, local, 0.0, 1.0)
-    # A box that contains a cell is at least as long as the cell's diagonal.
-    size = np.linalg.norm(local.highs - local.lows, axis=1) + 2.0 * local.radii
-    mark_inside(inner, local.select(size**2 >= 0.999 * grid.dim), 0.0, 1.0)
+    mark_inside(inner, local, 0.0, 1.0)
     return outer, inner
 
 
@@ -133,11 +121,13 @@ def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
 def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Set ``out[i]`` if cube ``i`` lies wholly in one rounded box.
 
-    Parameters as for :func:`mark_touched`. The farthest corner of a cube is in the box if and only
-    if the nearest corner of the inverted cube (b0 and b1 swapped) is.
+    Parameters as for :func:`mark_touched`; boxes of negative radius are left out. The farthest
+    corner of a cube is in the box if and only if the nearest corner of the inverted cube (b0 and b1
+    swapped) is.
     """
-    radii = np.maximum(boxes.radii - 2.0 * SLACK, 0.0)
-    _mark_in_slabs(out, RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii), b1, b0)
+    lows, highs, radii = (each[boxes.radii >= 0.0] for each in boxes)
+    tight = RoundedBoxes(lows + SLACK, highs - SLACK, np.maximum(radii - 2.0 * SLACK, 0.0))
+    _mark_in_slabs(out, tight, b1, b0)
 
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
@@ -147,13 +137,10 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     lows = np.insert(boxes.lows, missing, -2.0, axis=1)
     highs = np.insert(boxes.highs, missing, 3.0, axis=1)
     solid = np.expand_dims(out, missing)
-    extents = highs - lows + 2.0 * boxes.radii[:, None] + abs(b1 - b0) + 1.0
-    columns = float(np.minimum(extents, solid.shape)[:, :2].prod(axis=1).sum())
-    min_slabs = 1 if columns > MIN_COLUMNS_FOR_THREADS else len(out)
     radii = boxes.radii[:, None]
     first, last = index_boxes(lows - radii - b1, highs + radii - b0, solid.shape)
     boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    in_slabs(_mark_near, solid, boxes, first, last, b0, b1, min_slabs=min_slabs)
+    in_slabs(_mark_near, solid, boxes, first, last, b0, b1)
 
 
 @kernel

@@ -176,25 +176,6 @@ def _segment_over_slab(
 
 
 @kernel
-def _disc_over_slab(
-    cx: float,
-    cy: float,
-    radius: float,
-    x0: float,
-    x1: float,
-) -> tuple[float, float]:
-    """Return the y-interval of a disc over a slab.
-
-    The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
-    """
-    dx = max(max(0.0, x0 - cx), cx - x1)
-    if dx > radius:
-        return math.inf, -math.inf
-    half = math.sqrt(radius * radius - dx * dx)
-    return cy - half, cy + half
-
-
-@kernel
 def mark_touched(
     out: Bools,
     segments: Floats,
@@ -227,10 +208,11 @@ def mark_touched(
             if radius > 0.0:
                 lo, hi = _segment_over_slab(px - ox, py - oy, qx - ox, qy - oy, x0, x1)
                 low, high = min(low, lo), max(high, hi)
-                lo, hi = _disc_over_slab(px, py, radius, x0, x1)
-                low, high = min(low, lo), max(high, hi)
-                lo, hi = _disc_over_slab(qx, qy, radius, x0, x1)
-                low, high = min(low, lo), max(high, hi)
+                for cx, cy in ((px, py), (qx, qy)):
+                    dx = max(max(0.0, x0 - cx), cx - x1)
+                    if dx <= radius:
+                        half = math.sqrt(radius * radius - dx * dx)
+                        low, high = min(low, cy - half), max(high, cy + half)
             if low > high:
                 continue
             start = max(0, math.ceil(low - slack - b1))

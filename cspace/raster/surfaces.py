@@ -43,7 +43,7 @@ import scipy  # loads its submodules on first use
 
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap, expand_counts, in_slabs
+from cspace.raster import Raster, allocate_bitmap, in_slabs
 from cspace.raster.triangles import (
     SweptTriangles,
     interpolate_at,
@@ -53,19 +53,7 @@ from cspace.raster.triangles import (
 )
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats, Ints
-from cspace.support.compiling import allocating, kernel
-
-_MIN_SLABS_PER_THREAD: Final = 32
-"""Minimum number of layers of boxes across x for each thread."""
-
-_MAX_BUCKETS_PER_AXIS: Final = 1024
-"""Maximum number of buckets along x and along y."""
-
-_MAX_ENTRIES_PER_TRIANGLE: Final = 12
-"""Maximum mean number of buckets that a triangle is listed in."""
-
-_MIN_POINTS_PER_THREAD: Final = 512
-"""Minimum number of points for each thread."""
+from cspace.support.compiling import kernel
 
 _REACH_HINT: Final = "check its units (metres), {}, or use a larger spacing"
 """Hint of the errors for surfaces that reach too far."""
@@ -77,56 +65,6 @@ _MAX_FILLED_CELLS: Final = 2**30
 # ---- winding numbers -----------------------------------------------------------------------------
 
 
-class Buckets(NamedTuple):
-    """Triangles sorted by the plane rectangles that they may meet.
-
-    The rectangles, called buckets, divide the plane (x, y); a triangle is listed in all that its
-    bounding box meets.
-
-    Attributes
-    ----------
-    low, scale, shape : ndarray, shape (2,)
-        Low corner, buckets per unit length and number of buckets, along x and y.
-    starts, entries : ndarray of int64
-        The triangles of bucket ``b = i * shape[1] + j`` are ``entries[starts[b]:starts[b + 1]]``.
-    """
-
-    low: Floats
-    scale: Floats
-    shape: Ints
-    starts: Ints
-    entries: Ints
-
-    @classmethod
-    def of(cls, triangles: Floats) -> Buckets:
-        """Sort triangles, shape (n, 3, 3), into buckets.
-
-        There is at least one triangle; each bucket lists its triangles in order.
-        """
-        lows = triangles[..., :2].min(axis=1)
-        highs = triangles[..., :2].max(axis=1)
-        low = lows.min(axis=0)
-        extent = highs.max(axis=0) - low
-        count = min(_MAX_BUCKETS_PER_AXIS, max(1, int(np.sqrt(len(triangles)))))
-        while True:
-            scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
-            # The formula of _bucket_index; it is monotonic in the coordinate in spite of rounding.
-            first = np.clip(np.floor((lows - low) * scale), 0, count - 1).astype(np.int64)
-            last = np.clip(np.floor((highs - low) * scale), 0, count - 1).astype(np.int64)
-            sides = last - first + 1
-            entries = int(sides.prod(axis=1).sum())
-            # Large triangles meet many buckets, so use fewer buckets if the lists become long.
-            if count == 1 or entries <= _MAX_ENTRIES_PER_TRIANGLE * len(triangles):
-                break
-            count //= 2
-        owner, place = expand_counts(sides.prod(axis=1))
-        row, column = np.divmod(place, sides[owner, 1])
-        bucket = (first[owner, 0] + row) * count + first[owner, 1] + column
-        starts = np.append(0, np.cumsum(np.bincount(bucket, minlength=count * count)))
-        order = np.argsort(bucket, kind="stable")
-        return cls(low, scale, np.full(2, count), starts, owner[order])
-
-
 class WindingNumber:
     """Winding number of closed surfaces at any point.
 
@@ -136,20 +74,24 @@ class WindingNumber:
     """
 
     def __init__(self, triangles: Floats, windings: Ints) -> None:
-        self._triangles = np.ascontiguousarray(triangles)
-        self._windings = windings
-        self._buckets = Buckets.of(self._triangles) if len(triangles) else None
+        self._triangles, self._windings = np.ascontiguousarray(triangles), windings
+        x = self._triangles[..., 0]
+        self._low, self._high = x.min(axis=1), x.max(axis=1)
 
     def evaluate(self, points: Floats) -> Ints:
         """Return the winding numbers at points, shape (n,).
 
         ``points``, shape (n, 3), must be farther from the surfaces than rounding.
         """
-        out = np.zeros(len(points), dtype=np.int64)
-        if self._buckets is not None:
-            inputs = np.ascontiguousarray(points), self._triangles, self._windings, self._buckets
-            in_slabs(_sum_crossings, out, *inputs, min_slabs=_MIN_POINTS_PER_THREAD)
-        return out
+        order = np.argsort(points[:, 0])
+        ascending = points[order]
+        first = np.searchsorted(ascending[:, 0], self._low, side="left")
+        stop = np.searchsorted(ascending[:, 0], self._high, side="right")
+        sums = np.zeros(len(points), dtype=np.int64)
+        _sum_crossings(sums, ascending, self._triangles, self._windings, first, stop)
+        numbers = np.empty_like(sums)
+        numbers[order] = sums
+        return numbers
 
 
 def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
@@ -159,25 +101,8 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
     cells, in the index frame of ``out``, and may reach beyond it; ``windings`` as for
     :class:`WindingNumber`.
     """
-    # List the triangles of each layer of points across x.
-    first = np.maximum(np.ceil(triangles[..., 0].min(axis=1)), 0.0).astype(np.int64)
-    last = np.minimum(np.floor(triangles[..., 0].max(axis=1)), len(out) - 1).astype(np.int64)
-    owner, place = expand_counts(np.where(windings == 0, 0, np.maximum(last - first + 1, 0)))
-    layer = first[owner] + place
-    starts = np.append(0, np.cumsum(np.bincount(layer, minlength=len(out))))
-    members = owner[np.argsort(layer, kind="stable")]
-    inputs = triangles, windings, starts, members
-    in_slabs(_mark_enclosed, out, *inputs, min_slabs=_MIN_SLABS_PER_THREAD)
-
-
-@kernel
-def _bucket_index(value: float, low: float, scale: float, count: int) -> int:
-    """Return the bucket of a coordinate.
-
-    The first of ``count`` buckets begins at ``low``; ``scale`` is the number of buckets per unit of
-    length.
-    """
-    return int(min(max(math.floor((value - low) * scale), 0), count - 1))
+    changes = np.zeros((*out.shape[:2], out.shape[2] + 1), dtype=np.int32)
+    in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)
 
 
 @kernel
@@ -224,86 +149,56 @@ def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
 
 @kernel
 def _sum_crossings(
-    out: Ints,
+    sums: Ints,
     points: Floats,
     triangles: Floats,
     windings: Ints,
-    buckets: Buckets,
-    start: int,
-    stop: int,
+    first: Ints,
+    stop: Ints,
 ) -> None:
-    """Write the winding number at each point in ``range(start, stop)``.
+    """Add ``windings`` of the triangles that an upward ray from each point crosses.
 
-    It is the sum of ``windings`` over the triangles that an upward ray crosses.
+    Points ``first[t]`` to ``stop[t]`` have an x-coordinate within that of triangle ``t``.
     """
-    low, scale, shape, starts, entries = buckets
-    for p in range(start, stop):
-        x, y, z = points[p]
-        row = _bucket_index(x, low[0], scale[0], shape[0])
-        bucket = row * shape[1] + _bucket_index(y, low[1], scale[1], shape[1])
-        winding = 0
-        for entry in range(starts[bucket], starts[bucket + 1]):
-            t = entries[entry]
-            winding += signed_crossing(triangles[t], x, y, z) * windings[t]
-        out[p] = winding
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]
+        low, high = min(a, b, c), max(a, b, c)
+        for p in range(first[t], stop[t]):
+            x, y, z = points[p]
+            if low <= y <= high:
+                sums[p] += signed_crossing(triangles[t], x, y, z) * windings[t]
 
 
-@allocating
+@kernel
 def _mark_enclosed(
-    out: Bools,
-    triangles: Floats,
-    windings: Ints,
-    starts: Ints,
-    members: Ints,
-    start: int,
-    stop: int,
+    out: Bools, triangles: Floats, windings: Ints, changes: Ints, start: int, stop: int
 ) -> None:
     """Set ``out[i]`` if surfaces enclose lattice point ``i``.
 
-    Covers first indices in ``range(start, stop)``. The triangles that meet layer ``i`` are
-    ``members[starts[i]:starts[i + 1]]``.
+    Covers first indices in ``range(start, stop)``. ``changes``, shape (nx, ny, nz + 1), has room
+    for the changes of the winding number along z.
     """
     _, ny, nz = out.shape
-    changes = np.zeros((ny, nz + 1), np.int64)  # of the winding number at each point of a layer
-    for i in range(start, stop):
-        for entry in range(starts[i], starts[i + 1]):
-            t = members[entry]
+    for t in range(len(triangles)):
+        if windings[t] == 0:
+            continue
+        a, b, c = triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]
+        for i in range(max(start, math.ceil(min(a, b, c))), min(stop, math.ceil(max(a, b, c)))):
             sign, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], float(i))
-            if sign == 0:
-                continue
             for j in range(max(0, math.ceil(low_y)), min(ny, math.ceil(high_y))):
                 z = interpolate_at(float(j), low_y, high_y, low_z, high_z)
                 # From below, a ray enters through triangles that face down.
-                changes[j, min(max(math.ceil(z), 0), nz)] -= sign * windings[t]
+                changes[i, j, min(max(math.ceil(z), 0), nz)] -= sign * windings[t]
+    for i in range(start, stop):
         for j in range(ny):
             winding = 0
             for k in range(nz):
-                winding += changes[j, k]
-                changes[j, k] = 0
+                winding += changes[i, j, k]
                 if winding != 0:
                     out[i, j, k] = True
-            changes[j, nz] = 0
 
 
 # ---- surfaces and solids -------------------------------------------------------------------------
-
-
-class ClosedSurface(NamedTuple):
-    """Closed surfaces, which enclose points of non-zero winding number.
-
-    Attributes
-    ----------
-    vertices : ndarray of float64, shape (V, 3)
-        Metres.
-    faces : ndarray of int64, shape (F, 3)
-        Faces share whole edges, and vertices to the last bit.
-    windings : ndarray of int64, shape (F,)
-        Weight of each face; -1 reverses it.
-    """
-
-    vertices: Floats
-    faces: Ints
-    windings: Ints
 
 
 class SolidSurface(NamedTuple):
@@ -311,11 +206,13 @@ class SolidSurface(NamedTuple):
 
     Attributes
     ----------
-    vertices : ndarray of float64, shape (V, 3)
+    triangles : ndarray of float64, shape (n, 3, 3)
         Metres.
-    faces : ndarray of int64, shape (F, 3)
-    shell : ClosedSurface or None
-        Part of the surface that encloses the same interior; None for a surface without interior.
+    shell : ndarray of float64, shape (m, 3, 3)
+        Triangles of closed surfaces, which share whole edges, and corners to the last bit. Points
+        of non-zero winding number lie in the interior.
+    windings : ndarray of int64, shape (m,)
+        Weight of each triangle of the shell; -1 reverses it, and 0 leaves it out.
     on_empty : callable or None
         If given, the surface is filled: its interior is whatever its raster encloses. Called with
         the spacing if that is nothing.
@@ -323,29 +220,24 @@ class SolidSurface(NamedTuple):
         Name of the shape in messages.
     """
 
-    vertices: Floats
-    faces: Ints
-    shell: ClosedSurface | None = None
+    triangles: Floats
+    shell: Floats
+    windings: Ints
     on_empty: Callable[[float], None] | None = None
     source: str = "robot"
 
 
-def surface_cells(
-    solid: SolidSurface,
-    bounds: tuple[Floats, Floats],
-    grid: Grid,
-) -> tuple[Bools, Bools]:
+def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
     """Rasterise a solid obstacle.
 
     Returns the cells that it meets and the cells that lie in it. The solid is clipped to the grid,
-    but filling uses the cells of the whole surface. Otherwise triangles that do not meet the grid
-    may be missing. ``bounds`` are the lower and upper corner of the whole surface's bounding box,
-    metres.
+    but filling uses the cells of the whole surface.
 
     Raises InputError if a vertex is so far from the grid that rounding could exceed ``SLACK``, or
     if a surface to be filled has too many cells.
     """
-    lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
+    triangles = (solid.triangles - np.asarray(grid.lower)) / grid.spacing
+    lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     reach = float(max(np.abs(lower).max(), np.abs(upper).max()))
     hint = _REACH_HINT.format("cut it to the map")
     check_reach(reach, solid.source, "the map's corner", hint)
@@ -363,17 +255,14 @@ def surface_cells(
     if (low >= high).any():
         return outer, inner
     touched = np.zeros((stop - first).tolist(), dtype=np.bool_)
-    vertices = (solid.vertices - np.asarray(grid.lower)) / grid.spacing - first
-    mark_touched(touched, vertices[solid.faces], 0.0, 1.0)
-    enclosed = np.zeros_like(touched)
-    if solid.shell is not None:
-        points = (solid.shell.vertices - np.asarray(grid.lower)) / grid.spacing - first - 0.5
-        mark_enclosed(enclosed, points[solid.shell.faces], solid.shell.windings)
+    mark_touched(touched, triangles - first, 0.0, 1.0)
+    if solid.on_empty:
+        enclosed = _find_enclosed(touched, grid.spacing, solid.on_empty)
+    else:
+        enclosed = np.zeros_like(touched)
+        shell = (solid.shell - np.asarray(grid.lower)) / grid.spacing - first - 0.5
+        mark_enclosed(enclosed, shell, solid.windings)
         enclosed &= ~touched
-    elif solid.on_empty:
-        enclosed = _find_enclosed(touched)
-        if not enclosed.any():
-            solid.on_empty(grid.spacing)
     in_grid = tuple(map(slice, low, high))
     in_window = tuple(map(slice, low - first, high - first))
     inner[in_grid] = enclosed[in_window]
@@ -396,8 +285,7 @@ def surface_rasters(
     Raises InputError if the robot has too many cells at this spacing, or lies so far from its
     origin that rounding could exceed ``SLACK``.
     """
-    vertices = rotation.apply(solid.vertices) / spacing
-    triangles = vertices[solid.faces]
+    triangles = rotation.apply(solid.triangles) / spacing
     corners = triangles.reshape(-1, 3)
     radius = margin / spacing
     is_turned = rotation.matrix is not None
@@ -419,19 +307,15 @@ def surface_rasters(
         cells = np.moveaxis(outer, axis, 0)
         np.logical_or(cells[:0:-1], cells[-2::-1], out=cells[:0:-1])
     inner = np.zeros_like(outer)
-    if solid.shell is not None:
-        shell = rotation.apply(solid.shell.vertices)[solid.shell.faces] / spacing - origin
-        mark_enclosed(inner, shell, solid.shell.windings)
+    if solid.on_empty is None:
+        shell = rotation.apply(solid.shell) / spacing - origin
+        mark_enclosed(inner, shell, solid.windings)
         outer |= inner
         return Raster.from_bitmap(outer, lower), _shrink(inner, lower, local, swept)
-    if solid.on_empty:
-        near = np.zeros_like(outer)
-        mark_touched(near, local, -0.5, 0.5)
-        inner = _find_enclosed(near)
-        if not inner.any():
-            solid.on_empty(spacing)
-        outer |= _dilate(inner, radius + growth)
-        inner &= growth == 0.0
+    mark_touched(inner, local, -0.5, 0.5)
+    inner = _find_enclosed(inner, spacing, solid.on_empty)
+    outer |= _dilate(inner, radius + growth)
+    inner &= growth == 0.0
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
@@ -467,16 +351,19 @@ def _shrink(
     return Raster.from_bitmap(~near_surface, within.lower)
 
 
-def _find_enclosed(touched: Bools) -> Bools:
+def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], None]) -> Bools:
     """Return the untouched boxes that are cut off from the boundary of the array.
 
-    Boxes are cut off if no untouched boxes connect them to the boundary.
+    Boxes are cut off if no untouched boxes connect them to the boundary. Calls ``on_empty`` with
+    the spacing if there are none.
     """
     labels, count = scipy.ndimage.label(~touched)
     is_enclosed = np.ones(count + 1, dtype=np.bool_)
     is_enclosed[0] = False
     for axis in range(3):
         is_enclosed[labels.take((0, -1), axis)] = False
+    if not is_enclosed.any():
+        on_empty(spacing)
     return np.asarray(is_enclosed[labels])
 
 

@@ -86,12 +86,6 @@ _MAX_PROJECTIONS: Final = 3
 _RADIUS_SLACK: Final = 2.0**-20
 """Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
 
-_MIN_TRIANGLES_FOR_THREADS: Final = 4_000
-"""Minimum number of triangles for which threads are started."""
-
-_MIN_CUBES_PER_THREAD: Final = 10_000
-"""Minimum number of cubes for each thread."""
-
 
 def mark_touched(
     out: Bools,
@@ -106,14 +100,13 @@ def mark_touched(
     shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach beyond it. A gap
     below ``slack`` counts as touching.
     """
-    min_slabs = len(out) if len(triangles) < _MIN_TRIANGLES_FOR_THREADS else 1
     before = b0 - slack
     after = b1 + slack
     # The clipped triangle may reach 2^-27 cells farther than its corners.
     lows = triangles.min(axis=1) - (after + 0.001)
     highs = triangles.max(axis=1) - (before - 0.001)
     boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_touched, out, triangles, *boxes, before, after, min_slabs=min_slabs)
+    in_slabs(_mark_touched, out, triangles, *boxes, before, after)
 
 
 class SweptTriangles(NamedTuple):
@@ -157,18 +150,13 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
     max_side = _MAX_GROWTH_VARIATION / swing if swing > 0.0 else math.inf
     pieces = subdivide(triangles, max_side, _MAX_RELATIVE_VARIATION, about_z)
     levers = pieces[..., : 2 if about_z else 3]
-    centers = (levers[:, 0] + levers[:, 1] + levers[:, 2]) / 3.0
-    to_center = np.sqrt(_square_lengths(centers))
-    nearest = to_center - _max_corner_distance(levers - centers[:, None])
+    centers = levers.sum(axis=1) / 3.0
+    to_corners = np.linalg.norm(levers - centers[:, None], axis=2)
+    nearest = np.linalg.norm(centers, axis=1) - to_corners.max(axis=1)
     # The distance from the origin is convex, so it is largest at a corner.
-    farthest = _max_corner_distance(levers)
+    farthest = np.linalg.norm(levers, axis=2).max(axis=1)
     growth = swing * farthest
     return SweptTriangles(pieces, growth, nearest, farthest, np.zeros(3), swing, about_z)
-
-
-def _max_corner_distance(triangles: Floats) -> Floats:
-    """Return the distance of each triangle's farthest corner from the origin."""
-    return np.asarray(np.sqrt(_square_lengths(triangles.swapaxes(0, 1)).max(axis=0)))
 
 
 def subdivide(
@@ -186,8 +174,9 @@ def subdivide(
     corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
     pieces = []
     for _ in range(_MAX_HALVINGS):
-        squares = _square_lengths(corners[[1, 2, 0]] - corners)
-        nearest = np.sqrt(_square_lengths(corners[..., : 2 if about_z else 3]).min(axis=0))
+        squares = ((corners[[1, 2, 0]] - corners) ** 2).sum(axis=2)
+        levers = corners[..., : 2 if about_z else 3]
+        nearest = np.linalg.norm(levers, axis=2).min(axis=0)
         is_long = np.sqrt(squares.max(axis=0)) > np.maximum(max_side, max_relative * nearest)
         pieces.append(corners[:, ~is_long])
         corners = corners[:, is_long]
@@ -204,12 +193,6 @@ def subdivide(
     return np.concatenate([*pieces, corners], axis=1).swapaxes(0, 1).copy()
 
 
-def _square_lengths(vectors: Floats) -> Floats:
-    """Return the squared lengths of vectors."""
-    # numpy is slow along a short axis.
-    return np.asarray(sum(vectors[..., axis] ** 2 for axis in range(vectors.shape[-1])))
-
-
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
     """Mark cubes near swept triangles.
 
@@ -219,14 +202,13 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
-    min_slabs = 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size)
     reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
     if swept.about_z:
         reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
     lows = swept.triangles.min(axis=1) - reach
     highs = swept.triangles.max(axis=1) + reach
     boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack, min_slabs=min_slabs)
+    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
 
 
 @kernel

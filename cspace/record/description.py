@@ -169,7 +169,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
         "margin_m": float(contents.margin),
         "rotations": len(contents.rotations),
         "slices": len(contents.states),
-        "robot": contents.robot._definition,
+        "robot": contents.robot.definition,
         "workspace_source": contents.workspace.source,
         "inner": int(contents.proves_blocked),
     }

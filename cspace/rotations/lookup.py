@@ -8,20 +8,36 @@ length of a rotation, or on the axes of borders, are taken when functions are co
 from __future__ import annotations
 
 import math
+from typing import Final, NamedTuple
 
-from cspace.rotations.base import MAX_ANGLE
-from cspace.rotations.quaternion import (
-    cell_index,
-    count_arcs,
-    find_arc,
-    find_parts,
-    is_unit,
-    normalise,
-    slerp,
-)
-from cspace.rotations.yaw import count_yaw_arcs, find_cell, signed_angle, wrap_to_cells
+from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
 from cspace.support.arrays import Floats, Matrix, Numbers
 from cspace.support.compiling import inlined, kernel
+
+NORM_SLACK: Final = 1e-6
+"""Largest deviation of the norm of a quaternion from 1."""
+
+QUOTIENT_SLACK: Final = 1e-9
+"""Rounding allowance by which cells are widened at each boundary, in quotients of components."""
+
+OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
+"""Indices of the other three components, for each component of a quaternion."""
+
+QUARTER_PI: Final = math.pi / 4.0
+"""Half a right angle, in radians."""
+
+OMPL_EQUALITY_SLACK: Final = 4e-9
+"""Distance of a dot product from 1 up to which unit quaternions count as equal.
+
+OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternions whose norm may be
+off by as much.
+"""
+
+MIN_ARC_ANGLE: Final = 1e-9
+"""Angle between two quaternions, radians, below which the chord replaces the arc."""
+
+
+# ---- all kinds of rotations ----------------------------------------------------------------------
 
 
 @inlined
@@ -36,7 +52,7 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
 def is_rotation(rotation: Numbers) -> bool:
     """Return True if the coordinates of a rotation are finite and exact enough."""
     if len(rotation) == 4:
-        return is_unit(rotation)
+        return abs(dot_product(rotation, rotation) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
     return abs(rotation[0]) <= MAX_ANGLE  # False for NaN
 
 
@@ -48,7 +64,7 @@ def rotation_cell(borders: Floats, rotation: Numbers) -> int:
         return cell_index(borders[0], chart, i, j, k)
     if borders.shape[0] == 0:
         return 0
-    return find_cell(borders, wrap_to_cells(borders, rotation[0]))
+    return find_cell(borders, rotation[0])
 
 
 @kernel
@@ -58,8 +74,10 @@ def arc_count(first: Numbers, second: Numbers) -> int:
     Two arcs that are equal up to rounding count as two.
     """
     if len(first) == 4:
-        return count_arcs(first, second)
-    return count_yaw_arcs(first[0], second[0])
+        cosine = dot_product(normalise(first, 1.0), normalise(second, 1.0))
+        return 2 if abs(cosine) <= QUOTIENT_SLACK else 1
+    angle = signed_angle(first[0], second[0], 0)
+    return 2 if math.pi - abs(angle) <= ANGLE_SLACK else 1
 
 
 @kernel
@@ -79,9 +97,22 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
 
 @kernel
 def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbers:
-    """Return the rotation at t, from 0 to 1, along an arc."""
+    """Return the rotation at t, from 0 to 1, along an arc; quaternions by SLERP."""
     if len(first) == 4:
-        return slerp(first, second, arc, t)
+        path = find_arc(first, second, arc)
+        a, b = path.first, path.second
+        angle = 2.0 * path.half_angle
+        weight0, weight1 = 1.0 - t, t
+        if angle > MIN_ARC_ANGLE:
+            weight0 = math.sin(weight0 * angle)
+            weight1 = math.sin(weight1 * angle)
+        q = (
+            weight0 * a[0] + weight1 * b[0],
+            weight0 * a[1] + weight1 * b[1],
+            weight0 * a[2] + weight1 * b[2],
+            weight0 * a[3] + weight1 * b[3],
+        )
+        return normalise(q, 1.0)
     return (first[0] + t * signed_angle(first[0], second[0], arc),)
 
 
@@ -97,3 +128,237 @@ def matrix_rows(rotation: Numbers) -> Matrix:
         )
     cosine, sine = math.cos(rotation[0]), math.sin(rotation[0])
     return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
+
+
+# ---- yaws ----------------------------------------------------------------------------------------
+#
+# In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
+
+
+@inlined
+def wrap_to_cells(borders: Floats, yaw: float) -> float:
+    """Wrap a yaw into the range of the cells, up to rounding."""
+    return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
+
+
+@inlined
+def find_cell(borders: Floats, yaw: float) -> int:
+    """Return the cell of a yaw.
+
+    The first guess assumes that all cells have one width. A boundary belongs to the cell above it.
+    A wrong guess is followed by bisection.
+    """
+    yaw = wrap_to_cells(borders, yaw)
+    count = borders.shape[0] - 1
+    guess = (yaw - borders[0]) * (count / TWO_PI)
+    low = int(guess) if 0.0 <= guess < count else 0
+    if borders[low] <= yaw < borders[low + 1]:
+        return low
+    low, high = 0, count
+    while high - low > 1:
+        center = (low + high) // 2
+        if yaw >= borders[center]:
+            low = center
+        else:
+            high = center
+    return low
+
+
+@kernel
+def first_widened_cell(borders: Floats, angle: float) -> int:
+    """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
+    revolutions = math.floor((angle - borders[0]) / TWO_PI)
+    k = find_cell(borders, angle)
+    on_boundary = angle - (borders[k] + revolutions * TWO_PI) <= ANGLE_SLACK
+    return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
+
+
+@inlined
+def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
+    """Return the index and the widened bounds of a cell.
+
+    The index is within one turn. The bounds are widened by ANGLE_SLACK.
+    """
+    count = borders.shape[0] - 1
+    revolutions = math.floor(cell / count)
+    k = cell - revolutions * count
+    return (
+        k,
+        borders[k] + revolutions * TWO_PI - ANGLE_SLACK,
+        borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK,
+    )
+
+
+@inlined
+def signed_angle(first: float, second: float, arc: int) -> float:
+    """Return the signed angle of the shorter arc (0), in [-pi, pi], or the other one (1)."""
+    angle = second - first
+    angle -= math.floor(angle / TWO_PI) * TWO_PI
+    if angle > math.pi:
+        angle -= TWO_PI
+    if arc == 0:
+        return angle
+    return angle - TWO_PI if angle > 0.0 else angle + TWO_PI
+
+
+# ---- quaternions ---------------------------------------------------------------------------------
+
+
+class Arc(NamedTuple):
+    """A shortest arc between two unit quaternions, with its chord.
+
+    SLERP turns evenly from the first to the second. It meets the chord at ``m + s d`` for s from -1
+    to 1, where m is the midpoint and d half the chord. The time t satisfies ``tan((2 t - 1)
+    half_angle) = s tan(half_angle)``. The chord is straight in every chart, so it meets boundaries
+    at zeros of linear functions of s.
+
+    Attributes
+    ----------
+    first, second : tuple of float, length 4
+        Ends, at most a right angle apart up to rounding.
+    tangent, half_angle : float
+        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its
+        quaternion.
+    is_tiny : bool
+        True if OMPL counts the ends as equal, so that its rotation may jump between them.
+    """
+
+    first: Numbers
+    second: Numbers
+    tangent: float
+    half_angle: float
+    is_tiny: bool
+
+
+@kernel
+def find_part(borders: Floats, quotient: float) -> int:
+    """Return the part of an axis that contains a quotient.
+
+    A boundary belongs to the part above it.
+    """
+    parts = borders.shape[0] - 1
+    # Guess by the arc tangent to a few thousandths.
+    angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
+    guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
+    k = int(min(max(guess, 0.0), parts - 1.0))
+    while k > 0 and quotient < borders[k]:
+        k -= 1
+    while k < parts - 1 and quotient >= borders[k + 1]:
+        k += 1
+    return k
+
+
+@kernel
+def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
+    """Return the chart of a quaternion, and the parts of its quotients.
+
+    The chart is the component of the largest modulus; the first of equals.
+    """
+    chart = 0
+    for component in range(1, 4):
+        if abs(q[component]) > abs(q[chart]):
+            chart = component
+    a, b, c = OTHER_COMPONENTS[chart]
+    return (
+        chart,
+        find_part(borders, q[a] / q[chart]),
+        find_part(borders, q[b] / q[chart]),
+        find_part(borders, q[c] / q[chart]),
+    )
+
+
+@kernel
+def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
+    """Return the index of a cell."""
+    n = borders.shape[0] - 1
+    return int(((chart * n + i) * n + j) * n + k)
+
+
+@kernel
+def dot_product(a: Numbers, b: Numbers) -> float:
+    """Return the scalar product of quaternions."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@kernel
+def normalise(q: Numbers, scale: float) -> Numbers:
+    """Scale a quaternion to a norm of ``scale``."""
+    scale /= math.sqrt(dot_product(q, q))
+    return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
+
+
+@kernel
+def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
+    """Return the shortest arc (0) or, if both are equal, the other one (1)."""
+    a, b = normalise(q0, 1.0), normalise(q1, 1.0)
+    if (dot_product(a, b) < 0.0) != (arc == 1):
+        b = normalise(b, -1.0)
+    half_square, sum_square = 0.0, 0.0
+    for n in range(4):
+        half_square += (b[n] - a[n]) ** 2
+        sum_square += (b[n] + a[n]) ** 2
+    tangent = math.sqrt(half_square / sum_square)
+    return Arc(a, b, tangent, math.atan(tangent), dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK)
+
+
+@kernel
+def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
+    """Return the cell at a point of the chord, and where the chord leaves it.
+
+    ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
+    the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.
+    The cell is widened by QUOTIENT_SLACK. A point farther than rounding from the previous cell lies
+    in another one. So there are as many cells as boundaries on the path, and no boundary is crossed
+    twice.
+    """
+    a, b = arc.first, arc.second
+    q = (
+        a[0] + done * (b[0] - a[0]),
+        a[1] + done * (b[1] - a[1]),
+        a[2] + done * (b[2] - a[2]),
+        a[3] + done * (b[3] - a[3]),
+    )
+    chart, i, j, k = find_parts(borders, q)
+    parts = i, j, k
+    sign = math.copysign(1.0, q[chart])
+    largest, largest1 = sign * q[chart], sign * b[chart]
+    share = 1.0
+    for n in range(3):
+        component = OTHER_COMPONENTS[chart][n]
+        other, other1 = sign * q[component], sign * b[component]
+        low = borders[parts[n]] - QUOTIENT_SLACK
+        high = borders[parts[n] + 1] + QUOTIENT_SLACK
+        # Zero on a boundary of the cell, and negative inside.
+        above, above1 = other - high * largest, other1 - high * largest1
+        below, below1 = low * largest - other, low * largest1 - other1
+        if above1 > 0.0:
+            share = min(share, above / (above - above1))
+        if below1 > 0.0:
+            share = min(share, below / (below - below1))
+    done += (1.0 - done) * share
+    time = min(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * arc.tangent) / arc.half_angle, 1.0)
+    return cell_index(borders, chart, i, j, k), done, time, share < 1.0
+
+
+@kernel
+def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
+    """Return the first and last part of an axis near a quaternion.
+
+    The first is above the last if there are none. Near quaternions are within an angle whose sine
+    is ``reach``. ``largest`` and ``other`` are two components of the quaternion. A plane through
+    zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other / largest))| <=
+    reach``, where r is the length of the two components.
+    """
+    last, length = borders.shape[0] - 2, math.hypot(largest, other)
+    if not reach < length:
+        return 0, last
+    center = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER_PI
+    swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
+    if abs(center) + swing >= 3.0 * QUARTER_PI:  # beyond the other end as well
+        return 0, last
+    low = max(center - swing, -QUARTER_PI)
+    high = min(center + swing, QUARTER_PI)
+    if low > high:
+        return 0, -1
+    first = find_part(borders, math.tan(low) - QUOTIENT_SLACK)
+    return first, find_part(borders, math.tan(high) + QUOTIENT_SLACK)

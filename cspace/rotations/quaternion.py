@@ -19,15 +19,9 @@ from cspace.rotations.base import (
     RotationTable,
     Symmetric,
 )
-from cspace.support.arrays import Floats, Ints, Numbers, frozen
-from cspace.support.check import check_count, check_finite
-from cspace.support.compiling import kernel
-
-NORM_SLACK: Final = 1e-6
-"""Largest deviation of the norm of a quaternion from 1."""
-
-QUOTIENT_SLACK: Final = 1e-9
-"""Rounding allowance by which cells are widened at each boundary, in quotients of components."""
+from cspace.rotations.lookup import NORM_SLACK, OTHER_COMPONENTS, QUOTIENT_SLACK
+from cspace.support.arrays import Floats, Ints, frozen
+from cspace.support.check import check_count, check_points
 
 FACE_STEP: Final = 1e-6
 """Distance from a face of a cell to a point of its neighbor, in quotients of components."""
@@ -35,27 +29,11 @@ FACE_STEP: Final = 1e-6
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
-OTHER_COMPONENTS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
-"""Indices of the other three components, for each component of a quaternion."""
-
 
 _HALF_TURNS: Final = np.array(
     [np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float
 )
 """Matrices of the half turns about x, y and z, and the identity."""
-
-QUARTER_PI = math.pi / 4.0
-"""Half a right angle, in radians."""
-
-OMPL_EQUALITY_SLACK = 4e-9
-"""Distance of a dot product from 1 up to which unit quaternions count as equal.
-
-OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternions whose norm may be
-off by as much.
-"""
-
-MIN_ARC_ANGLE = 1e-9
-"""Angle between two quaternions, radians, below which the chord replaces the arc."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -193,12 +171,7 @@ class QuaternionRotations(Rotations):
         Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative
         lie in one cell.
         """
-        q = check_finite(rotation, "rotation")
-        if q.ndim == 0 or q.shape[-1] != 4:
-            rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
-            raise InputError(
-                "rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation
-            )
+        q = check_points(rotation, "rotation", 4)
         self.canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
@@ -475,240 +448,3 @@ def multiply(first: Floats, second: Floats) -> Floats:
         ],
         axis=-1,
     )
-
-
-# ---- look-ups for kernels ------------------------------------------------------------------------
-
-
-class Arc(NamedTuple):
-    """A shortest arc between two unit quaternions, with its chord.
-
-    SLERP turns evenly from the first to the second. It meets the chord at ``m + s d`` for s from -1
-    to 1, where m is the midpoint and d half the chord. The time t satisfies ``tan((2 t - 1)
-    half_angle) = s tan(half_angle)``. The chord is straight in every chart, so it meets boundaries
-    at zeros of linear functions of s.
-
-    Attributes
-    ----------
-    first, second : tuple of float, length 4
-        Ends, at most a right angle apart up to rounding.
-    tangent, half_angle : float
-        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its
-        quaternion.
-    is_tiny : bool
-        True if OMPL counts the ends as equal, so that its rotation may jump between them.
-    """
-
-    first: Numbers
-    second: Numbers
-    tangent: float
-    half_angle: float
-    is_tiny: bool
-
-
-@kernel
-def find_part(borders: Floats, quotient: float) -> int:
-    """Return the part of an axis that contains a quotient.
-
-    A boundary belongs to the part above it.
-    """
-    parts = borders.shape[0] - 1
-    # Guess by the arc tangent to a few thousandths.
-    angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
-    guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
-    k = int(min(max(guess, 0.0), parts - 1.0))
-    while k > 0 and quotient < borders[k]:
-        k -= 1
-    while k < parts - 1 and quotient >= borders[k + 1]:
-        k += 1
-    return k
-
-
-@kernel
-def largest_component(x: float, y: float, z: float, w: float) -> int:
-    """Return the component of the largest modulus; the first of equals."""
-    chart, largest = 0, abs(x)
-    if abs(y) > largest:
-        chart, largest = 1, abs(y)
-    if abs(z) > largest:
-        chart, largest = 2, abs(z)
-    return 3 if abs(w) > largest else chart
-
-
-@kernel
-def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
-    """Split a quaternion into one component and the others in order."""
-    x, y, z, w = q
-    if chart == 0:
-        return x, y, z, w
-    if chart == 1:
-        return y, x, z, w
-    if chart == 2:
-        return z, x, y, w
-    return w, x, y, z
-
-
-@kernel
-def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
-    """Return the chart of a quaternion, and the parts of its quotients."""
-    chart = largest_component(q[0], q[1], q[2], q[3])
-    largest, a, b, c = split(q, chart)
-    return (
-        chart,
-        find_part(borders, a / largest),
-        find_part(borders, b / largest),
-        find_part(borders, c / largest),
-    )
-
-
-@kernel
-def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
-    """Return the index of a cell."""
-    n = borders.shape[0] - 1
-    return int(((chart * n + i) * n + j) * n + k)
-
-
-@kernel
-def is_unit(q: Numbers) -> bool:
-    """Return True if the norm of a quaternion is 1 within NORM_SLACK."""
-    return abs(dot_product(q, q) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
-
-
-@kernel
-def normalise(q: Numbers, scale: float) -> Numbers:
-    """Scale a quaternion to a norm of ``scale``."""
-    scale /= math.sqrt(dot_product(q, q))
-    return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
-
-
-@kernel
-def dot_product(a: Numbers, b: Numbers) -> float:
-    """Return the scalar product of quaternions."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-
-
-@kernel
-def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
-    """Return the shortest arc (0) or, if both are equal, the other one (1)."""
-    a, b = normalise(q0, 1.0), normalise(q1, 1.0)
-    if (dot_product(a, b) < 0.0) != (arc == 1):
-        b = normalise(b, -1.0)
-    half_square, sum_square = 0.0, 0.0
-    for n in range(4):
-        half_square += (b[n] - a[n]) ** 2
-        sum_square += (b[n] + a[n]) ** 2
-    tangent = math.sqrt(half_square / sum_square)
-    return Arc(a, b, tangent, math.atan(tangent), dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK)
-
-
-@kernel
-def count_arcs(q0: Numbers, q1: Numbers) -> int:
-    """Return the number of shortest arcs: two if they are equal up to rounding."""
-    cosine = dot_product(normalise(q0, 1.0), normalise(q1, 1.0))
-    return 2 if abs(cosine) <= QUOTIENT_SLACK else 1
-
-
-@kernel
-def clip_to_interval(
-    share: float,
-    largest: float,
-    largest1: float,
-    other: float,
-    other1: float,
-    low: float,
-    high: float,
-) -> float:
-    """Clip a path between quaternions to a part of an axis.
-
-    ``share`` is the fraction of the path so far. For both quaternions the largest component is
-    given, above zero in the first, with another component.
-    """
-    for side in range(2):
-        # Zero on the boundary, and negative inside.
-        here = other - high * largest if side == 0 else low * largest - other
-        there = other1 - high * largest1 if side == 0 else low * largest1 - other1
-        if there > 0.0:
-            share = min(share, here / (here - there))
-    return share
-
-
-@kernel
-def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, bool]:
-    """Return the cell at a point of the chord, and where the chord leaves it.
-
-    ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
-    the next cell, and whether there is a next cell. The cell is widened by QUOTIENT_SLACK. A point
-    farther than rounding from the previous cell lies in another one. So there are as many cells as
-    boundaries on the path, and no boundary is crossed twice.
-    """
-    a, b = arc.first, arc.second
-    q = (
-        a[0] + done * (b[0] - a[0]),
-        a[1] + done * (b[1] - a[1]),
-        a[2] + done * (b[2] - a[2]),
-        a[3] + done * (b[3] - a[3]),
-    )
-    chart, i, j, k = find_parts(borders, q)
-    p, p1 = split(q, chart), split(b, chart)
-    sign = math.copysign(1.0, p[0])
-    share, parts = 1.0, (i, j, k)
-    for n in range(3):
-        low = borders[parts[n]] - QUOTIENT_SLACK
-        high = borders[parts[n] + 1] + QUOTIENT_SLACK
-        share = clip_to_interval(
-            share, sign * p[0], sign * p1[0], sign * p[n + 1], sign * p1[n + 1], low, high
-        )
-    return cell_index(borders, chart, i, j, k), done + (1.0 - done) * share, share < 1.0
-
-
-@kernel
-def time_on_arc(arc: Arc, done: float) -> float:
-    """Return the time, from 0 to 1, at which SLERP passes a fraction of the chord."""
-    return min(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * arc.tangent) / arc.half_angle, 1.0)
-
-
-@kernel
-def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
-    """Return the first and last part of an axis near a quaternion.
-
-    The first is above the last if there are none. Near quaternions are within an angle whose sine
-    is ``reach``. ``largest`` and ``other`` are two components of the quaternion. A plane through
-    zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other / largest))| <=
-    reach``, where r is the length of the two components.
-    """
-    last, length = borders.shape[0] - 2, math.hypot(largest, other)
-    if not reach < length:
-        return 0, last
-    center = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER_PI
-    swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
-    if (
-        center - swing <= -3.0 * QUARTER_PI or center + swing >= 3.0 * QUARTER_PI
-    ):  # beyond the other end as well
-        return 0, last
-    low = max(center - swing, -QUARTER_PI)
-    high = min(center + swing, QUARTER_PI)
-    if low > high:
-        return 0, -1
-    return find_part(borders, math.tan(low) - QUOTIENT_SLACK), find_part(
-        borders, math.tan(high) + QUOTIENT_SLACK
-    )
-
-
-@kernel
-def slerp(q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-    """Interpolate between two rotations along an arc (SLERP)."""
-    path = find_arc(q0, q1, arc)
-    a = path.first
-    b = path.second
-    angle = 2.0 * path.half_angle
-    weight0, weight1 = 1.0 - t, t
-    if angle > MIN_ARC_ANGLE:
-        weight0 = math.sin(weight0 * angle)
-        weight1 = math.sin(weight1 * angle)
-    q = (
-        weight0 * a[0] + weight1 * b[0],
-        weight0 * a[1] + weight1 * b[1],
-        weight0 * a[2] + weight1 * b[2],
-        weight0 * a[3] + weight1 * b[3],
-    )
-    return normalise(q, 1.0)

@@ -24,7 +24,6 @@ from cspace.rotations.base import (
 )
 from cspace.support.arrays import Floats, Ints
 from cspace.support.check import check_count, check_finite
-from cspace.support.compiling import inlined, kernel
 
 MAX_YAW_CELLS: Final = 2**16
 """Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""
@@ -269,97 +268,3 @@ def check_wrappable(yaws: Floats, name: str) -> None:
         raise InputError(
             name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest
         )
-
-
-# ---- look-ups for kernels ------------------------------------------------------------------------
-#
-# In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
-
-
-@inlined
-def wrap_to_cells(borders: Floats, yaw: float) -> float:
-    """Wrap a yaw into the range of the cells, up to rounding."""
-    return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
-
-
-@inlined
-def find_cell(borders: Floats, yaw: float) -> int:
-    """Return the cell of a wrapped yaw.
-
-    The first guess assumes that all cells have one width. A boundary belongs to the cell above it.
-    A wrong guess is followed by bisection.
-    """
-    count = borders.shape[0] - 1
-    guess = (yaw - borders[0]) * (count / TWO_PI)
-    low = int(guess) if 0.0 <= guess < count else 0
-    if borders[low] <= yaw < borders[low + 1]:
-        return low
-    low, high = 0, count
-    while high - low > 1:
-        center = (low + high) // 2
-        if yaw >= borders[center]:
-            low = center
-        else:
-            high = center
-    return low
-
-
-@kernel
-def first_widened_cell(borders: Floats, angle: float) -> int:
-    """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
-    revolutions = math.floor((angle - borders[0]) / TWO_PI)
-    k = find_cell(borders, wrap_to_cells(borders, angle))
-    on_boundary = angle - (borders[k] + revolutions * TWO_PI) <= ANGLE_SLACK
-    return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
-
-
-@inlined
-def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """Return the index and the widened bounds of a cell.
-
-    The index is within one turn. The bounds are widened by ANGLE_SLACK.
-    """
-    count = borders.shape[0] - 1
-    revolutions = math.floor(cell / count)
-    k = cell - revolutions * count
-    return (
-        k,
-        borders[k] + revolutions * TWO_PI - ANGLE_SLACK,
-        borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK,
-    )
-
-
-@inlined
-def shorter_angle(first: float, second: float) -> float:
-    """Return the signed angle of the shorter arc between two yaws.
-
-    It is in [-pi, pi].
-    """
-    angle = second - first
-    angle -= math.floor(angle / TWO_PI) * TWO_PI
-    return angle - TWO_PI if angle > math.pi else angle
-
-
-@inlined
-def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
-    """Return the parameters of a rotation within an interval of angles."""
-    if angle == 0.0:
-        return 0.0, 1.0
-    a = min(max((low - start) / angle, 0.0), 1.0)
-    b = min(max((high - start) / angle, 0.0), 1.0)
-    return min(a, b), max(a, b)
-
-
-@inlined
-def signed_angle(first: float, second: float, arc: int) -> float:
-    """Return the signed angle of the shorter arc (0) or the other one (1)."""
-    angle = shorter_angle(first, second)
-    if arc == 0:
-        return angle
-    return angle - TWO_PI if angle > 0.0 else angle + TWO_PI
-
-
-@inlined
-def count_yaw_arcs(first: float, second: float) -> int:
-    """Return the number of shortest arcs: two if they are equal up to rounding."""
-    return 2 if math.pi - abs(shorter_angle(first, second)) <= ANGLE_SLACK else 1

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.files.access import suggest_converter, suggest_name
+from cspace.files.access import suggest_file
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
@@ -20,11 +20,12 @@ from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
-from cspace.shapes.primitives import SHORT_TEXTS, is_short_text, parse_short_text
+from cspace.shapes.primitives import SHORT_TEXT_FORMS, is_short_text, parse_short_text
 from cspace.shapes.shape import BoundedShape as BoundedShape
 from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import RoundedSimplices as RoundedSimplices
 from cspace.shapes.shape import Shape as Shape
+from cspace.shapes.shape import shape_from_spec as shape_from_spec
 from cspace.shapes.voxels import Box as Box
 from cspace.shapes.voxels import Voxels as Voxels
 
@@ -52,24 +53,6 @@ ShapeLike: TypeAlias = (
 )
 """Types that :func:`as_shape` converts."""
 
-_FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
-    "balls": Balls.from_spec,
-    "box": Box.from_spec,
-    "bounded": lambda spec: BoundedShape.from_spec(spec, shape_from_spec),
-    "cells": Voxels.from_spec,
-    "mesh": Mesh.from_spec,
-    "point": Point.from_spec,
-    "polygon": Polygons.from_spec,
-}
-
-
-def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
-    """Make the shape that a :attr:`Shape.spec` describes.
-
-    Raises KeyError, TypeError or ValueError if the spec is malformed.
-    """
-    return _FROM_SPEC[spec["kind"]](spec)
-
 
 def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
     """Convert anything that describes a shape to a Shape.
@@ -82,7 +65,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         Or an iterable of shapes, robots, geometries or mappings.
         Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or
         :meth:`Mesh.of` takes, metres. A string is a short text such as ``"ellipse:0.5,0.3"``
-        (:data:`cspace.shapes.primitives.SHORT_TEXT_FORMS`), WKT, or the path of a file of polygons
+        (:data:`cspace.shapes.primitives.SHORT_TEXTS`), WKT, or the path of a file of polygons
         or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
@@ -104,9 +87,8 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
         return _shape_of_text(source, name)
-    if isinstance(getattr(source, "name", None), str) and isinstance(
-        shape := getattr(source, "shape", None), Shape
-    ):
+    shape = getattr(source, "shape", None)
+    if isinstance(shape, Shape):
         return shape
     if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return _shape_of_sequence(given, name)
@@ -178,8 +160,6 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
         "it must be a short text, WKT, or a file that ends in "
         f"{', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
     )
-    kinds = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
-    hint = suggest_converter(Path(source)) or " ".join(
-        filter(None, (suggest_name(Path(source)), kinds))
-    )
+    kinds = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
+    hint = suggest_file(Path(source), kinds)
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

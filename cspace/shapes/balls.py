@@ -49,6 +49,8 @@ class Balls(ExactShape):
     `centers` has shape (n, dim), and `radii`, at least zero, has shape (n,); metres.
     """
 
+    kind = "balls"
+
     def __init__(self, centers: Floats, radii: Floats) -> None:
         self.centers, self.radii = frozen(centers), frozen(radii)
         self.dim = centers.shape[1]
@@ -178,13 +180,14 @@ class Balls(ExactShape):
         """True if all centers are on the z axis."""
         return not self.centers[:, :2].any()
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         return np.column_stack([self.centers @ matrix.T, self.radii])
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "balls", "centers": self.centers.tolist(), "radii": self.radii.tolist()}
+        return {"kind": self.kind, "centers": self.centers.tolist(), "radii": self.radii.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Balls:
@@ -200,6 +203,7 @@ class Point(Balls):
     for cell.
     """
 
+    kind = "point"
     shown = False
 
     @classmethod
@@ -228,7 +232,7 @@ class Point(Balls):
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "point", "dim": self.dim}
+        return {"kind": self.kind, "dim": self.dim}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Point:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +17,8 @@ It is relative to the sum of the absolute volumes of the tetrahedra that are add
 """
 
 
-class Body(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Body:
     """Triangles of a mesh that are connected through shared edges.
 
     Attributes
@@ -78,7 +80,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
             break
         chosen = np.sort(np.concatenate([remaining, added]))
         found = _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared)
-        found = [body._replace(faces=chosen[body.faces]) for body in found]
+        found = [replace(body, faces=chosen[body.faces]) for body in found]
         closed += [body for body in found if body.closed]
         # Open flat triangles without any area are not worth a body.
         open_bodies = [
@@ -185,13 +187,11 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
         around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
-        is_outside = (
-            WindingNumber(triangles[around] - center, multiplicity[around]).evaluate(corners) <= 0
-        )
+        winding = WindingNumber(triangles[around] - center, multiplicity[around])
         is_reversed = np.zeros(len(bodies), dtype=np.bool_)
-        is_reversed[np.repeat(owner[within], 3)[is_outside]] = True
+        is_reversed[np.repeat(owner[within], 3)[winding.evaluate(corners) <= 0]] = True
     return [
-        body._replace(turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
+        replace(body, turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
         for index, body in enumerate(bodies)
     ]
 
@@ -210,16 +210,11 @@ def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
     )
     center = total / np.maximum(np.bincount(body, minlength=count), 1)[:, None]
     a, b, c = np.moveaxis(triangles - center[body][:, None], 1, 0)
-    # Scale to numbers up to 1, so that products neither overflow nor underflow.
-    size = np.zeros(count)
-    np.maximum.at(size, body, np.abs(np.stack([a, b, c])).max(axis=(0, 2)))
-    size = np.where(size > 0.0, size, 1.0)
-    a, b, c = (part / size[body][:, None] for part in (a, b, c))
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
     volume, moduli = (
         np.bincount(body, weights=each, minlength=count) for each in (parts, np.abs(parts))
     )
-    return np.where(np.abs(volume) > _VOLUME_ROUNDING * moduli, volume * size**3, 0.0)
+    return np.where(np.abs(volume) > _VOLUME_ROUNDING * moduli, volume, 0.0)
 
 
 def _edges(corners: Ints) -> tuple[Ints, Ints]:

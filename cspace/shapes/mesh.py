@@ -61,9 +61,6 @@ MeshLike: TypeAlias = (
     "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
 )
 
-FaceSelection: TypeAlias = "Ints | slice"
-"""Indices of some triangles."""
-
 SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
@@ -136,6 +133,7 @@ class Mesh(ExactShape):
     solid: Solid = "auto"
     source: str = "mesh"
     _warned: bool = field(default=False, init=False, repr=False)
+    kind = "mesh"
     dim = 3
 
     def __post_init__(self) -> None:
@@ -248,7 +246,7 @@ class Mesh(ExactShape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Number of triangles, bodies and the like, for reports."""
         closed = sum(body.closed for body in self.bodies)
         return {
@@ -261,7 +259,7 @@ class Mesh(ExactShape):
     @property
     def encloses(self) -> bool:
         """True if closed bodies are solid, at any spacing."""
-        return self.solid == "auto" and bool(self._turns.any())
+        return self.solid == "auto" and bool(self.windings.any())
 
     @cached_property
     def volume(self) -> float:
@@ -277,22 +275,13 @@ class Mesh(ExactShape):
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         from cspace.raster.surfaces import surface_rasters
 
-        return surface_rasters(self._solid_surface(), spacing, margin, rotation)
+        return surface_rasters(self._solid, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.surfaces import surface_cells
 
-        return surface_cells(self._solid_surface(*self._near(grid)), self.bounds, grid)
-
-    def _near(self, grid: Grid) -> tuple[FaceSelection, FaceSelection]:
-        """Return the triangles that can touch a grid, and those in, above or below it."""
-        if self.solid == "fill":
-            return slice(None), slice(None)
-        corners = self.triangles
-        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
-        meets = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
-        return np.flatnonzero(meets.all(axis=1)), np.flatnonzero(meets[:, :2].all(axis=1))
+        return surface_cells(self._solid, grid)
 
     def boundary(self) -> RoundedSimplices:
         """Return the triangles.
@@ -371,7 +360,7 @@ class Mesh(ExactShape):
                 f"point; if this is not intended, move its center there first, by {move}"
             )
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
         """Return the triangles, each from its smallest corner on."""
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         if np.linalg.det(matrix) < 0.0:
@@ -404,14 +393,17 @@ class Mesh(ExactShape):
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
-        numbers = self._winding.evaluate((array - self.bounds[0]).reshape(-1, 3))
-        return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
+        lower, upper = self.bounds
+        inside = np.asarray(((lower <= array) & (array <= upper)).all(axis=-1))
+        if inside.any():
+            inside[inside] = self._winding.evaluate(array[inside] - lower) != 0
+        return inside
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values that JSON can hold, without loss, for :meth:`from_spec`."""
         return {
-            "kind": "mesh",
+            "kind": self.kind,
             "vertices": _encode(self.vertices, "<f8"),
             "faces": _encode(self.faces, "<i8"),
             "solid": self.solid,
@@ -428,7 +420,7 @@ class Mesh(ExactShape):
         return mesh
 
     @cached_property
-    def _turns(self) -> Ints:
+    def windings(self) -> Ints:
         """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
         turns = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
@@ -440,27 +432,20 @@ class Mesh(ExactShape):
     def _winding(self) -> WindingNumber:
         from cspace.raster.surfaces import WindingNumber
 
-        counted = np.flatnonzero(self._turns)
-        return WindingNumber(
-            self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted]
-        )
+        counted = self.windings != 0
+        return WindingNumber(self.triangles[counted] - self.bounds[0], self.windings[counted])
 
-    def _solid_surface(
-        self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)
-    ) -> SolidSurface:
-        """Return selected triangles as a surface with its solid.
+    @property
+    def _solid(self) -> SolidSurface:
+        """The triangles with their interior."""
+        from cspace.raster.surfaces import SolidSurface
 
-        `columns` selects the enclosing triangles above and below them.
-        """
-        from cspace.raster.surfaces import ClosedSurface, SolidSurface
-
-        shell = (
-            ClosedSurface(self.vertices, self.faces[columns], self._turns[columns])
-            if self.encloses
-            else None
-        )
+        triangles = self.triangles
+        windings = np.zeros(len(self.faces), dtype=np.int64)
+        if self.solid == "auto":
+            windings = self.windings
         fill = self._warn_of_nothing if self.solid == "fill" else None
-        return SolidSurface(self.vertices, self.faces[near], shell, fill, self.source)
+        return SolidSurface(triangles, triangles, windings, fill, self.source)
 
     def _warn_of_nothing(self, spacing: float) -> None:
         """Warn once if filling an open mesh added nothing to its surface."""

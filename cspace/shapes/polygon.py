@@ -40,6 +40,7 @@ class Polygons(ExactShape):
         The geometries as given.
     """
 
+    kind = "polygon"
     dim = 2
 
     def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
@@ -61,23 +62,8 @@ class Polygons(ExactShape):
         """
         import shapely
 
-        if isinstance(shape, shapely.Geometry):
-            given = [shape]
-        elif (
-            isinstance(shape, Sequence)
-            and shape
-            and all(isinstance(part, shapely.Geometry) for part in shape)
-        ):
-            given = list(shape)
-        else:
-            vertices = check_finite(shape, "polygon")
-            if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
-                rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
-                raise GeometryError(
-                    "polygon", f"has shape {vertices.shape}", rule, hint, value=shape
-                )
-            given = [shapely.Polygon(vertices)]
-        parts = [part for whole in given for part in shapely.get_parts(whole)]
+        geometries = _as_geometries(shape)
+        parts = [part for whole in geometries for part in shapely.get_parts(whole)]
         if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
@@ -199,24 +185,21 @@ class Polygons(ExactShape):
             else shapely.union_all(list(self.geometries))
         )
 
-    def _features(self, matrix: Floats) -> Floats:
-        """Return undirected boundary segments with the index of their part."""
+    def features(self, matrix: Floats) -> Floats:
+        """Return boundary segments in both directions with the index of their part."""
         segments = np.concatenate([segments for segments, _ in self.parts])
         number = np.repeat(
             np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts]
         )
-        endpoints = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
-        (x0, y0), (x1, y1) = endpoints[:, 0].T, endpoints[:, 1].T
-        endpoints = np.where(
-            ((x0 > x1) | ((x0 == x1) & (y0 > y1)))[:, None, None], endpoints[:, ::-1], endpoints
-        )
-        return np.column_stack([endpoints.reshape(-1, 4), number])
+        moved = np.hstack([segments[:, :2] @ matrix.T, segments[:, 2:] @ matrix.T])
+        both = np.concatenate([moved, moved[:, [2, 3, 0, 1]]])
+        return np.column_stack([both, np.tile(number, 2)])
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         return {
-            "kind": "polygon",
+            "kind": self.kind,
             "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries],
         }
 
@@ -227,6 +210,23 @@ class Polygons(ExactShape):
 
         parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]
         return cls(parts) if any(part.geom_type != "Polygon" for part in parts) else cls.of(parts)
+
+
+def _as_geometries(
+    shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry],
+) -> Sequence[BaseGeometry]:
+    """Return geometries as they are, or vertices as a polygon."""
+    import shapely
+
+    if isinstance(shape, shapely.Geometry):
+        return [shape]
+    if isinstance(shape, Sequence) and shape and isinstance(shape[0], shapely.Geometry):
+        return shape
+    vertices = check_finite(shape, "polygon")
+    if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
+        rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
+        raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
+    return [shapely.Polygon(vertices)]
 
 
 def _iterate_parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:

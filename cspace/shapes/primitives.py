@@ -125,91 +125,117 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 # ---- short texts ---------------------------------------------------------------------------------
 
 
-class Form(NamedTuple):
-    """Syntax of a short text: ``KIND:`` and the sizes, separated.
+class ShortText(NamedTuple):
+    """A kind of short text: its name, a colon, and its form.
 
     Attributes
     ----------
     make : callable
-        Makes the shape from its sizes and, if it is not at the origin, its center.
-    sizes : tuple of str
-        Names of the sizes in help texts; each is above zero, in metres.
-    separator : str
+        Makes the shape from its sizes and, if it is not at the origin, its center. For a
+        footprint, from the text after the colon.
+    form : str
+        Names of the sizes with the separator between them; each is above zero, in metres.
+    dimension : int
+        2 in the plane, 3 in space.
+    summary : str
+        Description for tables of the documentation.
+    example : str
+        A complete short text.
     """
 
     make: Callable[..., NamedShape]
-    sizes: tuple[str, ...]
-    separator: str = "x"
-
-    @property
-    def metavar(self) -> str:
-        """Text after the colon, for help texts."""
-        return self.separator.join(self.sizes)
+    form: str
+    dimension: int
+    summary: str
+    example: str
 
 
-SHORT_TEXT_FORMS: Final = {
-    "disc": Form(disc, ("RADIUS",)),
-    "rect": Form(rectangle, ("LENGTH", "WIDTH")),
-    "ellipse": Form(ellipse, ("RADIUS_X", "RADIUS_Y"), ","),
-    "ball": Form(ball, ("RADIUS",)),
-    "box": Form(lambda x, y, z, *center: box((x, y, z), *center), ("X", "Y", "Z")),
-    "cylinder": Form(cylinder, ("RADIUS", "HEIGHT")),
-    "capsule": Form(capsule, ("RADIUS", "LENGTH")),
+SHORT_TEXTS: Final[dict[str, ShortText]] = {
+    "disc": ShortText(disc, "RADIUS", 2, "a disc, by its radius", "disc:0.3"),
+    "rect": ShortText(
+        rectangle, "LENGTHxWIDTH", 2, "a rectangle, length along x, then width", "rect:0.9x0.6"
+    ),
+    "ellipse": ShortText(
+        ellipse, "RADIUS_X,RADIUS_Y", 2, "an ellipse, semi-axes along x and y", "ellipse:0.5,0.3"
+    ),
+    "footprint": ShortText(
+        footprint,
+        "[[X,Y],...]",
+        2,
+        "a polygon, as Nav2 writes it",
+        "footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]",
+    ),
+    "ball": ShortText(ball, "RADIUS", 3, "a ball, by its radius", "ball:0.3"),
+    "box": ShortText(
+        lambda x, y, z, *center: box((x, y, z), *center),
+        "XxYxZ",
+        3,
+        "a box along the axes",
+        "box:0.6x0.6x0.2",
+    ),
+    "cylinder": ShortText(cylinder, "RADIUSxHEIGHT", 3, "an upright cylinder", "cylinder:0.3x1.2"),
+    "capsule": ShortText(
+        capsule,
+        "RADIUSxLENGTH",
+        3,
+        "the points within RADIUS of an upright segment of LENGTH",
+        "capsule:0.3x1.2",
+    ),
 }
-"""Short texts by kind, the word before the colon."""
+"""Kinds of short texts by name, the word before the colon."""
 
-FOOTPRINT: Final = "footprint"
-"""Kind of the short texts for polygons and for projections of other shapes."""
-
-SHORT_TEXTS: Final = (
-    *(f"{kind}:{form.metavar}" for kind, form in SHORT_TEXT_FORMS.items()),
-    f"{FOOTPRINT}:[[X,Y],...]",
-)
-"""All short texts, for help and messages."""
+SHORT_TEXT_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHORT_TEXTS.items())
+"""Forms of all short texts, for messages."""
 
 
 def is_short_text(text: str) -> bool:
     """Return True if a text is a short text of a shape."""
-    kind, colon, _ = text.partition(":")
-    return bool(colon) and (kind in SHORT_TEXT_FORMS or kind == FOOTPRINT)
+    name, colon, _ = text.partition(":")
+    return bool(colon) and name in SHORT_TEXTS
 
 
-def parse_short_text(text: str, name: str = "shape") -> NamedShape:
+def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
     """Make the shape of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``.
 
     Parameters
     ----------
     text : str
         A text for which :func:`is_short_text` is True.
-    name : str
+    argument : str
         The caller's argument, for messages.
 
     Raises InputError or GeometryError if the text after the colon is malformed.
     """
-    kind, _, rest = text.partition(":")
-    if kind == FOOTPRINT and rest.lstrip().startswith("["):
-        return footprint(rest)
-    if kind == FOOTPRINT and is_short_text(rest):
-        solid = parse_short_text(rest, name)
-        return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
-    if kind == FOOTPRINT:
-        hint = (
-            f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use "
-            "Robot.open(path).footprint() for a file"
-        )
-        rule = "corners or a short text must follow the colon"
-        raise InputError(name, f"is {text!r}", rule, hint, value=text)
-    form = SHORT_TEXT_FORMS[kind]
+    name, _, rest = text.partition(":")
+    if name == "footprint":
+        return _parse_footprint(text, rest, argument)
+    kind = SHORT_TEXTS[name]
+    separator = "," if "," in kind.form else "x"
     sizes, at, place = rest.partition("@")
-    values, center = _numbers(sizes, form.separator), _numbers(place, ",")
-    if len(values) != len(form.sizes) or min(values) <= 0.0 or bool(at) != bool(center):
+    values, center = _numbers(sizes, separator), _numbers(place, ",")
+    count = len(kind.form.split(separator))
+    if len(values) != count or min(values) <= 0.0 or bool(at) != bool(center):
         rule = (
-            f"{form.metavar} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
+            f"{kind.form} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
             "for a center"
         )
-        hint = f"write e.g. {kind}:{form.separator.join(['0.3'] * len(form.sizes))}"
-        raise InputError(name, f"is {text!r}", rule, hint, value=text)
-    return form.make(*values, *[center] if at else [])
+        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}", value=text)
+    return kind.make(*values, *[center] if at else [])
+
+
+def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
+    """Make a polygon from its corners, or the projection of another short text."""
+    if rest.lstrip().startswith("["):
+        return footprint(rest)
+    if is_short_text(rest):
+        solid = parse_short_text(rest, argument)
+        return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
+    rule = "corners or a short text must follow the colon"
+    hint = (
+        f"write e.g. {SHORT_TEXTS['footprint'].example}, or use Robot.open(path).footprint() "
+        "for a file"
+    )
+    raise InputError(argument, f"is {text!r}", rule, hint, value=text)
 
 
 def _numbers(text: str, separator: str) -> list[float]:

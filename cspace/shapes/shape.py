@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, cached_property
 from itertools import permutations, product
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +73,16 @@ class Shape(ABC):
 
     dim: int
     shown: bool = True
+    kind: ClassVar[str]
+    """Word for the class in its plain values."""
+
+    KINDS: ClassVar[dict[str, type[Shape]]] = {}
+    """Classes of shapes by kind."""
+
+    def __init_subclass__(cls) -> None:
+        """List the class by its kind."""
+        if "kind" in vars(cls):
+            Shape.KINDS[cls.kind] = cls
 
     @property
     @abstractmethod
@@ -198,14 +208,14 @@ class Shape(ABC):
         """
         if not (matrix == np.sign(matrix)).all():
             return False
-        return np.array_equal(self._own_features, unique_rows(self._features(matrix) + 0.0)[0])
+        return np.array_equal(self._own_features, unique_rows(self.features(matrix) + 0.0)[0])
 
     @cached_property
     def _own_features(self) -> Floats:
-        return unique_rows(self._features(np.eye(self.dim)) + 0.0)[0]
+        return unique_rows(self.features(np.eye(self.dim)) + 0.0)[0]
 
     @abstractmethod
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
         """Return rows that identify the shape under a matrix.
 
         The entries of the matrix are -1, 0 and 1.
@@ -215,6 +225,19 @@ class Shape(ABC):
     @abstractmethod
     def spec(self) -> dict[str, object]:
         """Plain values from which ``cspace.shapes.shape_from_spec`` makes the shape again."""
+
+    @classmethod
+    @abstractmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Shape:
+        """Make the shape of a :attr:`spec`."""
+
+
+def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
+    """Make the shape that a :attr:`Shape.spec` describes.
+
+    Raises KeyError, TypeError or ValueError if the spec is malformed.
+    """
+    return Shape.KINDS[spec["kind"]].from_spec(spec)
 
 
 class ExactShape(Shape):
@@ -261,7 +284,7 @@ class ExactShape(Shape):
         """Area in the plane, volume in space, for reports; NaN if unknown."""
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values about the shape, by name, for reports."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 
@@ -389,6 +412,8 @@ class BoundedShape(Shape):
         True if every rotation about the z axis maps the shape to itself, even if not its bounds.
     """
 
+    kind = "bounded"
+
     def __init__(
         self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False
     ) -> None:
@@ -427,8 +452,9 @@ class BoundedShape(Shape):
         """True if every rotation about z maps the shape to itself."""
         return self._is_round_about_z
 
-    def _features(self, matrix: Floats) -> Floats:
-        rows = [side._features(matrix) for side in (self.outer, self.inner)]
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
+        rows = [side.features(matrix) for side in (self.outer, self.inner)]
         return np.concatenate(
             [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]
         )
@@ -445,16 +471,13 @@ class BoundedShape(Shape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         bounds = {"outer": self.outer.spec, "inner": self.inner.spec}
-        return {"kind": "bounded", **bounds, "is_round_about_z": self._is_round_about_z}
+        return {"kind": self.kind, **bounds, "is_round_about_z": self._is_round_about_z}
 
     @classmethod
-    def from_spec(
-        cls, spec: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Shape]
-    ) -> BoundedShape:
-        """Make the shape of a :attr:`spec`; `make` makes its two exact shapes."""
-        return cls(
-            make(spec["outer"]).outer, make(spec["inner"]).inner, bool(spec["is_round_about_z"])
-        )
+    def from_spec(cls, spec: Mapping[str, Any]) -> BoundedShape:
+        """Make the shape of a :attr:`spec`."""
+        outer, inner = shape_from_spec(spec["outer"]), shape_from_spec(spec["inner"])
+        return cls(outer.outer, inner.inner, bool(spec["is_round_about_z"]))
 
 
 def cylinder_bounds(radius: float, height: float) -> BoundsPair:

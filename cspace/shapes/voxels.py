@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.raster.boxes import RoundedBoxes
-    from cspace.raster.surfaces import ClosedSurface
+    from cspace.raster.surfaces import SolidSurface
 
 _UNIT_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -48,6 +48,7 @@ class Box(ExactShape):
     `extents`, shape (3,), are its positive side lengths; metres.
     """
 
+    kind = "box"
     dim = 3
     is_boxes = True
 
@@ -86,12 +87,11 @@ class Box(ExactShape):
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         if rotation.matrix is not None:
-            from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
+            from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            shell = ClosedSurface(*self.surface, np.ones(len(_BOX_TRIANGLES), dtype=np.int64))
-            return surface_rasters(
-                SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation
-            )
+            triangles, windings = self.boundary().simplices, np.ones(12, dtype=np.int64)
+            solid = SolidSurface(triangles, triangles, windings, source="box")
+            return surface_rasters(solid, spacing, margin, rotation)
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         box = RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1))
@@ -131,14 +131,15 @@ class Box(ExactShape):
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         corners = np.array([self.lower, self.upper]) @ matrix.T
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
+        return {"kind": self.kind, "extents": self.extents.tolist(), "center": self.center.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Box:
@@ -152,6 +153,8 @@ class Voxels(ExactShape):
     They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three
     axes, and at least one cell is set; metres.
     """
+
+    kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
         self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
@@ -209,11 +212,9 @@ class Voxels(ExactShape):
 
             return outline_rasters([(self._segments, True)], spacing, margin, rotation)
         if rotation.matrix is not None:
-            from cspace.raster.surfaces import SolidSurface, surface_rasters
+            from cspace.raster.surfaces import surface_rasters
 
-            return surface_rasters(
-                SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, rotation
-            )
+            return surface_rasters(self._solid, spacing, margin, rotation)
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -242,18 +243,10 @@ class Voxels(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
-        position = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
-        last = np.asarray(self.occupied.shape) + 1
-        inside = np.zeros(array.shape[:-1], dtype=np.bool_)
-        # A point on a boundary lies in the shape if either neighbouring cell does.
-        for choice in range(2**self.dim):
-            down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
-            cell = np.clip(
-                np.where(down, np.ceil(position) - 1.0, np.floor(position)) + 1.0, 0, last
-            ).astype(np.int64)
-            inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
-        return inside
+        cells = np.floor((array - self.lower) / self.side) + 1.0
+        cells = np.clip(cells, 0, np.array(padded.shape) - 1).astype(np.int64)
+        return np.asarray(padded[tuple(np.moveaxis(cells, -1, 0))])
 
     def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments in the plane, or triangles in space."""
@@ -287,11 +280,13 @@ class Voxels(ExactShape):
         return RoundedBoxes(lows, highs, np.zeros(len(lows)))
 
     @cached_property
-    def _shell(self) -> ClosedSurface:
-        """Closed surface of the occupied cells."""
-        from cspace.raster.surfaces import ClosedSurface
+    def _solid(self) -> SolidSurface:
+        """Boundary of the cells in space, and the same without T-junctions."""
+        from cspace.raster.surfaces import SolidSurface
 
-        return ClosedSurface(*boundary_mesh(self.occupied, self.side, self.lower))
+        vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)
+        triangles = self.boundary().simplices
+        return SolidSurface(triangles, vertices[faces], windings, source="bitmap")
 
     @cached_property
     def outline(self) -> BaseGeometry:
@@ -318,7 +313,8 @@ class Voxels(ExactShape):
             return self
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
-    def _features(self, matrix: Floats) -> Floats:
+    def features(self, matrix: Floats) -> Floats:
+        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
         corners = np.stack([low, high]) @ matrix.T
@@ -328,7 +324,7 @@ class Voxels(ExactShape):
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
         return {
-            "kind": "cells",
+            "kind": self.kind,
             "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
             "shape": list(self.occupied.shape),
             "spacing": self.side,

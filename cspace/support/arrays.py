@@ -15,7 +15,6 @@ States = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 
 Cell = TypeVar("Cell", np.bool_, np.uint8)
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 Numbers = tuple[float, ...]
 """Coordinates of a configuration, or numbers that compiled code derives from them."""
@@ -44,36 +43,11 @@ BLOCKED: Final = 2
 STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
 
-COPY_BAND_BYTES: Final = 16
-"""Bytes of a row that are copied at a time when a plane is transposed; 64 bytes take twice as long
-as 8 to 16."""
-
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array after making it read-only."""
     array.setflags(write=False)
     return array
-
-
-def in_c_order(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Return an array in C order, copied only if necessary."""
-    if array.ndim != 2 or abs(array.strides[0]) >= abs(array.strides[1]):
-        return np.ascontiguousarray(array)
-    copy = np.empty(array.shape, dtype=array.dtype)
-    copy_transposed(array.T, copy)
-    return copy
-
-
-def copy_transposed(rows: NDArray[Scalar], out: NDArray[Scalar]) -> None:
-    """Copy rows into the columns of another array.
-
-    ``rows`` has shape (n, m), and ``out`` shape (m, n). Narrow bands are copied, because otherwise
-    each cache line of the result would be read and written for each of its entries: eight times
-    slower for 16,384 x 16,384 bytes.
-    """
-    width = max(1, COPY_BAND_BYTES // rows.itemsize)
-    for start in range(0, len(rows), width):
-        out[:, start : start + width] = rows[start : start + width].T
 
 
 def reduce_blocks(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
-from cspace.support.arrays import Bools, Floats, Ints, frozen, in_c_order
+from cspace.support.arrays import Bools, Floats, Ints, frozen
 
 MAX_COUNT: Final = 2**53
 """Largest count: floats represent all whole numbers up to it."""
@@ -298,14 +298,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
     Raises InputError if they are no such pairs.
     """
-    check_unmasked(edges, "edges")
-    try:
-        pairs = np.asarray(edges)
-    except ValueError as error:
-        rule = "it must be pairs of vertices"
-        raise InputError(
-            "edges", f"is {edges!r}", rule, "pass indices of shape (m, 2)", value=edges
-        ) from error
+    pairs = check_real(edges, "edges")
     pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
         problem = (
@@ -361,8 +354,6 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             "pass an array indexed [x, y] or [x, y, z]",
         )
         raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
-    if array.dtype.kind == "f":
-        check_finite(array, name)
     if array.dtype.kind not in "biu":
         hint = "compare with a threshold first, e.g. array > 0.5"
         raise InputError(
@@ -390,4 +381,4 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     )
     if is_ours and array.dtype.kind == "b" and stored.max() <= 1:
         return array
-    return frozen(in_c_order(stored != 0))
+    return frozen(np.ascontiguousarray(stored != 0))

@@ -31,15 +31,10 @@ def in_chunks(
     index, relative to ``start``, of the first bad item of its chunk, or -1. Returns the same for
     the whole range. A thread gets at least ``min_items``. Nested calls run serially.
     """
-    threads = 1 if getattr(_local, "is_worker", False) else min(cores(), max(1, size // min_items))
-    if threads == 1:
-        return work(0, size)
+    threads = min(cores(), max(1, size // min_items))
     bounds = [size * k // threads for k in range(threads + 1)]
-    with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
-        bad = list(pool.map(work, bounds[:-1], bounds[1:]))
-    return next(
-        (start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1
-    )
+    bad = in_threads(lambda k: work(bounds[k], bounds[k + 1]), range(threads), threads)
+    return next((bounds[k] + index for k, index in enumerate(bad) if index >= 0), -1)
 
 
 def in_threads(
@@ -53,7 +48,7 @@ def in_threads(
     A failure or Ctrl-C cancels the items that have not begun. Nested calls run serially.
     """
     threads = min(threads, len(items))
-    if threads <= 1:
+    if threads <= 1 or getattr(_local, "is_worker", False):
         return _gather(map(work, items), progress)
     with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         try:

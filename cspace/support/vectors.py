@@ -101,16 +101,11 @@ def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
 def box_extent(matrix: Matrix, half: Row) -> Row:
     """Return the half sides of the axis-aligned box around a rotated box."""
     x, y, z = matrix
-    return extent_along(x, half), extent_along(y, half), extent_along(z, half)
-
-
-@kernel
-def extent_along(n: Row, half: Row) -> float:
-    """Return the half length of a box's projection onto a line.
-
-    The box is axis-aligned, with half sides ``half``.
-    """
-    return abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2]
+    return (
+        abs(x[0]) * half[0] + abs(x[1]) * half[1] + abs(x[2]) * half[2],
+        abs(y[0]) * half[0] + abs(y[1]) * half[1] + abs(y[2]) * half[2],
+        abs(z[0]) * half[0] + abs(z[1]) * half[1] + abs(z[2]) * half[2],
+    )
 
 
 # ---- nearest points, as good as rounding allows --------------------------------------------------

@@ -64,7 +64,7 @@ class ToolFrame:
         counts = {frame: _count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
         deepest = max(
-            (frame for frame in reversed(self.frames) if frame not in arm._carriers),
+            (frame for frame in reversed(self.frames) if frame not in arm.carriers),
             key=counts.__getitem__,
         )
         self.name = deepest if name is None else check_known(name, "frame", self.frames)
@@ -136,7 +136,7 @@ class ToolFrame:
 
 def _count_joints(arm: Any, frame: str) -> int:
     """Return the number of joints that move a frame."""
-    body = arm._frames[frame].body
+    body = arm.placements[frame].body
     return len(branch_to(arm.chain, body).joints) if body else 0
 
 

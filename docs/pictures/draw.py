@@ -7,7 +7,6 @@ All except the house and the hull tree show answers of maps that the library bui
 from __future__ import annotations
 
 import itertools
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -24,7 +23,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Patch, Rectangle
-from matplotlib.ticker import NullFormatter
 from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
@@ -37,8 +35,6 @@ FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
 OBSTACLE, ROBOT, PATH, PALE = "#262626", "#009e73", "#6a1b9a", "#c3e6da"
 GRID = "#bbbbbb"
 DPI = 120
-LENGTHS = Path(__file__).parent.parent / "measured" / "paths.json"
-"""Results of the benchmark of lengths of paths."""
 ARC_RADIUS = 0.7
 """Radius in metres of the arc that shows the parts of a motion."""
 STATES = ListedColormap([FREE, MIXED, BLOCKED])
@@ -56,7 +52,6 @@ def draw_all(folder: Path) -> None:
             draw_hull_tree,
             draw_joint_map,
             draw_trajectory,
-            draw_lengths,
             draw_house,
         ):
             figure = draw()
@@ -430,78 +425,25 @@ def draw_joint_map() -> Figure:
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
     ("planning", ("planners",), "#e8e3f3"),
-    ("pictures, files for others", ("plot", "export"), "#e8e3f3"),
+    ("pictures", ("plot",), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
-    ("maps for users", ("builder", "opening", "tiles", "space", "maps", "interface"), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
-    ("proofs and look-ups", ("exact", "bodies", "queries"), "#d4eaf7"),
-    ("the record of a map", ("record",), "#d4eaf7"),
+    ("maps are made", ("builder", "opening", "tiles", "export"), "#d4eaf7"),
+    ("spaces for users", ("space", "maps", "interface"), "#d4eaf7"),
+    ("proofs by geometry", ("exact", "bodies"), "#d4eaf7"),
+    ("look-ups", ("queries", "record"), "#d4eaf7"),
     ("engines", ("engines",), "#d4eaf7"),
-    ("what users make", ("robot", "workspace", "obstacles"), "#d9f0e6"),
+    ("what users make", ("robot", "workspace", "obstacles", "methods"), "#d9f0e6"),
     ("geometry", ("shapes", "raster", "rotations"), "#d9f0e6"),
     ("bytes to arrays", ("files",), "#d9f0e6"),
-    (
-        "ground",
-        ("limits", "grid", "errors", "support"),
-        "#eeeeee",
-    ),
+    ("ground", ("limits", "grid", "support", "errors"), "#eeeeee"),
 )
-"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down.
-"""
-
-
-def draw_lengths() -> Figure:
-    """Draw the lengths of paths that ``python -m benchmarks paths --json docs/measured/paths.json``
-    measured."""
-    cases: dict[str, list[dict[str, Any]]] = {}
-    for row in json.loads(LENGTHS.read_text())["rows"]:
-        if "ratios" in row:
-            cases.setdefault(row["case"], []).append(row)
-    figure, axes = plt.subplots(2, 2, figsize=(11.0, 9.6), sharex=True, sharey=True)
-    figure.subplots_adjust(left=0.17, right=0.91, wspace=0.32, hspace=0.16)
-    for ax, (case, methods) in zip(axes.flat, cases.items(), strict=True):
-        for place, row in enumerate(methods):
-            ratios, color = row["ratios"], PATH if place == 0 else ROBOT
-            ax.plot(
-                ratios,
-                [place] * len(ratios),
-                "o",
-                color=color,
-                alpha=0.35,
-                markersize=6,
-                clip_on=False,
-            )
-            if ratios:
-                ax.plot(
-                    np.median(ratios), place, "|", color=OBSTACLE, markersize=16, markeredgewidth=2
-                )
-            found = f"{row['solved'] * row['queries']:.0f} of {row['queries']}, {show_seconds(row['cpu_s'])}"
-            ax.annotate(
-                found, (1.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5
-            )
-        names = [
-            row["name"].replace("motions in steps of half a cell", "in steps") for row in methods
-        ]
-        ax.set_yticks(range(len(names)), names)
-        ax.set_title(case.partition(":")[0].removeprefix("maps/").replace(".yaml", ""))
-        ax.set(xscale="log", xlim=(0.98, 5.0), xticks=[1, 1.5, 2, 3, 4])
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.grid(axis="x", color=GRID, linewidth=0.6)
-        ax.spines[["top", "right"]].set_visible(False)
-    axes[0, 0].invert_yaxis()
-    for ax in axes[1]:
-        ax.set_xlabel("length over the best certified path known; | is the median")
-    return figure
-
-
-def show_seconds(seconds: float) -> str:
-    """Format CPU seconds to two digits."""
-    return f"{seconds:.2g} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
+"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down,
+and to the right on a floor."""
 
 
 def draw_house() -> Figure:
-    """Draw the rooms of the two packages, and the ways of a workspace and of a query through them."""
+    """Draw the rooms of the two packages; imports point down."""
     figure = plt.figure(figsize=(9.6, 6.2))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     left, width, height = 2.35, 7.3, 0.62
@@ -539,7 +481,7 @@ def draw_house() -> Figure:
     ax.text(
         left + width + 0.42,
         top / 2,
-        "imports point down",
+        "imports point down, and to the right",
         rotation=-90,
         va="center",
         color="#555555",

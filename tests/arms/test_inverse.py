@@ -38,7 +38,7 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(seed: int, count: 
     with tempfile.TemporaryDirectory() as folder:
         path = random_chain(Path(folder), seed, count)
         arm = Arm.from_urdf(path)
-        q, near = rng.uniform(*arm._ranges(), (2, arm.dof))
+        q, near = rng.uniform(*arm.ranges(), (2, arm.dof))
         pose, tolerance = (
             pose_of(path, "tool0", dict(zip(arm.joints, q, strict=True))),
             (1e-3, 1e-2),
@@ -77,7 +77,7 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path: Path)
     refused = 0
     for seed in range(40):
         arm = Arm.from_urdf(random_chain(tmp_path, seed, 2 + seed % 6))
-        for q in np.random.default_rng(seed).uniform(*arm._ranges(), (5, arm.dof)):
+        for q in np.random.default_rng(seed).uniform(*arm.ranges(), (5, arm.dof)):
             refused += not len(
                 _solutions_or_none(arm, arm.pose(q, "tool0"), (1e-4, 1e-3), arm.configuration())
             )
@@ -99,7 +99,7 @@ def test_poses_of_real_arms_are_reached_by_pinocchio(data: Path, name: str, fram
         pin.framesForwardKinematics(model, state, theirs)
         return np.array(state.oMf[number].homogeneous)
 
-    for q in np.random.default_rng(1).uniform(*arm._ranges(), (100, arm.dof)):
+    for q in np.random.default_rng(1).uniform(*arm.ranges(), (100, arm.dof)):
         pose = pose_by_pinocchio(q)
         solutions = arm.inverse(frame, pose, max_solutions=4)
         assert ((solutions >= arm.lower) & (solutions <= arm.upper)).all()
@@ -163,7 +163,7 @@ def test_nearly_all_branches_of_a_ur5_are_found(data: Path) -> None:
 
 def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
     arm = Arm.from_urdf(random_chain(tmp_path, 3, 8))
-    pose = arm.pose(np.random.default_rng(3).uniform(*arm._ranges()), "tool0")
+    pose = arm.pose(np.random.default_rng(3).uniform(*arm.ranges()), "tool0")
     first = arm.inverse("tool0", pose, seed=5)
     np.testing.assert_array_equal(arm.inverse("tool0", pose, seed=5), first)
     np.testing.assert_array_equal(
@@ -260,7 +260,7 @@ def test_held_joints_stay_where_they_are_held(tmp_path: Path) -> None:
     path = random_chain(tmp_path, 12, 7)
     whole = Arm.from_urdf(path)
     arm = Arm.from_urdf(path, joints=whole.joints[1:], held_joints={whole.joints[0]: 0.4})
-    q = np.random.default_rng(4).uniform(*arm._ranges())
+    q = np.random.default_rng(4).uniform(*arm.ranges())
     pose = pose_of(path, "tool0", dict(zip(whole.joints, (0.4, *q), strict=True)))
     for each in arm.inverse("tool0", pose):
         assert (

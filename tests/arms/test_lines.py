@@ -202,7 +202,7 @@ def bound_line(
     """Return the bounds of deviation and angle on a motion, and the largest values halfway through
     its parts."""
     (line,) = make_lines(ends)
-    branch, tool = arm._branch_to("tool0")
+    branch, tool = arm.branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
     scratch = LineScratch(make_pose_scratch(branch), *waypoints.copy(), np.empty(6))
     problem = LineProblem(line, pose, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
@@ -224,7 +224,7 @@ def test_bounds_hold_for_any_motion_and_line(
     with tempfile.TemporaryDirectory() as folder:
         path = random_chain(Path(folder), seed, count)
         arm = Arm.from_urdf(path)
-        poses, ranges = poses_by_urdf(path, arm), arm._ranges()
+        poses, ranges = poses_by_urdf(path, arm), arm.ranges()
         q0 = rng.uniform(*ranges)
         q1 = (q0 + size * rng.normal(size=arm.dof)).clip(*ranges)
         ends = poses(np.array([q0, (q0 + size * rng.normal(size=arm.dof)).clip(*ranges)]))
@@ -256,7 +256,7 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(seed: int, count: int, size
         path = random_chain(Path(folder), seed, count)
         arm = Arm.from_urdf(path)
         poses = poses_by_urdf(path, arm)
-        center, step = rng.uniform(*arm._ranges()), size * rng.uniform(-1.0, 1.0, arm.dof)
+        center, step = rng.uniform(*arm.ranges()), size * rng.uniform(-1.0, 1.0, arm.dof)
         before, middle, after = poses(center + 1e-5 * step * np.array([[-1.0], [0.0], [1.0]]))
         velocity = (after - before)[:3, 3] / 2e-5
         spin = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec() / 2e-5

@@ -217,7 +217,7 @@ def assert_equal_answers(space: ArmSpace, new: ArmSpace, seed: int = 0) -> None:
     assert repr(space) == repr(new) and list(space.obstacles) == list(new.obstacles)
     for q in points[:3]:
         assert space.obstacle_distance(q) == new.obstacle_distance(q)
-        if len(new._outer_scene.pairs):
+        if len(new.snapshot.outer.pairs):
             one, other = space.closest(q), new.closest(q)
             assert one[:3] == other[:3]
             np.testing.assert_array_equal(one.points, other.points)

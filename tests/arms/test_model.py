@@ -47,7 +47,7 @@ def test_poses_and_joint_order_agree_with_pinocchio(data: Path, name: str) -> No
     model = pin.buildModelFromUrdf(str(urdf), mimic=True)
     arm, state = Arm.from_urdf(urdf), model.createData()
     assert arm.joints == tuple(each for each in list(model.names)[1:] if each in arm.joints)
-    q = np.random.default_rng(0).uniform(*arm._ranges(), (2, 3, arm.dof))
+    q = np.random.default_rng(0).uniform(*arm.ranges(), (2, 3, arm.dof))
     poses = {frame: arm.pose(q, frame) for frame in arm.frames}
     indices = [model.joints[model.getJointId(each)].idx_q for each in arm.joints]
     for row in np.ndindex(2, 3):
@@ -463,7 +463,7 @@ def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None
     """A factor of zero, or a pinion that is held, leaves the rack where it is."""
     still = Arm.from_urdf(write_rack(tmp_path, 0.0))
     space = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 0.8, 0.5, 1.0)}, still)
-    assert still._whole_turns.all() and np.isfinite(still.chain.lengths).all()
+    assert still.whole_turns.all() and np.isfinite(still.chain.lengths).all()
     assert space.is_free((0.0,)) and not space.is_free((0.5,))
     np.testing.assert_allclose(still.pose((7.0,), "c")[:3, 3], (0.3, 0, 0))
     path = write_rack(tmp_path, 0.01)

@@ -214,9 +214,9 @@ REFUSED_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
     "export of both to the plane": (
         ["export", "both.zarr", "new.yaml"],
-        ["new.yaml", "a ROS map is plane"],
+        ["new.yaml", ".yaml holds maps of the plane only"],
     ),
-    "export of the plane": (["export", "plane.zarr", "new.stl"], ["a mesh in space", ".vti"]),
+    "export of the plane": (["export", "plane.zarr", "new.stl"], [".stl holds maps in space only", ".vti"]),
     "export at a yaw": (
         ["export", "plane.zarr", "new.npz", "--rotation", "1"],
         ["--rotation", "the map has no rotations"],

@@ -5,8 +5,7 @@ import inspect
 import pytest
 
 from cspace import Arm, FileError, Robot, Workspace
-from cspace.files.formats import WORKSPACE_FORMATS
-from cspace.robot import _files as robot_files
+from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from tests.helpers.urdfs import joint, link, write_urdf
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
@@ -21,7 +20,7 @@ def open_workspace(path):
 
 READERS = {
     **{f"workspace{suffix}": open_workspace for suffix in WORKSPACE_FORMATS if suffix != ".zarr"},
-    **{f"robot{suffix}": Robot.open for suffix in robot_files()},
+    **{f"robot{suffix}": Robot.open for suffix in ROBOT_FORMATS},
     "arm.urdf": Arm.from_urdf,
 }
 

@@ -9,7 +9,7 @@ import zarr
 
 import cspace
 from cspace import Arm, CspaceError, FileError, Mesh, Robot, Workspace
-from cspace.files.access import suggest_name
+from cspace.files.access import suggest_file
 from tests.helpers.commands import run
 
 Reader = Callable[[Path], object]
@@ -43,8 +43,8 @@ def test_the_error_names_the_nearest_file_of_the_folder(case: str, tmp_path: Pat
 def test_no_name_is_suggested_if_none_is_similar(tmp_path: Path) -> None:
     (tmp_path / "floor.yaml").touch()
     for missing in ("quite-another.stl", "no folder/floor.yaml", "x" * 5000):
-        assert suggest_name(tmp_path / missing) == ""
-    assert suggest_name(tmp_path / "floor.yaml") == ""  # it exists
+        assert suggest_file(tmp_path / missing, "hint") == "hint"
+    assert suggest_file(tmp_path / "floor.yaml", "hint") == "hint"  # it exists
     with pytest.raises(CspaceError, match=r"does not exist; .*; check the name and the folder"):
         Workspace.open(tmp_path / "quite-another.yaml")
 
@@ -56,7 +56,9 @@ def test_a_missing_chunk_takes_no_search_for_a_similar_name(
     array = zarr.create_array(tmp_path / "cells.zarr", shape=(8, 8), chunks=(4, 4), dtype=bool)
     array[:] = True
     next(path for path in (tmp_path / "cells.zarr" / "c").rglob("1") if path.is_file()).unlink()
-    monkeypatch.setattr("cspace.files.access.suggest_name", lambda path: pytest.fail(str(path)))
+    monkeypatch.setattr(
+        "cspace.files.access.suggest_file", lambda path, hint: pytest.fail(str(path))
+    )
     with pytest.raises(FileError, match="chunk"):
         np.asarray(Workspace.open(tmp_path / "cells.zarr", spacing=0.1).outer)
 

@@ -162,9 +162,9 @@ def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, d
         read = read_moveit_scene(write_scene(tmp_path, *objects))
         assert read.obstacles.keys() == expected.keys()
         spaces = build_arm_space(read, arm), build_arm_space(expected, arm)
-        points = rng.uniform(*arm._ranges(), (300, arm.dof))
+        points = rng.uniform(*arm.ranges(), (300, arm.dof))
         points[0, : len(each["start"])] = each["start"]
-        points[0] = arm._clamp(points[0])
+        points[0] = arm.clamp(points[0])
         states = [np.asarray(space.classify(points)) for space in spaces]
         assert (states[0] == states[1]).all() and len(set(states[0].tolist())) > 1
 

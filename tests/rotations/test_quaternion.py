@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import Rotations
-from cspace.rotations.quaternion import QUOTIENT_SLACK
+from cspace.rotations.lookup import QUOTIENT_SLACK
 from tests.helpers.handmade import half_turns
 from tests.helpers.placements import draw_quaternions
 
