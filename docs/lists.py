@@ -18,7 +18,7 @@ MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOT
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 FOR_PLANNERS = (
-    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, "
+    "check_bounds, check_endpoint, clearance_along, dim, distance_unit, drawable, find_goals, find_unusable, "
     "has_cells, has_poses, in_memory, is_labelled, length_unit, max_velocity, "
     "obstacle_distance_along, path_exists, resolution, search, searches, steps_between, subproblems"
 )

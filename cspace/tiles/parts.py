@@ -53,7 +53,8 @@ class OpenTiles:
 
     def part(self, index: Index) -> CSpace:
         """Return a tile, with its halo in the grid, as a map in memory."""
-        return self.tile(index)[1]
+        space: CSpace = self.tile(index)[1]
+        return space
 
     @cached_property
     def frame(self) -> CSpace:
