@@ -16,7 +16,7 @@ from pathlib import Path
 from numba.core import event
 
 from cspace.cli import app
-from cspace.cli.compile import JOBS
+from cspace.cli.jobs import JOBS
 
 DEMO = "demo"
 """The job that is a command."""

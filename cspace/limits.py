@@ -80,7 +80,7 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     number of stored slices; 1 for a robot that only translates. ``overlap`` says whether overlap
     counts are stored.
     """
-    cells = count_cells(shape) * slices
+    cells = math.prod(map(int, shape)) * slices
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
@@ -116,12 +116,8 @@ def raised_limits(**limits: int) -> Iterator[None]:
     """
     for name, value in limits.items():
         if name not in Limits._fields:
-            raise InputError(
-                name,
-                f"is {value}",
-                f"the limits are {', '.join(Limits._fields)}",
-                "correct the name",
-            )
+            rule = f"the limits are {', '.join(Limits._fields)}"
+            raise InputError(name, f"is {value}", rule, "correct the name")
     token = _LIMITS.set(_LIMITS.get()._replace(**limits))
     try:
         yield
@@ -154,7 +150,7 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
     Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit
     into memory.
     """
-    count = count_cells(shape)
+    count = math.prod(map(int, shape))
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
     limit = f"{_LIMITS.get().max_cells:.4g}"
     _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit, tuple(shape))
@@ -232,11 +228,6 @@ def bytes_text(size: float) -> str:
     return ""
 
 
-def count_cells(shape: Sequence[int]) -> int:
-    """Return the number of cells, as an integer of any size."""
-    return math.prod(map(int, shape))
-
-
 def _container_bytes() -> float:
     """Return the memory left by a container's limit, which psutil ignores.
 
@@ -264,10 +255,6 @@ def _check_limit(
 ) -> None:
     """Raise FileError if a value exceeds a limit of files."""
     if size > getattr(_LIMITS.get(), limit):
-        hint = (
-            f"raise it with cspace.raised_limits({limit}={size}), if the file is meant to "
-            "be so large"
-        )
-        raise FileError(
-            os.fspath(path), problem, f"at most {limit_text} are read", hint, value=value
-        )
+        hint = f"raise it with cspace.raised_limits({limit}={size}), if the file may be so large"
+        rule = f"at most {limit_text} are read"
+        raise FileError(os.fspath(path), problem, rule, hint, value=value)

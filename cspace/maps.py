@@ -422,7 +422,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
 
     @abstractmethod

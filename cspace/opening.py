@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cspace.errors import FileError
 from cspace.files.access import inspect_path, suggest_file
-from cspace.record.save import TILES_FORMAT, making_map, read_format, read_map
+from cspace.record.save import TILES_FORMAT, making_map, read_format, read_map_and_attributes
 from cspace.space import CSpace
 from cspace.support.arrays import StrPath
 
@@ -48,7 +48,7 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
         from cspace.tiles.space import TiledCSpace
 
         return TiledCSpace.open(path)
-    contents = read_map(path)
+    contents, _ = read_map_and_attributes(path)
     with making_map(path):
         return CSpace(contents)
 

@@ -122,7 +122,7 @@ class CSpace(ConfigurationMap, MapExport):
         # Updates write to the states of the contents; everything else reads this view.
         self._seen: States = read_only(contents.states)
         self._slice_of = contents.slice_of
-        self._lock: AbstractContextManager[Any] = threading.RLock()
+        self.lock: AbstractContextManager[Any] = threading.RLock()
         if rasters is not None:
             vars(self)["_rasters"] = list(rasters)
 
@@ -191,7 +191,7 @@ class CSpace(ConfigurationMap, MapExport):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
         grid, rotations, states, counts = self.grid, self.rotations, self._seen, self.overlap_counts
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
@@ -209,7 +209,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def __reduce__(self) -> tuple[type[CSpace], tuple[Any, ...]]:
         """Copy or pickle the contents of the map, without caches and locks."""
-        with self._lock:  # an update waits
+        with self.lock:  # an update waits
             layers = None if self._layers is None else self._layers.copy()
             return type(self), (self._contents.copy(), None, layers)
 
@@ -259,7 +259,7 @@ class CSpace(ConfigurationMap, MapExport):
         -------
         bool or ndarray of bool, shape (...)
         """
-        with self._lock:  # the sums are consistent only before and after an update
+        with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
         inside: Bools = (
@@ -330,7 +330,7 @@ class CSpace(ConfigurationMap, MapExport):
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
         """Return whether two configurations are connected or disconnected; see the base class."""
-        with self._lock:  # an update changes the components
+        with self.lock:  # an update changes the components
             try:
                 places = self._look_up_place(*q0), self._look_up_place(*q1)
             except (TypeError, ValueError):
@@ -429,7 +429,7 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If the configuration is not FREE, or not in the grid.
         """
-        with self._lock:  # an update changes the components
+        with self.lock:  # an update changes the components
             first, last = self._components.box(self._cells_of(self._in_grid(q, "q", free=True)))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
@@ -899,7 +899,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         self._check_whole()
         patch = Patch.of(self.grid, cells, lower, inner)
-        with self._lock:
+        with self.lock:
             return self._updates.update(patch)
 
     def add_obstacle(
@@ -975,7 +975,7 @@ class CSpace(ConfigurationMap, MapExport):
             raise InputError(
                 "shape", f"is in {obstacle.place}", rule, "pass another shape", value=shape
             )
-        with self._lock:
+        with self.lock:
             return self._updates.set_obstacle(name, obstacle)
 
     def remove_obstacle(self, name: str) -> Update:
@@ -994,7 +994,7 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If there is no obstacle of that name.
         """
-        with self._lock:
+        with self.lock:
             named = self.obstacles
             if name not in named:
                 rule = (
@@ -1010,7 +1010,7 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def obstacles(self) -> dict[str, Shape]:
         """The named obstacles at their current positions; a copy."""
-        with self._lock:
+        with self.lock:
             named = {} if self._layers is None else self._layers.named
             return {name: each.shape for name, each in named.items()}
 
@@ -1051,7 +1051,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         No update runs meanwhile. With ``exterior``, the exterior's states are included.
         """
-        with self._lock:
+        with self.lock:
             write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
@@ -1127,7 +1127,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         needed = BYTES_PER_CELL * self._seen.size
         check_memory(needed, "the map, with the clearance of its cells,", self.grid)
-        return DistanceMap(self._seen, self._exterior.table, self._lock)
+        return DistanceMap(self._seen, self._exterior.table, self.lock)
 
     @lazy
     def _robot_rows(self) -> RobotRows:
@@ -1188,7 +1188,7 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- queries of rows -------------------------------------------------------------------------
 
     def _at_one_moment(self) -> AbstractContextManager[Any]:
-        return self._lock
+        return self.lock
 
     def find_unusable(self, rows: Floats) -> int:
         """Return the index of the first unusable configuration of rows (n, size), or -1."""

@@ -518,6 +518,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
+        check_extent(spacing, bounds, 2)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
         named = (
@@ -566,6 +567,7 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
+        check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
@@ -641,6 +643,7 @@ class Workspace(WorkspacePlot):
         from cspace.files.points import read_points
 
         named = isinstance(points, str | os.PathLike)
+        check_extent(spacing, bounds if named else None, 3)
         cloud = Balls.of(
             read_points(points) if isinstance(points, str | os.PathLike) else points, radius
         )
@@ -718,6 +721,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.shapes.scenes import read_scene_shapes
 
+        check_extent(spacing, bounds, 3)
         return cls._of(
             read_scene_shapes(path, package_dirs), spacing, bounds, str(path), "planning scene"
         )
@@ -876,6 +880,13 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
     """Return the parameters of a reader except the path."""
     return dict(list(inspect.signature(reader).parameters.items())[1:])
+
+
+def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
+    """Check the spacing and the bounds of a map before a file is read."""
+    check_positive(spacing, "spacing")
+    if bounds is not None:
+        check_bounds(bounds, dim)
 
 
 def covering_shape(corners: Floats, spacing: float) -> list[int]:

@@ -25,11 +25,12 @@ FOR_PLANNERS = (
 """What planners ask of maps and arms; the page of Space describes it."""
 
 INSIDE = {
-    **dict.fromkeys(("CSpace", "TiledCSpace", "ArmSpace"), FOR_PLANNERS),
-    "Mesh": "cells, check_origin, is_same, measure, rasters",
+    **dict.fromkeys(("CSpace", "TiledCSpace"), f"{FOR_PLANNERS}, facts"),
+    "ArmSpace": FOR_PLANNERS,
+    "Mesh": "cells, check_origin, facts, is_same, measure, rasters",
     "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
     "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "
-    "examples, facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "
+    "facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "
     "from_matrix, from_stored_arrays, leading_axes, limits, make_canonical, make_lookups, "
     "make_matrices, make_shape_cells, neighbors, of_stored_arrays, of_value, only_rotation, preserve, rotate, "
     "rotation_between, rotation_matrices, sample, sample_near, slack, split_configurations, steps_between, "

@@ -91,7 +91,7 @@ def test_repr_is_short() -> None:
     ({"spacing": 0.0}, "spacing is 0.0"),
     ({"spacing": -0.1}, "spacing is -0.1"),
     ({"spacing": float("nan")}, "spacing is nan"),
-    ({"lower": (0.0, 0.0, 0.0)}, "lower is .* must have 2 coordinates"),
+    ({"lower": (0.0, 0.0, 0.0)}, "lower has shape .* must be 2 numbers"),
     ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
     ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
     ({"inner": np.ones((2, 3), dtype=bool)}, r"has cell \(0, 2\)"),

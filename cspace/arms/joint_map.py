@@ -240,7 +240,7 @@ class JointMap(CSpace):
 
     def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
         """Copy or pickle the contents and the geometry."""
-        with self._lock:  # an update waits
+        with self.lock:  # an update waits
             (contents, _, layers) = super().__reduce__()[1]
             return type(self), (contents, self._geometry, layers)
 

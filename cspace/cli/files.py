@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import csv
-import os
 import shutil
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cspace.errors import FileError, InputError
 
 if TYPE_CHECKING:
-    from cspace.space import CSpace
-    from cspace.tiles.space import TiledCSpace
+    pass
 
 
-def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
+def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
     """Check that output files, and images written beside them, can be written.
 
     Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
@@ -25,24 +23,19 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     """
     from cspace.files.access import check_output
 
-    for path in paths:
-        if path.suffix.lower() not in suffixes:
-            hint = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
-            raise InputError(
-                str(path),
-                f"ends in {path.suffix!r}",
-                "the suffix says what to write",
-                hint,
-                value=path,
-            )
-        image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
-        for target in (path, *image):
-            check_output(target, overwrite)
-    if len({path.resolve() for path in paths}) < len(paths):
-        names = ", ".join(map(str, paths))
-        raise InputError(
-            names, "name a file twice", "they must differ", "choose another name", value=paths
-        )
+    outputs = [path for path in paths if path is not None]
+    for path in outputs:
+        suffix = path.suffix.lower()
+        if suffix not in suffixes:
+            problem, rule = f"ends in {path.suffix!r}", "the suffix says what to write"
+            hint = f"use one of {', '.join(filter(None, suffixes))}"
+            raise InputError(str(path), problem, rule, hint, value=path)
+        check_output(path, overwrite)
+        if suffix in (".yaml", ".yml"):
+            check_output(path.with_suffix(".pgm"), overwrite)
+    if len({path.resolve() for path in outputs}) < len(outputs):
+        names, hint = ", ".join(map(str, outputs)), "choose another name"
+        raise InputError(names, "name a file twice", "they must differ", hint, value=paths)
 
 
 def check_folder(folder: Path) -> None:
@@ -50,12 +43,10 @@ def check_folder(folder: Path) -> None:
 
     Raise FileError otherwise.
     """
-    existing = folder
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        problem = f"cannot be written: {existing.resolve()} is not a writable folder"
-        raise FileError(str(folder), problem, "outputs need a writable folder", "choose another")
+    from cspace.files.access import check_output
+
+    existing = next(each for each in (folder, *folder.parents) if each.exists())
+    check_output(existing / folder.name, overwrite=True)
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
@@ -65,42 +56,39 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     configurations under ``path``. Raises FileError if the file cannot be read, has no path, or has
     other axes than ``axes``.
     """
+    import numpy as np
+
     hint = "write a path on this map with cspace plan"
     try:
-        names, rows = _read_table(file)
-        points = [[float(value) for value in row] for row in rows]
-        if any(len(point) != len(points[0]) for point in points):
-            raise ValueError
-    except (ValueError, TypeError, KeyError, csv.Error) as error:
-        rule = (
-            f"it must be CSV with the columns {', '.join(axes)}, or JSON with such rows under path"
-        )
+        names, rows = _read_table(file, axes)
+        points = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError, KeyError, AttributeError, csv.Error) as error:
+        columns = ", ".join(axes)
+        rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
         raise FileError(str(file), "has no path", rule, hint) from error
-    if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
-        problem = f"has {', '.join(names) or f'{len(points[0])} columns'}"
-        raise FileError(str(file), problem, f"the map's axes are {', '.join(axes)}", hint)
-    if not points:
+    if names != list(axes):
+        problem, rule = f"has {', '.join(names)}", f"the map's axes are {', '.join(axes)}"
+        raise FileError(str(file), problem, rule, hint)
+    if not len(points):
         raise FileError(str(file), "has no configuration", "a path has at least one", hint)
-    return points
+    if points.shape[1:] != (len(axes),):
+        problem, rule = f"has an array {points.shape}", f"the map's axes are {', '.join(axes)}"
+        raise FileError(str(file), problem, rule, hint)
+    return [list(row) for row in points.tolist()]
 
 
-def _read_table(file: Path) -> tuple[tuple[str, ...], Any]:
-    """Return the column names, if any, and the rows of a path."""
+def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
+    """Return the names of the columns, by default ``axes``, and the rows of a path."""
     from cspace.files.access import read_text
     from cspace.files.plain import read_json
 
     if file.suffix.lower() == ".json":
         record = read_json(file, "path")
-        if not isinstance(record, dict):
-            raise ValueError
-        return tuple(record.get("axes", ())), record["path"]
-    rows = list(csv.reader(read_text(file, "path").splitlines()))
+        return list(record.get("axes", axes)), record["path"]
+    reader = csv.DictReader(read_text(file, "path").splitlines(), restval="")
     # The path of a car has an additional column: its direction of driving.
-    columns = [index for index, name in enumerate(rows[0] if rows else ()) if name != "direction"]
-    names = tuple(rows[0][index] for index in columns)
-    return names, [
-        [row[index] for index in columns] if len(row) == len(rows[0]) else row for row in rows[1:]
-    ]
+    names = [name for name in reader.fieldnames or () if name != "direction"]
+    return names, [[row[name] for name in names] for row in reader]
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
@@ -128,18 +116,13 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
     return {} if options.get("solid") == "fill" else {"lazy": True}
 
 
-def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
+def select_window(space: Any, box: Sequence[float] | None) -> Any:
     """Return a map in memory, or a window of a tiled map.
 
     Raises InputError if the map is tiled and ``box`` is None, or the other way round.
     """
-    from cspace.tiles.space import TiledCSpace
-
-    if isinstance(space, TiledCSpace):
-        if box is None:
-            hint = "select a part with --window"
-            raise InputError("MAP", "is a tiled map", "export needs it in memory", hint)
-        return space.window(box[: len(box) // 2], box[len(box) // 2 :])
-    if box is not None:
-        raise InputError("window", "is given", "it is for tiled maps", "omit it", value=box)
-    return space
+    if space.in_memory != (box is None):
+        problem = "is missing" if box is None else "is given"
+        rule = "export writes parts of tiled maps, and whole maps in memory"
+        raise InputError("window", problem, rule, value=box)
+    return space if box is None else space.window(box[: len(box) // 2], box[len(box) // 2 :])

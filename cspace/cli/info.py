@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -31,14 +29,6 @@ if TYPE_CHECKING:
 
 FileKind = Literal["map", "workspace", "robot", "arm"]
 """Kind of object in a file."""
-
-_KIND_NAMES: Final = {
-    "map": "a saved map",
-    "workspace": "a workspace",
-    "robot": "a robot",
-    "arm": "an arm",
-}
-"""Text for each kind."""
 
 _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "map": (),
@@ -79,7 +69,7 @@ def info(
 
     kind = kind or _guess_kind(file)
     options = drop_none(spacing=spacing, solid=solid, srdf=srdf, package_dirs=package_dirs or None)
-    refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is {_KIND_NAMES[kind]}")
+    refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
     if spacing is not None:
         check_positive(spacing, "spacing")
     if kind == "map":
@@ -124,50 +114,41 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
             joints[joint] = "continuous"
         else:
             joints[with_unit(joint, unit)] = [low, high]
-    triangles = {
-        link.name: sum(len(part.shape.outer.surface[1]) for part in link.parts)
-        for link in arm.links
-    }
-    pairs = list(combinations(sorted(triangles), 2))
-    allowed = sum(pair in arm.allowed_collisions for pair in pairs)
-    named = ByName({name: q.tolist() for name, q in arm.named_configurations.items()})
-    return {
+    triangles = ByName()
+    for link in arm.links:
+        triangles[link.name] = sum(len(part.shape.outer.surface[1]) for part in link.parts)
+    allowed = sum(triangles.keys() >= set(pair) for pair in arm.allowed_collisions)
+    forbidden = math.comb(len(triangles), 2) - allowed
+    document = {
         "arm": arm.name,
         "dof": arm.dof,
         "joints": joints,
-        "triangles_of_links": ByName(triangles),
-        "pairs_of_links": {"may_touch": allowed, "may_not_touch": len(pairs) - allowed},
-        **(
-            {"groups": ByName({name: list(members) for name, members in arm.groups.items()})}
-            if arm.groups
-            else {}
-        ),
-        **({"named_configurations": named} if named else {}),
+        "triangles_of_links": triangles,
+        "pairs_of_links": {"may_touch": allowed, "may_not_touch": forbidden},
     }
+    if arm.groups:
+        document["groups"] = ByName({name: list(group) for name, group in arm.groups.items()})
+    if arm.named_configurations:
+        named = {name: q.tolist() for name, q in arm.named_configurations.items()}
+        document["named_configurations"] = ByName(named)
+    return document
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
     """Describe a map: its robot, grid, rotations and cheap counts."""
     grid = space.grid
-
-    def corner(name: str, numbers: Sequence[float]) -> dict[str, Any]:
-        """Return a corner as a list, or by axis if units differ."""
-        if len(set(grid.units)) == 1:
-            return {with_unit(name, grid.unit): list(numbers)}
-        names = [with_unit(axis, unit) for axis, unit in zip(grid.axes, grid.units, strict=True)]
-        return {name: dict(zip(names, numbers, strict=True))}
-
+    joints = {} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}
     return {
         "robot": space.robot.name,
-        **({} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}),
-        **corner("lower", grid.lower),
-        **corner("upper", grid.upper),
+        **joints,
+        with_unit("lower", grid.unit): list(grid.lower),
+        with_unit("upper", grid.unit): list(grid.upper),
         with_unit("spacing", grid.unit): grid.spacing,
         "shape": list(grid.shape),
         "outside": space.outside,
         "margin_m": space.margin,
         **space.rotations.facts,
-        **space._facts,
+        **space.facts,
     }
 
 
@@ -181,16 +162,16 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     from cspace.workspace import covering_shape
 
     shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
-    corners = np.array(shapes["outer"].bounds)
-    facts = {
+    described = {
         name: {**describe_box(np.array(shape.bounds)), **shape.facts}
         for name, shape in shapes.items()
     }
-    return {
-        "robot": robot.name,
-        **(facts["outer"] if shapes["inner"] is shapes["outer"] else facts),
-        **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
-    }
+    if robot.shape.inner is robot.shape.outer:
+        described = described["outer"]
+    document: dict[str, Any] = {"robot": robot.name, **described}
+    if spacing is not None:
+        document["cells_across"] = covering_shape(np.array(robot.shape.outer.bounds), spacing)
+    return document
 
 
 def describe_box(corners: Any) -> dict[str, Any]:
@@ -211,10 +192,10 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     from cspace.workspace import Workspace, covering_shape, reader_of
 
     kind = reader_of(path, options).__name__
-    if kind not in _SHAPE_READERS:
+    if kind not in ("from_mesh", "from_points", "from_polygons"):
         return {"workspace": str(path), **_describe_cells(Workspace.open(path, **options))}
     spacing = options.pop("spacing", None)
-    corners, facts = _SHAPE_READERS[kind](path, **options)
+    corners, facts = _measure_shapes(kind, path, **options)
     document = {"workspace": str(path), **describe_box(corners), **facts}
     if spacing is not None:
         shape = covering_shape(corners, spacing)
@@ -222,40 +203,27 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _read_mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+    """Return the bounding box of the shapes in a file, and facts about them.
+
+    ``kind`` is the constructor of a workspace that reads it.
+    """
     import numpy as np
-
-    from cspace.shapes import Mesh
-
-    mesh = Mesh.of(path, solid)
-    return np.array(mesh.bounds), mesh.facts
-
-
-def _read_points(path: Path) -> tuple[Any, dict[str, Any]]:
-    import numpy as np
-
-    from cspace.files.points import read_points
-
-    points = read_points(path)
-    return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
-
-
-def _read_polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     import shapely
 
+    from cspace.files.points import read_points
     from cspace.files.vector import read_shapes
+    from cspace.shapes import Mesh
 
+    if kind == "from_mesh":
+        mesh = Mesh.of(path, solid)
+        return np.array(mesh.bounds), mesh.facts
+    if kind == "from_points":
+        points = read_points(path)
+        return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
     shapes = read_shapes(path)
-    points = int(shapely.get_num_coordinates(shapes).sum())
-    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": points}
-
-
-_SHAPE_READERS: Final[dict[str, Callable[..., tuple[Any, dict[str, Any]]]]] = {
-    "from_mesh": _read_mesh,
-    "from_points": _read_points,
-    "from_polygons": _read_polygons,
-}
-"""Readers of files of shapes, by the constructor of a workspace."""
+    count = int(shapely.get_num_coordinates(shapes).sum())
+    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": count}
 
 
 def _describe_cells(workspace: Workspace) -> dict[str, Any]:
@@ -265,12 +233,11 @@ def _describe_cells(workspace: Workspace) -> dict[str, Any]:
     """
     import numpy as np
 
-    grid = workspace.grid
-    occupied, unknown = workspace.outer, workspace.unknown
+    grid, occupied = workspace.grid, workspace.outer
     cells = {}
-    if unknown is not None:
-        cells["unknown"] = int(np.count_nonzero(unknown))
-        occupied = occupied & ~unknown
+    if workspace.unknown is not None:
+        cells["unknown"] = int(np.count_nonzero(workspace.unknown))
+        occupied = occupied & ~workspace.unknown
     cells["occupied"] = int(np.count_nonzero(occupied))
     return {
         **describe_box(np.array([grid.lower, grid.upper])),

@@ -26,7 +26,6 @@ from cspace.cli.options import (
     SolidMesh,
     Srdf,
     Unknown,
-    check_dimensions,
     drop_none,
     open_robot,
     parse_box,
@@ -38,11 +37,10 @@ from cspace.cli.options import (
     refuse_options,
 )
 from cspace.cli.report import Clock, show
-from cspace.support.words import Method, Outside
+from cspace.support.words import Outside
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
-    from cspace.builder import BuildOptions
     from cspace.space import CSpace
     from cspace.tiles.space import TiledCSpace
 
@@ -54,10 +52,8 @@ def make(
             metavar="WORKSPACE",
             readable=False,
             help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In "
-            "space: a mesh (.stl, "
-            ".obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
-            ".pcd, .ply). "
-            "Either: .npy.",
+            "space: a mesh (.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or "
+            "points (.xyz, .csv, .pcd, .ply). Either: .npy.",
         ),
     ],
     robot: Annotated[
@@ -120,23 +116,12 @@ def make(
     margin: Annotated[
         float, typer.Option(metavar="METRES", help="Grow the robot by this much.")
     ] = 0.0,
-    inner: Annotated[
-        bool,
-        typer.Option(
-            "--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED."
-        ),
-    ] = True,
-    counts: Annotated[
-        bool, typer.Option("--counts", help="Keep the overlap counts in the map.")
-    ] = False,
-    method: Annotated[Method, typer.Option(help="The engine; the map is the same.")] = "auto",
     tile: Annotated[
         int | None,
         typer.Option(
             metavar="CELLS",
             help="Build tile by tile, each so many cells along an axis, for maps larger than "
-            "memory; the same command "
-            "goes on where it was stopped.",
+            "memory; the same command goes on where it was stopped.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -144,10 +129,8 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.files.formats import read_dimension
     from cspace.record.save import MAP_SUFFIXES
-    from cspace.support.check import check_positive
-    from cspace.workspace import Workspace, reader_of
+    from cspace.workspace import Workspace
 
     cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
@@ -157,34 +140,19 @@ def make(
         prepare_store(output, overwrite)
     box = None if bounds is None else parse_box(bounds, "bounds")
     options = drop_none(spacing=spacing, unknown=unknown, bounds=box, solid=solid, radius=radius)
-    if spacing is not None:
-        check_positive(spacing, "spacing")
     clock = Clock()
     with clock.step("read"):
         shape = open_robot(robot, robot_solid, package_dirs)
-        reader_of(workspace, options)
-        check_dimensions(workspace, read_dimension(workspace), shape, cells)
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
-    settings: BuildOptions = {
-        "rotations": cells,
-        "inner": inner,
-        "counts": counts,
-        "method": method,
-        "outside": outside,
-        "margin": margin,
-    }
-    space: CSpace | TiledCSpace
+    settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
     if tile is not None:
-        with clock.step("build") as progress:
-            settings["progress"] = progress
-            space = build(obstacles, shape, store=output, tile=tile, **settings)
-    else:
-        with clock.step("build") as progress:
-            settings["progress"] = progress
-            space = made = build(obstacles, shape, **settings)
+        settings |= {"store": output, "tile": tile}
+    with clock.step("build") as progress:
+        space: Any = build(obstacles, shape, progress=progress, **settings)
+    if tile is None:
         with clock.step("save"):
-            made.save(output, overwrite=overwrite)
+            space.save(output, overwrite=overwrite)
     show({"map": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
 
 
@@ -199,10 +167,6 @@ def picture(
     path: PathFile = None,
     start: Mark = None,
     goal: Mark = None,
-    robot_every: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen]."),
-    ] = None,
     rotation: Annotated[
         str | None,
         typer.Option(
@@ -224,12 +188,6 @@ def picture(
         float | None,
         typer.Option(
             metavar="TIMES", help="Show a part only, so many times larger, around --center."
-        ),
-    ] = None,
-    surface: Annotated[
-        Literal["obstacles", "free"] | None,
-        typer.Option(
-            help="What 3d shows: obstacles, or the border of the free space  [default: obstacles]."
         ),
     ] = None,
     cut: Annotated[
@@ -255,16 +213,16 @@ def picture(
     with clock.step("read"):
         space = open_map(file)
         axes, units, dim = space.axes, space.units, space.grid.dim
-        options = drop_none(view=view, zoom=zoom, surface=surface, cut=cut)
+        options = drop_none(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
-            options["rotation"] = parse_rotation(rotation, "rotation", axes)
+            options["rotation"] = parse_rotation(rotation, "rotation", space)
         if center is not None:
             options["center"] = parse_configuration(center, "center", axes[:dim], units[:dim])
         if path is not None:
             options["path"] = read_path(path, axes)
     with clock.step("draw"):
-        save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
+        save_plot(space, output, overwrite, dpi=dpi, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
 
@@ -309,7 +267,7 @@ def export(
         space = select_window(open_map(file), box)
         options = {}
         if rotation is not None:
-            options["rotation"] = parse_rotation(rotation, "rotation", space.axes)
+            options["rotation"] = parse_rotation(rotation, "rotation", space)
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)

@@ -13,9 +13,9 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.arms import Arm
+    from cspace.maps import ConfigurationMap
     from cspace.robot import Robot
     from cspace.rotations import Rotations
-
 
 Unknown = Literal["occupied", "free"]
 """State of unknown cells in a sensor map."""
@@ -111,15 +111,6 @@ def read_arm(
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
-_OPTION_PURPOSES: Final = {
-    "srdf": "an arm",
-    "frame": "an arm",
-    "package_dirs": "a URDF",
-    "solid": "a mesh or a URDF",
-}
-"""Inputs that use an option; all other options are for workspaces."""
-
-
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
     """Raise InputError for the first option not in ``taken``.
 
@@ -127,20 +118,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
     """
     for name, value in options.items():
         if name not in taken:
-            rule = f"it is for {_OPTION_PURPOSES.get(name, 'workspaces')}"
-            raise InputError(name, f"is given, but {about}", rule, "omit it", value=value)
-
-
-def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:
-    """Raise InputError if robot, workspace and rotations have different dimensions."""
-    rotations.check_dimension(dim)
-    if robot is not None and robot.dim != dim:
-        problem = (
-            f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has "
-            f"{dim}"
-        )
-        hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("robot", problem, "they must agree", hint, value=robot)
+            raise InputError(name, f"is given, but {about}", hint="omit it", value=value)
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
@@ -172,14 +150,12 @@ def parse_configuration(
     ``units`` has "m", "rad" or "1" for each axis. Angles may be in degrees: ``90deg``. Raises
     InputError if the text does not have one number for each axis, separated by commas.
     """
-    rule = (
-        f"the map's configurations are {','.join(axes)}, in "
-        f"{'metres' if 'm' in units else 'radians or degrees'}"
-    )
+    rule = f"the map's configurations are {','.join(axes)}, in "
     if "m" in units:
-        rule += "".join(
-            f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad"
-        )
+        angles = [axis for axis, unit in zip(axes, units, strict=True) if unit == "rad"]
+        rule += "".join(["metres", *(f", {axis} an angle" for axis in angles)])
+    else:
+        rule += "radians or degrees"
     return _parse_numbers(text, argument, axes, units, rule)
 
 
@@ -194,55 +170,32 @@ def read_marks(
     return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
 
 
-def _axis_units(axes: Sequence[str]) -> list[str]:
-    """Return the units of the axes of a rigid robot's configurations."""
-    from cspace.rotations import Rotations
-
-    known = Rotations.all_units()
-    return [known.get(axis, "m") for axis in axes]
-
-
-def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Return an example value for each axis."""
-    from cspace.rotations import Rotations
-
-    known = {"x": "-1.5", "y": "2", "z": "0.5"}
-    for kind in Rotations.KINDS.values():
-        known |= zip(kind.names, kind.examples, strict=True)
-    return [
-        known.get(axis, "90deg" if unit == "rad" else "0.2")
-        for axis, unit in zip(axes, units, strict=True)
-    ]
-
-
-def parse_rotation(text: str, argument: str, axes: Sequence[str]) -> tuple[float, ...]:
+def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
     """Parse the rotation in an argument such as ``rotation``.
 
     Raises InputError if the map has no rotations, or if the text is no rotation of it.
     """
-    names = [axis for axis in axes if axis not in ("x", "y", "z")]
-    if not names:
+    axes, units = space.axes[space.dim :], space.units[space.dim :]
+    if not axes:
         hint = "omit it, or build the map with --rotations 72"
         raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
-    return _parse_numbers(
-        text, argument, names, _axis_units(names), f"it must be {','.join(names)}"
-    )
+    return _parse_numbers(text, argument, axes, units, f"it must be {','.join(axes)}")
 
 
 def _parse_numbers(
     text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
 ) -> tuple[float, ...]:
     """Parse one number for each axis, separated by commas."""
-    fields = text.split(",")
     numbers = []
     try:
-        for field, axis, unit in zip(fields, axes, units, strict=True):
+        for field, axis, unit in zip(text.split(","), axes, units, strict=True):
             is_angle = unit == "rad"
             numbers.append(parse_angle(field, argument, axis) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
-        hint = f"write e.g. {argument}={','.join(_example_values(axes, units))}"
+        example = ",".join("90deg" if unit == "rad" else "0.5" for unit in units)
+        hint = f"write e.g. {argument}={example}"
         raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
     return tuple(numbers)
 
@@ -256,14 +209,11 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
 
     try:
         values = tuple(map(float, text.split(",")))
-        if len(values) not in (4, 6):
-            raise ValueError
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        raise InputError(
-            argument, f"is {text!r}", rule, f"write e.g. {argument}=-1,-1,0,4,3,2.5", value=text
-        ) from None
-    check_bounds(values, len(values) // 2)
+        hint = f"write e.g. {argument}=-1,-1,0,4,3,2.5"
+        raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
+    check_bounds(values, 2 if len(values) <= 4 else 3)
     return values
 
 
@@ -274,10 +224,8 @@ def parse_angle(text: str, argument: str, name: str) -> float:
     and exceeds 2 pi, because degrees were then probably intended.
     """
     word = text.strip()
-    number, unit = next(
-        ((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)),
-        (word, ""),
-    )
+    unit = next((unit for unit in ("deg", "rad") if word.endswith(unit)), "")
+    number = word.removesuffix(unit)
     problem = f"has the {name} {text!r}"
     try:
         value = float(number)

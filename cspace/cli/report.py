@@ -18,28 +18,11 @@ import typer
 
 from cspace.errors import CspaceError
 
-_UNIT_TEXTS: Final = {
-    "_rad2_m": " rad² m",
-    "_rad_m2": " rad m²",
-    "_rad_m": " rad m",
-    "_rad3": " rad³",
-    "_rad2": " rad²",
-    "_rad_or_m": " rad or m",
-    "_m_or_rad": " m or rad",
-    "_m3": " m³",
-    "_m2": " m²",
-    "_m": " m",
-    "_deg": "°",
-    "_rad": " rad",
-    "_bytes": " bytes",
-}
-"""Units by the end of a name; the first match counts."""
+_UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|bytes)$")
+"""The unit at the end of a name."""
 
 _LOWER_BOUND_LABELS: Final = ("obstacle distance", "clearance")
 """Labels of proven lower bounds; zero means only that nothing was proven."""
-
-_MIN_MEGABYTES_SHOWN: Final = 10**6
-"""Number of bytes from which tables show MB and GB."""
 
 
 class Clock:
@@ -91,24 +74,10 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
         return
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in _rows(document):
-        table.add_row(name if value else Text(name, style="bold"), value)
-    console = Console(highlight=False, markup=False, emoji=False)
-    if console.is_terminal:
-        console.print(table)
-        return
-    # Lines are neither folded nor padded in a file or pipe.
-    console.width = 100_000
-    with console.capture() as captured:
-        console.print(table)
-    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    rows = list(_rows(document))
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        typer.echo(f"{name:{width}}  {value}".rstrip())
 
 
 class ByName(dict[str, Any]):
@@ -132,10 +101,8 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
     A nested document becomes a heading with an empty value, then its rows.
     """
     for name, value in document.items():
-        end, unit = next(
-            ((end, unit) for end, unit in _UNIT_TEXTS.items() if name.endswith(end)), ("", "")
-        )
-        label = name.removesuffix(end)
+        unit = _UNIT.search(name)
+        label = name[: unit.start()] if unit else name
         if not isinstance(document, ByName):
             label = label.replace("_", " ")
         if isinstance(value, dict):
@@ -144,23 +111,26 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
         elif label in _LOWER_BOUND_LABELS and value == 0.0:
             yield indent + label, "not proven to be more than 0"
         elif not (isinstance(value, list) and value and isinstance(value[0], list)):
-            yield indent + label, _text(value, unit)
+            yield indent + label, _text(value) + (_unit_text(unit[1]) if unit else "")
 
 
-def _text(value: Any, unit: str) -> str:
+def _unit_text(unit: str) -> str:
+    """Return a unit as it follows a number, e.g. " rad² m" for "rad2_m"."""
+    if unit == "deg":
+        return "°"
+    return " " + unit.replace("_", " ").replace("2", "²").replace("3", "³")
+
+
+def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
         return "undecided"
     if isinstance(value, list):
-        return f"({', '.join(_text(item, '') for item in value)}){unit}"
-    if isinstance(value, int):
-        if unit == _UNIT_TEXTS["_bytes"] and value >= _MIN_MEGABYTES_SHOWN:
-            from cspace.limits import bytes_text
-
-            return bytes_text(value)
-        return f"{value:,}{unit}"
-    return f"{value:.6g}{unit}" if isinstance(value, float) else f"{value}{unit}"
+        return f"({', '.join(map(_text, value))})"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:,}" if isinstance(value, int) else str(value)
 
 
 Options = Mapping[str, str]

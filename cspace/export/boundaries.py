@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import IO, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.raster.bitmaps import boundary_mesh
-from cspace.support.arrays import FREE, Floats, Ints, StrPath
+from cspace.support.arrays import FREE, Floats, Ints, States, StrPath, Surface
 
 
-def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
+def free_boundary(state: States, grid: Grid) -> Surface:
     """Return the boundary of the FREE cells of a slice in space.
 
     Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and
@@ -41,9 +40,7 @@ def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 
-def write_boundary(
-    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
-) -> None:
+def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
     """Write the boundary of the free space as a mesh file.
 
     The suffix is ``.ply``, ``.obj`` or ``.stl``.

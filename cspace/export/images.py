@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.support.arrays import BLOCKED, FREE, MIXED, StrPath
+from cspace.support.arrays import BLOCKED, FREE, MIXED, States, StrPath
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey level of each state in a ROS map, as the ROS tools write free, unknown and occupied."""
@@ -32,9 +31,7 @@ _SHORT, _DOUBLE = 3, 12
 """Data types of TIFF tags."""
 
 
-def write_geotiff(
-    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
-) -> None:
+def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
     """Write the states of a plane map as a GeoTIFF.
 
     They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the
@@ -61,9 +58,7 @@ def write_geotiff(
         image.save(temporary, format="TIFF", tiffinfo=tags, compression="tiff_adobe_deflate")
 
 
-def write_ros_map(
-    state: NDArray[np.uint8], grid: Grid, path: StrPath, overwrite: bool = False
-) -> None:
+def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
     """Write the states of a plane map as a ROS map.
 
     They have shape (nx, ny). FREE, MIXED and BLOCKED become free, unknown and occupied. `path` is

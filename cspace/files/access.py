@@ -150,10 +150,10 @@ class ContentError(Exception):
         hint: str = "copy it or write it again",
         *,
         kind: type[CspaceError] = FileError,
-        value: object = None,
     ) -> None:
         super().__init__(problem)
-        self.parts, self.kind, self.value = (problem, rule, hint), kind, value
+        self.parts = problem, rule, hint
+        self.kind = kind
 
 
 @contextmanager
@@ -168,7 +168,7 @@ def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
     except (CspaceError, MemoryError, UserWarning):  # callers may turn our warnings into errors
         raise
     except ContentError as error:
-        raise error.kind(os.fspath(path), *error.parts, value=error.value) from error
+        raise error.kind(os.fspath(path), *error.parts) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
         problem = f"cannot be read as {_with_article(kind)} ({reason})"

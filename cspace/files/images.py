@@ -65,7 +65,7 @@ class Shades(NamedTuple):
 
     def select(self, levels: Bools) -> Bools:
         """Return a mask of the pixels whose level is set in `levels`."""
-        return levels[self.levels]
+        return np.asarray(levels[self.levels])
 
 
 def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:
@@ -184,13 +184,10 @@ def read_movingai_map(path: StrPath) -> Bools:
         if wrong:
             row, column = divmod(text.index(wrong[0]), width)
             problem = f"line {row + 5}, column {column + 1} is {wrong[0]!r}"
-            rule = (
-                f"cells are one of '{PASSABLE_CHARACTERS}' (passable) or "
-                f"'{BLOCKED_CHARACTERS}' (blocked)"
-            )
+            rule = f"cells are '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}'"
             raise ContentError(problem, rule, "replace it")
-        cells = np.frombuffer(text.encode("ascii"), dtype=np.uint8).reshape(height, width)
-        blocked = np.isin(cells, np.frombuffer(BLOCKED_CHARACTERS.encode("ascii"), dtype=np.uint8))
+        cells = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
+        blocked = np.isin(cells, list(map(ord, BLOCKED_CHARACTERS)))
         return np.ascontiguousarray(blocked[::-1].T)
 
 

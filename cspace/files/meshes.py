@@ -50,6 +50,9 @@ from cspace.limits import check_bytes
 from cspace.support.arrays import Floats, Ints, StrPath, Surface
 from cspace.support.check import check_finite
 
+Json = dict[str, Any]
+"""An object of a glTF header."""
+
 _MESH_KIND: Final = "mesh"
 
 _APPEARANCE_PREFIXES: Final = (
@@ -115,7 +118,7 @@ def _gltf_surface(points: Floats, corners: Ints | range) -> Surface:
     return vertices, triangulate(vertices, np.asarray(corners, dtype=np.int64), sizes)
 
 
-def _read_gltf_part(part: dict[str, Any], header: dict[str, Any]) -> tuple[Floats, Ints | range]:
+def _read_gltf_part(part: Json, header: Json) -> tuple[Floats, Ints | range]:
     """Return the points, shape (V, 3), and the corners of a glTF primitive, shape (3 F,).
 
     Raises GeometryError if it holds anything but triangles.
@@ -133,7 +136,7 @@ def _read_gltf_part(part: dict[str, Any], header: dict[str, Any]) -> tuple[Float
     return points, range(len(points))
 
 
-def _read_accessor(number: int, kind: str, header: dict[str, Any]) -> NDArray[Any]:
+def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
     """Return the rows of a glTF accessor, as a view of its buffer.
 
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
@@ -169,7 +172,7 @@ def _read_accessor(number: int, kind: str, header: dict[str, Any]) -> NDArray[An
     return np.ndarray(count, record, content, start, stride)["row"]
 
 
-def _read_buffer(buffer: dict[str, Any], embedded: bytes, file: Path) -> bytes:
+def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
     """Return the content of a glTF buffer.
 
     ``embedded`` is the binary chunk of the file. Other files must lie within its folder.
@@ -189,7 +192,7 @@ def _read_buffer(buffer: dict[str, Any], embedded: bytes, file: Path) -> bytes:
     return content
 
 
-def _place_gltf_meshes(header: dict[str, Any]) -> Iterator[tuple[int, Floats]]:
+def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     """Yield the index and the transform, shape (4, 4), of each mesh in the scene.
 
     Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is in no scene,
@@ -218,7 +221,7 @@ def _place_gltf_meshes(header: dict[str, Any]) -> Iterator[tuple[int, Floats]]:
             yield node["mesh"], pose
 
 
-def _gltf_transform(node: dict[str, Any]) -> Floats:
+def _gltf_transform(node: Json) -> Floats:
     """Return the transform from a glTF node to its parent, shape (4, 4)."""
     from scipy.spatial.transform import Rotation
 
@@ -237,16 +240,16 @@ def _affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
     return matrix
 
 
-def _refuse_moved_mesh(node: dict[str, Any], mesh: dict[str, Any]) -> None:
+def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
     """Refuse a mesh that a skin or a morph moves."""
     if "skin" in node:
         hint = "apply its pose and export it without the skin"
         raise unsupported_part("a mesh that a skin moves", hint)
-    if any(node.get("weights", mesh.get("weights", []))):
+    if any(node.get("weights") or mesh.get("weights") or []):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
-def _refuse_extensions(element: dict[str, Any]) -> None:
+def _refuse_extensions(element: Json) -> None:
     """Refuse a glTF element with an unknown extension.
 
     Raises GeometryError, except for extensions of the appearance alone.
@@ -256,13 +259,13 @@ def _refuse_extensions(element: dict[str, Any]) -> None:
             raise unsupported_part(f"a part with the extension {name}")
 
 
-def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
+def _look_up(header: Json, kind: str, number: int) -> Json:
     """Return an element of a glTF header.
 
     ``kind`` is the name of its list, and ``number`` its index. Raises ContentError if the list is
     shorter.
     """
-    items: list[dict[str, Any]] = header.get(kind, [])
+    items: list[Json] = header.get(kind, [])
     if not 0 <= number < len(items):
         raise ContentError(f"names number {number} of its {len(items)} {kind}")
     return items[number]
@@ -287,14 +290,14 @@ def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     return chunks[b"JSON"], chunks.get(b"BIN\0", b"")
 
 
-def _parse_gltf_header(data: bytes) -> dict[str, Any]:
+def _parse_gltf_header(data: bytes) -> Json:
     """Parse the JSON header of a glTF file.
 
     Raises ContentError if it is malformed or not of version 2.
     """
     text = data.decode("utf-8-sig")
     check_nesting(text, "[{", "]}")
-    header: dict[str, Any] = json.loads(text)
+    header: Json = json.loads(text)
     version = str(header["asset"]["version"])
     if not version.startswith("2."):
         raise ContentError(f"is of version {version}; only glTF 2 is read")
@@ -571,7 +574,7 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
 
-def read_mesh(path: StrPath) -> tuple[Floats, Ints]:
+def read_mesh(path: StrPath) -> Surface:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
@@ -666,7 +669,7 @@ MESH_SUFFIXES: Final = tuple(_READERS)
 """Suffixes of the files that :func:`read_mesh` reads."""
 
 
-def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
+def flatten_trimesh(shape: Any, name: str) -> Surface:
     """Join the meshes of a trimesh object.
 
     Returns vertices, shape (V, 3), and faces, shape (F, 3). `name` is the argument that messages

@@ -152,7 +152,8 @@ def read_json(
         lists = text.count("[")
         needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
         check_file_memory(path, f"holds {lists:,} lists", needed)
-        return json.loads(text, parse_int=_integer)
+        # The float of a very long integer is infinite.
+        return json.loads(text, parse_int=lambda word: (float if len(word) > 18 else int)(word))
 
 
 def parse_xml(data: bytes) -> Element:
@@ -186,36 +187,21 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
     Raises ContentError if there are more than 64 levels.
     """
     steps = np.zeros(256, dtype=np.int32)
-    steps[[ord(letter) for letter in opening]] = 1
-    steps[[ord(letter) for letter in closing]] = -1
+    steps[list(map(ord, opening))] = 1
+    steps[list(map(ord, closing))] = -1
     level = 0
     for start in range(0, len(text), _CHARACTERS_PER_BLOCK):
-        letters = np.frombuffer(
-            text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace"), dtype=np.uint8
-        )
-        levels = level + np.cumsum(steps[letters])
+        block = text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace")
+        levels = level + np.cumsum(steps[np.frombuffer(block, dtype=np.uint8)])
         level = int(levels[-1])
         if levels.max() > _MAX_LEVELS:
-            raise ContentError(
-                f"has more than {_MAX_LEVELS} nested brackets",
-                "it is malformed",
-                "write it flatter",
-            )
-
-
-def _integer(word: str) -> int | float:
-    """Parse a JSON integer; use a float beyond 18 digits.
-
-    The float of a very long number is infinite.
-    """
-    return int(word) if len(word) < 19 else float(word)
+            problem = f"has more than {_MAX_LEVELS} nested brackets"
+            raise ContentError(problem, "it is malformed", "write it flatter")
 
 
 def _not_plain(event: Any, what: str) -> ContentError:
-    problem, rule = (
-        f"has {what} in line {event.start_mark.line + 1}",
-        "only text, numbers, lists and tables are read",
-    )
+    problem = f"has {what} in line {event.start_mark.line + 1}"
+    rule = "only text, numbers, lists and tables are read"
     return ContentError(problem, rule, "correct that line")
 
 
@@ -226,6 +212,5 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 def check_expanded(root: Element) -> None:
     """Raise ContentError if a file holds unexpanded xacro macros."""
     if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
-        raise ContentError(
-            "holds xacro macros", "expand them first", "run xacro robot.urdf.xacro > robot.urdf"
-        )
+        hint = "run xacro robot.urdf.xacro > robot.urdf"
+        raise ContentError("holds xacro macros", "expand them first", hint)

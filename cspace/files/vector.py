@@ -82,9 +82,8 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
             yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
-        raise InputError(
-            name, f"is {source!r:.60}", rule, "pass e.g. shapely.box(0, 0, 1, 1)", value=source
-        )
+        hint = "pass e.g. shapely.box(0, 0, 1, 1)"
+        raise InputError(name, f"is {source!r:.60}", rule, hint, value=source)
 
 
 def _from_text(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -103,16 +102,15 @@ def _from_text(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]
         text = read_text(source, _POLYGONS_KIND, 10.0, "max_text_bytes")
         points = 1 + text.count(",")
         check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
+        if not is_wkt(text):
+            problem = f"begins with {text[:40]!r}"
+            raise FileError(file, problem, "it must hold WKT", "write e.g. 'POINT (1 2)'")
         lines = [line for line in text.split("\n") if line.strip()]
-        if lines and all(_WKT.match(line) for line in lines):
-            for number, line in enumerate(lines, start=1):
-                yield f"{file}, geometry {number}", _from_wkt(line, f"{file}, geometry {number}")
-        elif _WKT.match(text):
-            yield file, _from_wkt(text, file)
-        else:
-            raise FileError(
-                file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'"
-            )
+        if not all(map(is_wkt, lines)):
+            lines = [text]
+        for number, line in enumerate(lines, start=1):
+            place = f"{file}, geometry {number}" if len(lines) > 1 else file
+            yield place, _from_wkt(line, place)
         return
     document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
     if not isinstance(document, dict):
@@ -130,9 +128,8 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
 
     hint = f"correct {text[:60]!r}"
     if "\0" in text:  # the parser would stop there silently
-        raise GeometryError(
-            name, "is not WKT: it holds a NUL character", "it must be text", hint, value=text
-        )
+        problem = "is not WKT: it holds a NUL character"
+        raise GeometryError(name, problem, "it must be text", hint, value=text)
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
@@ -194,13 +191,12 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     points, owners = shapely.get_coordinates(array, return_index=True)
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
-        (x, y), which = points[broken[0]], int(owners[broken[0]])
+        which = int(owners[broken[0]])
+        problem = "has a vertex at ({}, {})".format(*points[broken[0]])
         rule, hint = "NaN and infinities are refused", "drop or replace it"
-        raise GeometryError(
-            names[which], f"has a vertex at ({x}, {y})", rule, hint, value=shapes[which]
-        )
+        raise GeometryError(names[which], problem, rule, hint, value=shapes[which])
     is_invalid = ~shapely.is_valid(array)
-    reason = shapely.is_valid_reason(array[is_invalid.argmax()]) if is_invalid.any() else ""
+    reason = shapely.is_valid_reason(array[is_invalid.argmax()])
     flat = "drop them with shapely.force_2d if height does not matter"
     for refused, problem, rule, hint in (
         (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),

@@ -94,20 +94,16 @@ class Layout:
         """
         if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
             raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
-        raw, *others = metadata["codecs"]
-        names = [str(codec["name"]) for codec in (raw, *others)]
-        endian = raw.get("configuration", {}).get("endian", "little")
+        codecs = metadata["codecs"]
+        names = [str(codec["name"]) for codec in codecs]
+        endian = codecs[0].get("configuration", {}).get("endian", "little")
         keys, grid = metadata["chunk_key_encoding"], metadata["chunk_grid"]
         separator = keys.get("configuration", {}).get("separator", "/")
+        rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
         if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
-            problem = f"is encoded with {', '.join(names):.80}"
-        elif (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
-            problem = "has other chunks than zarr's default"
-        else:
-            problem = ""
-        if problem:
-            rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
-            raise ContentError(problem, rule, _CODEC_HINT)
+            raise ContentError(f"is encoded with {', '.join(names):.80}", rule, _CODEC_HINT)
+        if (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
+            raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
         text = str(metadata["data_type"])
         if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", text):
             raise ContentError(f"has entries of type {text:.40}, which cannot be read")

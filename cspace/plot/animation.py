@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict, cast
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,16 @@ from numpy.typing import NDArray
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
-from cspace.plot.arms import ArmFigure, draw_tip_path, interpolate_joints, paint_arm, split_surface
+from cspace.plot.arms import ArmFigure, draw_tip_path, paint_arm, split_surface
 from cspace.plot.picture import title_of
-from cspace.plot.route import HasAxes, HasPath, MapLike, Scene, check_path, make_scene
+from cspace.plot.route import (
+    HasAxes,
+    HasPath,
+    Scene,
+    check_path,
+    interpolate_path,
+    make_scene,
+)
 from cspace.plot.sections import draw_plane
 from cspace.plot.surface import draw_surface, split_triangles
 from cspace.support.arrays import Floats
@@ -36,10 +44,8 @@ _LAST_FRAME_MS: Final = 1200
 _FRAMED: Final = 24
 """Number of configurations along the path that must be in view."""
 
-Move = Callable[[Floats], None]
+Move = Callable[[Floats], object]
 """Function that moves the robot of a figure to a configuration."""
-Interpolate = Callable[[Floats], Floats]
-"""Function that returns the configurations at shares of a path."""
 
 
 class AnimationOptions(TypedDict, total=False):
@@ -113,13 +119,13 @@ def animate(
         raise InputError("path", "is empty", "an animation needs a path", hint, value=path)
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
-        has_times = motion is not None and motion.duration > 0.0
-        seconds = motion.duration if has_times else DEFAULT_SECONDS
+        seconds = (motion.duration if motion is not None else 0.0) or DEFAULT_SECONDS
     pause, count = _frame_timing(seconds, rate)
     shares = np.linspace(0.0, 1.0, count if (points != points[0]).any() else 1)
     with replacing(target, overwrite) as temporary:
-        axes, move, interpolate = _make_figure(space, points, title, camera)
-        rows = interpolate(shares)
+        draw = _draw_arm if hasattr(space, "arm") else _draw_map
+        axes, move, reach = draw(space, points, title, camera)
+        rows = interpolate_path(space.rotations, points, shares, reach)
         if motion is not None:
             rows = motion.sample(shares * motion.duration)[0]
         axes.figure.set_dpi(_FRAME_DPI)
@@ -151,49 +157,35 @@ def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
     return 10 * max(2, round(100.0 / frequency)), max(count, 2)
 
 
-def _make_figure(
-    space: HasAxes, points: Floats, title: str | None, camera: ArrayLike | None
-) -> tuple[Any, Move, Interpolate]:
-    """Return axes, a function that moves the robot there, and one that interpolates the path."""
-    arm = getattr(space, "arm", None)
-    if arm is not None:
-        axes, move = _draw_arm(space, points, arm.name if title is None else title, camera)
-        return axes, move, lambda shares: interpolate_joints(points, shares)
-    space = cast("MapLike", space)
-    if space.grid.dim == 2 and camera is not None:
+def _draw_map(
+    space: Any, points: Floats, title: str | None, camera: ArrayLike | None
+) -> tuple[Any, Move, float]:
+    """Return axes, a function that moves the robot there, and the reach of the robot."""
+    dim = space.grid.dim
+    if dim == 2 and camera is not None:
         problem, rule = "is given for a plane map", "it needs a map in space"
         raise InputError("camera", problem, rule, "omit it", value=camera)
-    scene = make_scene(space, path=points, robot_every=np.inf)
-    body = scene.body
-    extents = [body.extent(q) for q in body.interpolate(points, np.linspace(0.0, 1.0, _FRAMED))]
-    corners = np.concatenate([scene.box, *extents])
-    scene = scene._replace(box=np.stack([corners.min(axis=0), corners.max(axis=0)]))
-    draw = _draw_plane if space.grid.dim == 2 else _draw_solid
-    axes, move, handles = draw(scene, camera)
-    heading = title_of(space) if title is None else title
-    colors = artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR
-    artists.annotate(axes, True, heading, [*handles, artists.patch("robot", *colors)])
-    return axes, move, lambda shares: body.interpolate(points, shares)
+    scene = make_scene(space, path=points)
+    still = replace(scene, rotation=points[0, dim:], stations=scene.stations[:0])
+    if dim == 2:
+        axes, move, handles = _draw_plane(still)
+    else:
+        axes, move, handles = _draw_solid(still, camera)
+    robot = artists.patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
+    artists.annotate(axes, True, title, title_of(space), [*handles, robot])
+    return axes, move, scene.body.reach
 
 
-def _draw_plane(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
+def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
     """Draw a plane map whose slice follows the robot."""
-    from matplotlib.patches import PathPatch
-
-    first = scene.points[0]
-    still = scene._replace(rotation=first[2:], stations=scene.stations[:0])
-    axes, handles = draw_plane(still, None)
-    image = axes.images[0]
-    side = artists.block_side(axes, artists.classify_cells(scene.space, first[2:]))
-    colors = artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR
-    robot = PathPatch(artists.join_rings([]), facecolor=colors[0], edgecolor=colors[1], zorder=6)
-    nose = PathPatch(artists.join_rings([]), facecolor=colors[1], linewidth=0.0, zorder=7)
-    axes.add_patch(robot)
-    axes.add_patch(nose)
+    axes, handles = draw_plane(scene, None)
+    image, still = axes.images[0], len(axes.collections)
+    side = artists.block_side(axes, scene.space.grid.shape)
 
     def move(q: Floats) -> None:
-        robot.set_path(artists.join_rings(scene.body.outlines(q)))
-        nose.set_path(artists.join_rings(scene.body.noses(q)))
+        for robot in list(axes.collections[still:]):
+            robot.remove()
+        artists.draw_robots(axes, scene.body, q[np.newaxis], opacity=1.0, zorder=6.0)
         classes = artists.classify_cells(scene.space, q[2:], scene.window)
         image.set_data(artists.color_blocks(classes, side))
 
@@ -202,29 +194,33 @@ def _draw_plane(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list
 
 def _draw_solid(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
     """Draw a map in space in which the robot moves."""
-    body = scene.body
-    painting = draw_surface(scene._replace(stations=scene.stations[:0]), camera=camera)
-    robot = split_triangles(body.triangles, body.size)
-    handles = list(painting.handles.values())
-    return painting.axes, lambda q: painting.show(body.transform(robot, q)), handles
+    painting = draw_surface(scene, camera=camera)
+    robot = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
+
+    def move(q: Floats) -> None:
+        painting.show(scene.body.transform(robot, q).reshape(-1, 4, 3))
+
+    return painting.axes, move, list(painting.handles.values())
 
 
-def _draw_arm(space: Any, points: Floats, title: str, camera: ArrayLike | None) -> tuple[Any, Move]:
-    """Draw an arm that moves among obstacles."""
+def _draw_arm(
+    space: Any, points: Floats, title: str | None, camera: ArrayLike | None
+) -> tuple[Any, Move, float]:
+    """Return axes, a function that moves the arm there, and 0, because joints have no reach."""
     figure = ArmFigure(space)
-    stands = interpolate_joints(points, np.linspace(0.0, 1.0, _FRAMED))
-    painting = paint_arm(figure, [*stands], camera)
+    stands = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, _FRAMED))
+    painting = paint_arm(figure, stands, camera)
     links = {name: split_surface(each, painting.size) for name, each in figure.links.items()}
     draw_tip_path(painting, figure, points, np.zeros(0, dtype=np.bool_))
     entries = [*painting.handles.values(), artists.patch("arm", artists.ROBOT_FILL_COLOR)]
-    artists.annotate(painting.axes, True, title, entries)
+    artists.annotate(painting.axes, True, title, space.arm.name, entries)
 
     def move(q: Floats) -> None:
         poses = space.arm.poses(q)
         placed = [links[name] @ poses[name][:3, :3].T + poses[name][:3, 3] for name in links]
         painting.show(np.concatenate(placed))
 
-    return painting.axes, move
+    return painting.axes, move, 0.0
 
 
 def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:

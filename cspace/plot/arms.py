@@ -14,9 +14,10 @@ from cspace.plot.route import (
     check_path,
     collect_marks,
     find_lost_steps,
+    interpolate_path,
     simplify_surface,
 )
-from cspace.plot.surface import SURFACES, Painting, split_triangles
+from cspace.plot.surface import SURFACES, Painting, split_steps, split_triangles
 from cspace.shapes.balls import Balls
 from cspace.shapes.shape import ExactShape
 from cspace.support.arrays import Bools, Floats, Surface
@@ -64,11 +65,9 @@ class ArmFigure:
             name: transform_surface(_surface(each.shape.outer, max_balls), each.pose)
             for name, each in space.obstacles.items()
         }
-        self.moving = [link.name for link in arm.links if link.body]
-        depth = [0]
-        for parent in arm.chain.parents[1:].tolist():
-            depth.append(depth[parent] + 1)
-        self.tip = max(arm.links, key=lambda link: depth[link.body]).name
+        depths = {link.name: count_joints(arm, link.name) for link in arm.links}
+        self.moving = [name for name, depth in depths.items() if depth]
+        self.tip = max(depths, key=depths.__getitem__)
         self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
 
     def pose_links(self, q: Floats) -> dict[str, Surface]:
@@ -79,6 +78,18 @@ class ArmFigure:
     def tip_positions(self, points: Floats) -> Floats:
         """Return the positions of the center of the :attr:`tip`, shape (n, 3)."""
         return np.asarray(self._arm.pose(points, self.tip)[..., :3, :] @ self._tip_center)
+
+    def measure(self, stands: Floats) -> tuple[Floats, Floats, float]:
+        """Return the corners of the box around an arm at configurations, and its margin, metres."""
+        placed = [self.pose_links(q) for q in stands]
+        corners = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return low, high, VIEW_MARGIN_SHARE * float(np.max(high - low))
+
+
+def count_joints(arm: Any, frame: str) -> int:
+    """Return the number of joints that move a frame."""
+    return len(arm.branch_to(frame)[0].joints) if arm.placements[frame].body else 0
 
 
 def _link_surface(arm: Any, link: Any) -> Surface:
@@ -93,19 +104,6 @@ def _surface(shape: ExactShape, max_balls: float) -> Surface:
     if isinstance(shape, Balls) and len(shape.radii) > max_balls and not np.ptp(shape.radii):
         return shape.centers, np.empty((0, 3), dtype=np.int64)
     return shape.surface
-
-
-def joint_lengths(points: Floats) -> Floats:
-    """Return the path length in joint space up to each row, shape (n,)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def interpolate_joints(points: Floats, shares: Floats) -> Floats:
-    """Interpolate a path at shares, 0 to 1, of its joint-space length; return shape (n, size)."""
-    lengths = joint_lengths(points)
-    at = shares * lengths[-1]
-    return np.stack([np.interp(at, lengths, joint) for joint in points.T], axis=-1)
 
 
 class ArmPlotOptions(TypedDict, total=False):
@@ -131,61 +129,47 @@ def draw_arm(
     """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`."""
     points = check_path(space, path)
     marks = collect_marks(space, path, points, None, None)
-    rest = np.zeros(space.size).clip(space.arm.lower, space.arm.upper)
-    stand = space._check_configurations(marks.get("goal", rest) if q is None else q, "q")
-    label, ghosts = "arm at the start", np.array([*marks.values()][:1]).reshape(-1, space.size)
+    stand = marks.get("goal", space.arm.rest) if q is None else q
+    stand = space.arm.check_configuration(stand, "q")
+    label, ghosts = "arm along the path", points[:0]
     if len(points) > 1:
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
-        label, ghosts = "arm along the path", interpolate_joints(points, shares)
-    elif len(points):
-        ghosts = ghosts[:0]
+        ghosts = interpolate_path(space.rotations, points, shares)
+    elif "start" in marks and not len(points):
+        label, ghosts = "arm at the start", marks["start"][np.newaxis]
     figure = ArmFigure(space)
-    painting = paint_arm(figure, [stand, *ghosts], camera, ax)
-    size = painting.size
+    painting = paint_arm(figure, np.vstack([stand, ghosts]), camera, ax)
     for surface in figure.pose_links(stand).values():
-        painting.add(split_surface(surface, size), artists.ROBOT_FILL_COLOR, "arm")
+        painting.add(split_surface(surface, painting.size), artists.ROBOT_FILL_COLOR, "arm")
     for placed in map(figure.pose_links, ghosts):
         for name in figure.moving:
-            painting.add(split_surface(placed[name], size), GHOST_COLOR, label)
+            painting.add(split_surface(placed[name], painting.size), GHOST_COLOR, label)
     draw_tip_path(painting, figure, points, find_lost_steps(space, path))
     painting.show()
-    heading = space.arm.name if title is None else title
     entries = list(painting.handles.values()) if legend else []
-    artists.annotate(painting.axes, ax is None, heading, entries)
+    artists.annotate(painting.axes, ax is None, title, space.arm.name, entries)
     axes: Axes = painting.axes
     return axes
 
 
-def paint_arm(
-    figure: ArmFigure, stands: list[Floats], camera: Any = None, ax: Any = None
-) -> Painting:
+def paint_arm(figure: ArmFigure, stands: Floats, camera: Any = None, ax: Any = None) -> Painting:
     """Return a picture of the obstacles near an arm, with space for it at configurations."""
-    arms = [surface for q in stands for surface in figure.pose_links(q).values()]
-    corners = np.concatenate([vertices for vertices, _ in arms])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    margin = VIEW_MARGIN_SHARE * float(np.max(high - low))
+    low, high, margin = figure.measure(stands)
     near = [_clip(surface, low - margin, high + margin) for surface in figure.obstacles.values()]
-    corners = np.concatenate([corners, *(vertices for vertices, _ in near)])
+    corners = np.concatenate([[low, high], *(vertices for vertices, _ in near)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
+    label, color = SURFACES["obstacles"]
     for surface in near:
-        label, color = SURFACES["obstacles"]
         painting.add(split_surface(surface, painting.size), color, label)
     return painting
 
 
 def draw_tip_path(painting: Painting, figure: ArmFigure, points: Floats, lost: Bools) -> None:
     """Draw the path of the tip of an arm; ``lost`` steps are no longer proven free."""
-    if len(points) < 2:
-        return
-    lengths = joint_lengths(points)
-    shares = np.linspace(0.0, 1.0, artists.CURVE_POINTS)
-    curve = figure.tip_positions(interpolate_joints(points, shares))
-    is_lost = np.zeros(len(shares) - 1, dtype=np.bool_)
-    if len(lost):
-        centers = (shares[:-1] + shares[1:]) / 2.0 * lengths[-1]
-        is_lost = lost[np.searchsorted(lengths[1:-1], centers)]
-    painting.add_path(curve, is_lost)
+    if len(points) > 1:
+        rows, is_lost = split_steps(points, lost)
+        painting.add_path(figure.tip_positions(rows), is_lost)
 
 
 def split_surface(surface: Surface, size: float) -> Floats:
@@ -198,7 +182,7 @@ def _clip(surface: Surface, low: Floats, high: Floats) -> Surface:
     """Return the part of a surface inside a box."""
     import trimesh
 
-    origins = np.repeat([low, high], 3, axis=0)
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    mesh = trimesh.Trimesh(*surface, process=False).slice_plane(origins, normals)
+    box = trimesh.creation.box(bounds=[low, high])
+    mesh = trimesh.Trimesh(*surface, process=False)
+    mesh = mesh.slice_plane(box.facets_origin, -box.facets_normal)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)

@@ -5,7 +5,6 @@ Each colour has one meaning everywhere.
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 from collections.abc import Sequence
@@ -152,25 +151,25 @@ def draw_cells(
     If cells are smaller than pixels, blocks of cells show their largest class, so that no obstacle
     vanishes.
     """
-    side = block_side(ax, classes)
-    image = ax.imshow(
-        color_blocks(classes, side),
+    side = block_side(ax, classes.shape)
+    colors = color_blocks(classes, side)
+    left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
+    # The last blocks may reach beyond the window; the limits of the axes hide that.
+    rows, columns = colors.shape[:2]
+    right, top = left + grid.spacing * side * columns, bottom + grid.spacing * side * rows
+    return ax.imshow(
+        colors,
+        extent=(left, right, bottom, top),
         origin="lower",
         interpolation="nearest",
         aspect=ax.get_aspect(),
     )
-    lower = [grid.lower[axis] + grid.spacing * window[axis].start for axis in pair]
-    # The last blocks may reach beyond the window; the limits of the axes hide that.
-    blocks = [math.ceil(n / side) for n in classes.shape]
-    upper = [low + grid.spacing * side * n for low, n in zip(lower, blocks, strict=True)]
-    image.set_extent((lower[0], upper[0], lower[1], upper[1]))
-    return image
 
 
-def block_side(ax: Axes, classes: Classes) -> int:
+def block_side(ax: Axes, shape: Sequence[int]) -> int:
     """Return the side of blocks of cells, in cells, that are no smaller than pixels."""
     pixels = 0.8 * np.array(ax.bbox.size)  # texts may shrink the axes
-    return max(1, math.ceil(float(np.max(classes.shape / pixels))))
+    return max(1, math.ceil(float(np.max(shape / pixels))))
 
 
 def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
@@ -181,13 +180,13 @@ def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
 
 def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
     """Return legend entries of classes, obstacles first, and of the exterior."""
-    present = np.unique(np.concatenate([np.unique(part) for part in classes]))
-    labels = {index: label for index, (label, _) in enumerate(CLASSES)}
-    if scene.rotation is None:
-        labels |= LABELS_OVER_ROTATIONS
-    entries = [patch(labels[index], CLASSES[index][1]) for index in reversed(present.tolist())]
-    grid, box = scene.space.grid, scene.box
-    if (box[0] < grid.lower).any() or (box[1] > grid.upper).any():
+    entries = []
+    for index in sorted({*np.concatenate([np.unique(part) for part in classes])}, reverse=True):
+        label, color = CLASSES[index]
+        if scene.rotation is None:
+            label = LABELS_OVER_ROTATIONS.get(index, label)
+        entries.append(patch(label, color))
+    if not scene.space.grid.contains(scene.box).all():
         entries.append(patch("outside the grid", "#f2f2f2", "#c4c4c4", hatch="////"))
     return entries
 
@@ -217,7 +216,14 @@ def draw_path(
     return lines
 
 
-def draw_robots(ax: Axes, body: Body, stations: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
+def draw_robots(
+    ax: Axes,
+    body: Body,
+    stations: Floats,
+    pair: Sequence[int] = (0, 1),
+    opacity: float = 0.55,
+    zorder: float = 3.0,
+) -> list[Any]:
     """Draw the robot at configurations, projected on two axes; return the legend entry.
 
     In the plane, a nose shows its heading.
@@ -227,11 +233,11 @@ def draw_robots(ax: Axes, body: Body, stations: Floats, pair: Sequence[int] = (0
 
     if not len(stations):
         return []
-    fill: Any = to_rgba(ROBOT_FILL_COLOR, 0.55)
+    fill: Any = to_rgba(ROBOT_FILL_COLOR, opacity)
     outlines = [join_rings(body.outlines(q, pair)) for q in stations]
     noses = [join_rings(body.noses(q)) for q in stations]
     for paths, color, width in ((outlines, fill, 0.9), (noses, ROBOT_EDGE_COLOR, 0.0)):
-        robots = PathCollection(paths, facecolor=color, edgecolor=ROBOT_EDGE_COLOR, zorder=3)
+        robots = PathCollection(paths, facecolor=color, edgecolor=ROBOT_EDGE_COLOR, zorder=zorder)
         robots.set(linewidth=width, transform=ax.transData)
         ax.add_collection(robots, autolim=False)
     return [patch("robot", fill, ROBOT_EDGE_COLOR)]
@@ -270,14 +276,10 @@ def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> 
     """Set limits, scale, labels and hatching of axes for two axes of a box."""
     right, up = pair
     ax.set(xlim=box[:, right], ylim=box[:, up], xlabel=labels[right], ylabel=labels[up])
-    ax.set_aspect("equal" if is_to_scale(box[:, [right, up]]) else "auto")
+    lengths = np.ptp(box[:, [right, up]], axis=0)
+    is_to_scale = lengths.max() <= MAX_ASPECT_RATIO * lengths.min()
+    ax.set_aspect("equal" if is_to_scale else "auto")
     ax.patch.set(**OUTSIDE_STYLE)
-
-
-def is_to_scale(box: Floats) -> bool:
-    """Return True if a box is not too long to be drawn to scale."""
-    lengths = box[1] - box[0]
-    return bool(lengths.max() <= MAX_ASPECT_RATIO * lengths.min())
 
 
 def axes_size(box: Floats) -> tuple[float, float]:
@@ -304,15 +306,18 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
 
-def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> None:
+def annotate(
+    ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
+) -> None:
     """Add a title, and a legend if there are handles: below a new figure, or beside the axes."""
+    heading = default if title is None else title
     if is_new:
         # A title may be wider than narrow axes, so new figures have it above all axes.
         ax.figure.suptitle(heading, fontsize=10)
         if handles:
             legend_below(ax.figure, handles)
-        # Notebooks show only figures with a window, and axes have no HTML representation.
-        vars(ax)["_repr_html_"] = lambda: figure_html(ax.figure)
+        # Notebooks show only figures with a window, and axes have no picture.
+        vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
         return
     ax.set_title(heading, fontsize=10)
     if handles:
@@ -320,9 +325,8 @@ def annotate(ax: Any, is_new: bool, heading: str, handles: Sequence[Any]) -> Non
         ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), **style)
 
 
-def figure_html(figure: Any) -> str:
-    """Return HTML that shows a figure."""
+def figure_png(figure: Any) -> bytes:
+    """Return a figure as PNG."""
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=NOTEBOOK_DPI)
-    text = base64.b64encode(file.getvalue()).decode("ascii")
-    return f'<img src="data:image/png;base64,{text}" alt="">'
+    return file.getvalue()

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
-from cspace.plot.route import (
-    HasPath,
-    MapLike,
-    WorkspaceView,
-    make_scene,
-)
+from cspace.plot.route import HasPath, MapLike, WorkspaceView, make_scene
 from cspace.plot.sections import draw_plane, draw_sections
 from cspace.plot.surface import draw_surface
-from cspace.rotations import Rotations
 from cspace.support.check import check_positive
-from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -161,11 +154,12 @@ def plot(
     if given is not None and not isinstance(given, Axes):
         problem, hint = f"is a {type(given).__name__}", "pass figure.add_subplot()"
         raise InputError("ax", problem, "it must be matplotlib axes", hint, value=ax)
-    options: dict[str, Any] = {"rotation": rotation, "center": center, "zoom": zoom, "ax": ax}
-    options |= {"surface": surface, "cut": cut, "camera": camera}
-    kind = choose_view(space_axes(space), view, options)
+    drawn: Any = WorkspaceView(space) if isinstance(space, Workspace) else space.drawable()
+    options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
+    options |= {"ax": ax, "center": center, "zoom": zoom}
+    kind = _choose_view(drawn, view, options)
     scene = make_scene(
-        _as_map(space),
+        drawn,
         rotation=rotation,
         path=path,
         start=start,
@@ -182,24 +176,10 @@ def plot(
         painting = draw_surface(scene, ax, surface, cut, camera)
         painting.show()
         axes, handles = painting.axes, list(painting.handles.values())
-    heading = title_of(scene.space) if title is None else title
-    about = scene.space.rotations.describe(scene.rotation)
-    if title is None and about:
-        heading += f"\n{about}"
-    artists.annotate(axes, ax is None, heading, handles if legend else [])
+    about = drawn.rotations.describe(scene.rotation)
+    heading = "\n".join(filter(None, [title_of(drawn), about]))
+    artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
-
-
-def _as_map(space: Any) -> Any:
-    """Return a map in memory to draw: an overview of a tiled map, or a workspace as a map."""
-    if isinstance(space, TiledCSpace):
-        return space.overview()
-    return WorkspaceView(space) if isinstance(space, Workspace) else space
-
-
-def space_axes(space: ConfigurationMap | Workspace) -> Sequence[str]:
-    """Return the names of the coordinates of a map or workspace."""
-    return space.grid.axes if isinstance(space, Workspace) else space.axes
 
 
 def title_of(space: MapLike) -> str:
@@ -207,29 +187,26 @@ def title_of(space: MapLike) -> str:
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
-def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
-    """Return the kind of picture for a map with the given axes.
+def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -> str:
+    """Return the kind of picture of a map.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
     view.
     """
-    has_rotations = bool(set(axes) & set(Rotations.all_names()))
-    views = VIEWS[sum(axis not in Rotations.all_names() for axis in axes)]
+    views = VIEWS[space.grid.dim]
     kind = view or views[0]
     if kind not in views:
-        rule = f"it must be {' or '.join(views)}, because configurations are ({', '.join(axes)})"
+        rule = (
+            f"it must be {' or '.join(views)}, because configurations are ({', '.join(space.axes)})"
+        )
         hint = "or omit it; loop over plot(rotation=) for several slices"
         raise InputError("view", f"is {view!r}", rule, hint, value=view)
-    rotation, zoom, center = (options.get(name) for name in ("rotation", "zoom", "center"))
-    if rotation is not None and not has_rotations:
-        hint = "omit it, or build the map with rotations"
-        problem, rule = f"is {rotation!r}", "the map has no rotations"
-        raise InputError("rotation", problem, rule, hint, value=rotation)
     for name, kinds in VIEW_OPTIONS.items():
-        value = options.get(name)
+        value = options[name]
         if value is not None and kind not in kinds:
             rule = f"it needs view {' or '.join(kinds)}"
             raise InputError(name, f"is given with view {kind}", rule, "omit it", value=value)
+    zoom, center = options["zoom"], options["center"]
     if zoom is not None:
         check_positive(zoom, "zoom", "the map's longest side over that of the picture")
         if zoom < 1.0:

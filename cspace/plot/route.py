@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import numpy as np
 import shapely
@@ -45,7 +46,7 @@ class WorkspaceView:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.grid = workspace.grid
-        self.axes = ("x", "y", "z")[: self.grid.dim]
+        self.axes = self.grid.axes
         self.rotations = Rotations.of(None)
         self.slice_rotations = self.rotations.centers
         point = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
@@ -69,13 +70,15 @@ class Body:
     Attributes
     ----------
     points : ndarray of float64, shape (n, d)
-        Corners, in the robot's frame.
+        Corners and the reference point, in the robot's frame.
     rings : list of ndarray of float64, shape (n, 2)
         Closed outlines of a robot in the plane.
     nose : ndarray of float64, shape (4, 2)
         Closed triangle at the front of a plane robot, which shows its heading; else (0, 2).
     triangles : ndarray of float64, shape (n, 3, 3)
         Triangles of a robot in space.
+    reach : float
+        Largest distance of a corner from the reference point, metres.
     size : float
         Diagonal of the box around the robot and its reference point, metres.
     """
@@ -88,26 +91,30 @@ class Body:
         self.triangles = np.empty((0, 3, 3))
         if robot.dim == 2:
             self.rings = outline_rings(robot.shape.outer.outline)
-            self.points = np.concatenate(self.rings)
-            (left, bottom), (right, top) = self.points.min(axis=0), self.points.max(axis=0)
+            corners = np.concatenate(self.rings)
+            (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
             back, middle, half = right - (right - left) / 4, (bottom + top) / 2, (top - bottom) / 5
             tip = (right, middle)
             self.nose = np.array([tip, (back, middle + half), (back, middle - half), tip])
         else:
-            self.points, faces = simplify_surface(robot.shape.outer.surface)
-            self.triangles = self.points[faces]
+            corners, faces = simplify_surface(robot.shape.outer.surface)
+            self.triangles = corners[faces]
+        self.points = np.vstack([corners, np.zeros(self.dim)])
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
-        with_origin = np.vstack([self.points, np.zeros(self.dim)])
-        self.size = float(np.linalg.norm(np.ptp(with_origin, axis=0)))
+        self.size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     def transform(self, points: Floats, q: Floats) -> Floats:
-        """Transform points, shape (..., d), from the robot's frame to the map's."""
-        return np.asarray(points @ self.rotations.rotation_matrices(q).T + q[: self.dim])
+        """Transform points, shape (n, d), from the robot's frame to the map's.
 
-    def extent(self, q: Floats) -> Floats:
-        """Return lower and upper corner of robot and reference point, shape (2, d)."""
-        points = np.vstack([self.transform(self.points, q), q[: self.dim]])
-        return np.stack([points.min(axis=0), points.max(axis=0)])
+        For configurations of shape (..., size), the result has shape (..., n, d).
+        """
+        turned = points @ np.swapaxes(self.rotations.rotation_matrices(q), -1, -2)
+        return np.asarray(turned + q[..., np.newaxis, : self.dim])
+
+    def extents(self, q: Floats) -> Floats:
+        """Return lower and upper corners of robot and reference point, shape (..., 2, d)."""
+        points = self.transform(self.points, q)
+        return np.stack([points.min(axis=-2), points.max(axis=-2)], axis=-2)
 
     def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
         """Return closed outlines at a configuration, projected on two axes."""
@@ -115,8 +122,8 @@ class Body:
             return [self.transform(ring, q) for ring in self.rings]
         # At the origin, so that rounding does not grow with the distance from it.
         position = q[: self.dim]
-        placed = self.transform(self.triangles, q) - position
-        triangles = shapely.polygons(placed[..., list(pair)])
+        placed = self.transform(self.triangles.reshape(-1, 3), q) - position
+        triangles = shapely.polygons(placed.reshape(-1, 3, 3)[..., list(pair)])
         seen = triangles[shapely.area(triangles) > 0.0]
         rings = outline_rings(shapely.union_all(seen, grid_size=1e-9 * self.size))
         # Rounding leaves thin gaps between triangles, which would appear as dashes.
@@ -129,27 +136,33 @@ class Body:
             return []
         return [self.transform(self.nose, q)]
 
-    def path_lengths(self, points: Floats) -> Floats:
-        """Return the length of a path up to each configuration, metres.
 
-        A rotation counts as the distance that the robot's farthest point moves.
-        """
-        steps = self.rotations.steps_between(points[:-1], points[1:])
-        angles = np.linalg.norm(steps[:, self.dim :], axis=1)
-        lengths = np.linalg.norm(steps[:, : self.dim], axis=1) + self.reach * angles
-        return np.concatenate([[0.0], np.cumsum(lengths)])
+def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Floats:
+    """Return the length of a path up to each configuration, shape (n,).
 
-    def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
-        lengths = self.path_lengths(points)
-        index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
-        first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
-        after = np.minimum(first + 1, len(points) - 1)
-        steps = self.rotations.steps_between(points[first], points[after])
-        return self.rotations.add_steps(points[first], (index - first)[:, np.newaxis] * steps)
+    A rotation counts as the distance that a point ``reach`` metres from the reference point moves.
+    """
+    steps = rotations.steps_between(points[:-1], points[1:])
+    dim = points.shape[1] - len(rotations.names)
+    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    lengths = np.linalg.norm(steps[:, :dim], axis=1) + reach * angles
+    return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-class Scene(NamedTuple):
+def interpolate_path(
+    rotations: Rotations, points: Floats, shares: Floats, reach: float = 0.0
+) -> Floats:
+    """Interpolate a path at shares, 0 to 1, of its :func:`path_lengths`; return (n, size)."""
+    lengths = path_lengths(rotations, points, reach)
+    index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
+    first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
+    after = np.minimum(first + 1, len(points) - 1)
+    steps = rotations.steps_between(points[first], points[after])
+    return rotations.add_steps(points[first], (index - first)[:, np.newaxis] * steps)
+
+
+@dataclass(frozen=True)
+class Scene:
     """What a picture shows.
 
     Attributes
@@ -201,7 +214,7 @@ def make_scene(
 
     Raises InputError if an argument has the wrong shape or value.
     """
-    grid, rotations = space.grid, space.rotations
+    grid, rotations, dim = space.grid, space.rotations, space.grid.dim
     shown = rotations.only_rotation
     if rotation is not None:
         shown = rotations.check_rotation(rotation)
@@ -213,11 +226,11 @@ def make_scene(
     stations = np.concatenate([stations, *(q[np.newaxis] for q in marks.values())])
     if not space.robot.shape.shown:
         stations = stations[:0]
+    extents = body.extents(stations)
     lower, upper = np.array(grid.lower), np.array(grid.upper)
-    first, stop = np.zeros(grid.dim, np.int64), np.array(grid.shape)
+    first, stop = np.zeros(dim, np.int64), np.array(grid.shape)
     if zoom is None:
-        extents = [body.extent(q) for q in stations]
-        corners = np.concatenate([[lower, upper], points[:, : grid.dim], *extents])
+        corners = np.concatenate([[lower, upper], points[:, :dim], *extents])
         box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     else:
         side = math.ceil(max(grid.shape) / zoom)
@@ -225,20 +238,12 @@ def make_scene(
         first = np.clip(begin, 0, stop - 1)
         stop = np.clip(begin + side, first + 1, stop)
         box = lower + grid.spacing * np.stack([first, stop])
-        marks = {name: q for name, q in marks.items() if _contains(box, q[: grid.dim]).all()}
-        near = [q for q in stations if _overlaps(box, body.extent(q))]
-        stations = np.array(near).reshape(-1, points.shape[1])
+        marks = {name: q for name, q in marks.items() if (q[:dim].clip(*box) == q[:dim]).all()}
+        overlaps = (extents[:, 0] < box[1]) & (extents[:, 1] > box[0])
+        stations = stations[overlaps.all(axis=1)]
     window = tuple(slice(*pair) for pair in zip(first.tolist(), stop.tolist(), strict=True))
     lost = find_lost_steps(space, path)
     return Scene(space, shown, window, box, point, body, points, lost, marks, stations)
-
-
-def _contains(box: Floats, points: Floats) -> Bools:
-    return np.asarray((points >= box[0]) & (points <= box[1]))
-
-
-def _overlaps(box: Floats, other: Floats) -> bool:
-    return bool(((box[0] < other[1]) & (other[0] < box[1])).all())
 
 
 def outline_rings(geometry: Any) -> list[Floats]:
@@ -253,15 +258,20 @@ def check_path(space: HasAxes, path: Any) -> Floats:
 
     Raises InputError otherwise.
     """
-    size = len(space.axes)
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else check_finite(values, "path")
     if points.shape == (0,):
-        return np.empty((0, size))
-    if points.ndim != 2 or points.shape[1] != size:
-        hint = f"pass rows of ({', '.join(space.axes)})"
-        problem, rule = f"has shape {points.shape}", f"it must be (n, {size})"
-        raise InputError("path", problem, rule, hint, value=path)
+        return np.empty((0, len(space.axes)))
+    return _check_coordinates(points, "path", space.axes, ndim=2)
+
+
+def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 1) -> Floats:
+    """Return a point or rows with a coordinate for each axis; raise InputError otherwise."""
+    points = check_finite(values, name)
+    if points.ndim != ndim or points.shape[-1] != len(axes):
+        shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
+        problem, hint = f"has shape {points.shape}", f"pass ({', '.join(axes)})"
+        raise InputError(name, problem, f"it must be {shape}", hint, value=values)
     return points
 
 
@@ -279,12 +289,9 @@ def find_lost_steps(space: HasAxes, path: Any) -> Bools:
     is_same = same_kind and getattr(space, "grid", None) == getattr(planned, "grid", None)
     lost = ~path.recheck(space if is_same else planned)
     # Waypoints are rows of the path; the steps between two waypoints lie on one edge.
-    start = 0
-    for waypoint, is_lost in zip(path.waypoints[1:], lost.tolist(), strict=False):
-        stop = start + 1 + int((path.path[start + 1 :] == waypoint).all(axis=1).argmax())
-        steps[start:stop] = is_lost
-        start = stop
-    return steps
+    is_waypoint = (path.path[:-1, np.newaxis] == path.waypoints).all(axis=2).any(axis=1)
+    edges = np.cumsum(is_waypoint) - 1
+    return np.asarray(lost[np.minimum(edges, len(lost) - 1)])
 
 
 def with_gaps(points: Floats, chosen: Bools) -> Floats:
@@ -302,17 +309,11 @@ def collect_marks(
 ) -> dict[str, Floats]:
     """Return start and goal by name; by default, the path or plan gives them."""
     marks = {}
-    size = len(space.axes)
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is None:
             given = points[end] if len(points) else getattr(path, name, None)
-        if given is None:
-            continue
-        marks[name] = check_finite(given, name)
-        shape = marks[name].shape
-        if shape != (size,):
-            hint = f"pass ({', '.join(space.axes)})"
-            raise InputError(name, f"has shape {shape}", f"it must be ({size},)", hint, value=given)
+        if given is not None:
+            marks[name] = _check_coordinates(given, name, space.axes)
     return marks
 
 
@@ -322,11 +323,12 @@ def _choose_stations(body: Body, points: Floats, every: float | None, zoom: floa
         every = check_positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return points[:0]
-    length = float(body.path_lengths(points)[-1])
+    length = float(path_lengths(body.rotations, points, body.reach)[-1])
     if every is None:
         every = max(length / (ROBOTS_PER_PATH * zoom), 0.75 * body.size)
     count = math.ceil(length / every)
-    return body.interpolate(points, np.arange(1, count) / max(count, 1))
+    shares = np.arange(1, count) / max(count, 1)
+    return interpolate_path(body.rotations, points, shares, body.reach)
 
 
 def _choose_center(
@@ -339,22 +341,17 @@ def _choose_center(
     """
     grid = space.grid
     if center is None:
-        position = (np.add(grid.lower, grid.upper)) / 2
+        position = np.add(grid.lower, grid.upper) / 2
         if len(points):
-            position = body.interpolate(points, np.array([0.5]))[0]
+            position = interpolate_path(body.rotations, points, np.array([0.5]), body.reach)[0]
         elif marks:
             position = next(iter(marks.values()))
         return np.clip(position[: grid.dim], grid.lower, grid.upper)
-    point = check_finite(center, "center")
-    if point.shape != (grid.dim,):
-        problem, rule = f"has shape {point.shape}", f"it must be ({grid.dim},)"
-        hint = f"pass ({', '.join(space.axes[: grid.dim])}) in metres"
-        raise InputError("center", problem, rule, hint, value=center)
+    point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
-        corners = point, grid.lower, grid.upper
-        given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in corners)
-        rule = f"the grid is from {low} to {high}"
-        raise InputError("center", f"is {given}", rule, "pass a point in it", value=center)
+        lower, upper = (np.round(corner, 9).tolist() for corner in (grid.lower, grid.upper))
+        problem, rule = f"is {point.tolist()}", f"the grid is from {lower} to {upper}"
+        raise InputError("center", problem, rule, "pass a point in it", value=center)
     return point
 
 

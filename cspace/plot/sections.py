@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.plot import artists
-from cspace.plot.route import Scene
+from cspace.plot.route import Scene, interpolate_path
+from cspace.support.arrays import Bools, Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,17 +81,20 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
 
     The path is faint, and the robot is not drawn, where the robot does not reach the section.
     """
-    level = scene.center[across]
+    level, body = scene.center[across], scene.body
+
+    def meets(points: Floats) -> Bools:
+        """Return a mask of the configurations whose robot reaches the section."""
+        low, high = body.extents(points)[..., across].T
+        return np.asarray((low <= level) & (level <= high))
+
     handles = artists.draw_path(ax, scene.points, scene.lost, pair, alpha=0.4)
     if len(scene.points) > 1:
-        points = scene.body.interpolate(scene.points, np.linspace(0.0, 1.0, artists.CURVE_POINTS))
-        extents = np.array([scene.body.extent(q)[:, across] for q in points])
-        is_near = (extents[:, 0] <= level) & (level <= extents[:, 1])
-        near = np.where(is_near[:, np.newaxis], points, np.nan)
+        shares = np.linspace(0.0, 1.0, artists.CURVE_POINTS)
+        points = interpolate_path(body.rotations, scene.points, shares, body.reach)
+        near = np.where(meets(points)[:, np.newaxis], points, np.nan)
         handles[0].set_label("path, away from the section")
         handles = artists.draw_path(ax, near, np.zeros(len(near) - 1, np.bool_), pair) + handles
-    extents = np.array([scene.body.extent(q)[:, across] for q in scene.stations]).reshape(-1, 2)
-    reaching = (extents[:, 0] <= level) & (level <= extents[:, 1])
-    handles += artists.draw_robots(ax, scene.body, scene.stations[reaching], pair)
+    handles += artists.draw_robots(ax, body, scene.stations[meets(scene.stations)], pair)
     rotations = scene.space.rotations if across == 2 else None
     return handles + artists.draw_marks(ax, scene.marks, pair, rotations)

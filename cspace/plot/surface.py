@@ -36,7 +36,7 @@ _NORMAL_BRIGHTNESS: Final = (0.2, 0.32, 0.5)
 _FIGURE_INCHES: Final = (7.0, 6.0)
 _PIECES: Final = 64
 """Number of pieces of each step of a path."""
-_FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
 """Corners of a cell's face, in the plane of the face."""
 
 
@@ -101,11 +101,6 @@ class Painting:
 
     def add_path(self, curve: Floats, lost: Bools) -> None:
         """Draw a path, shape (n, 3), over everything; omit what is outside the box."""
-        # Short pieces end close to the border of the box.
-        rows = np.arange(len(curve) * _PIECES - _PIECES + 1) / _PIECES
-        if len(curve) > 1:
-            curve = np.stack([np.interp(rows, np.arange(len(curve)), c) for c in curve.T], axis=-1)
-            lost = np.repeat(lost, _PIECES)
         inside = ((curve >= self._box[0]) & (curve <= self._box[1])).all(axis=1)
         shown = np.where(inside[:, np.newaxis], curve, np.nan)
         for line in artists.draw_path(self.axes, shown, lost, (0, 1, 2)):
@@ -136,9 +131,7 @@ class Painting:
 
 def check_camera(camera: ArrayLike | None) -> Floats:
     """Return elevation and azimuth, degrees; raise InputError otherwise."""
-    if camera is None:
-        return np.array(DEFAULT_CAMERA)
-    angles = check_finite(camera, "camera")
+    angles = check_finite(DEFAULT_CAMERA if camera is None else camera, "camera")
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
         rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
         hint = f"pass e.g. {DEFAULT_CAMERA}"
@@ -178,12 +171,12 @@ def draw_surface(
     grid = scene.space.grid
     painting = Painting(scene.box, ax, camera, grid.labels)
     top = _choose_top(scene, cut)
+    lowest = artists.UNSEEN if surface == "obstacles" else artists.UNDECIDED
     if surface == "obstacles":
         classes = artists.classify_ground(scene.space.workspace, scene.window)
-        levels = np.where(classes == artists.OBSTACLE, np.uint8(2), classes == artists.UNSEEN)
     else:
         classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
-        levels = np.where(classes >= artists.UNDECIDED, np.uint8(2), np.uint8(0))
+    levels = np.where(classes >= lowest, classes, np.uint8(0))
     begins = np.array([part.start for part in scene.window])
     corner = np.array(grid.lower) + grid.spacing * begins
     if top < grid.upper[2]:
@@ -191,17 +184,30 @@ def draw_surface(
         levels = levels[..., : max(1, count)]
     faces, kinds = border_faces(levels, painting.towards, is_cut=top < grid.upper[2])
     polygons = corner + grid.spacing * faces
-    for kind, (label, color) in ((2, SURFACES[surface]), (1, UNKNOWN_SURFACE)):
-        if (kinds == kind).any():
-            painting.add(polygons[kinds == kind], color, label)
+    unknown = (kinds == artists.UNSEEN) & (surface == "obstacles")
+    for chosen, (label, color) in ((~unknown, SURFACES[surface]), (unknown, UNKNOWN_SURFACE)):
+        if chosen.any():
+            painting.add(polygons[chosen], color, label)
     if surface == "obstacles" and len(scene.stations):
         robot = split_triangles(scene.body.triangles, scene.body.size)
-        placed = [scene.body.transform(robot, q) for q in scene.stations]
-        painting.add(np.concatenate(placed), artists.ROBOT_FILL_COLOR, "robot")
-    painting.add_path(scene.points[:, :3], scene.lost)
+        placed = scene.body.transform(robot.reshape(-1, 3), scene.stations)
+        painting.add(placed.reshape(-1, 4, 3), artists.ROBOT_FILL_COLOR, "robot")
+    painting.add_path(*split_steps(scene.points[:, :3], scene.lost))
     for handle in artists.draw_marks(painting.axes, scene.marks, (0, 1, 2)):
         painting.handles[handle.get_label()] = handle
     return painting
+
+
+def split_steps(points: Floats, lost: Bools) -> tuple[Floats, Bools]:
+    """Split each step of a path into short pieces, which end close to the border of a box.
+
+    Return their ends, and which of them are ``lost``.
+    """
+    if len(points) < 2:
+        return points, lost
+    rows = np.arange((len(points) - 1) * _PIECES + 1) / _PIECES
+    ends = [np.interp(rows, np.arange(len(points)), column) for column in points.T]
+    return np.stack(ends, axis=-1), np.repeat(lost, _PIECES)
 
 
 def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
@@ -249,30 +255,29 @@ def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
     """Return cells, (n, 3), and corners, (n, 4, 3), of faces towards the camera."""
     cells = [np.empty((0, 3), np.int64)]
     corners = [np.empty((0, 4, 3), np.int64)]
-    padded = np.pad(solid, 1)
-    for axis in np.flatnonzero(towards):
+    for axis in np.flatnonzero(towards).tolist():
         up = int(towards[axis] > 0.0)
-        ahead = np.roll(padded, 1 - 2 * up, axis)[1:-1, 1:-1, 1:-1]
-        exposed = np.argwhere(solid & ~ahead)
+        exposed = np.argwhere(exposed_cells(solid, axis, up))
         cells.append(exposed)
-        corners.append(exposed[:, np.newaxis] + np.insert(_FACE_CORNERS, axis, up, axis=1))
+        corners.append(exposed[:, np.newaxis] + np.insert(FACE_CORNERS, axis, up, axis=1))
     return np.concatenate(cells), np.concatenate(corners)
+
+
+def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
+    """Return a mask of the solid cells with no solid cell below (0) or above (1) on an axis."""
+    ahead = np.roll(np.pad(solid, 1), 1 - 2 * up, axis)[1:-1, 1:-1, 1:-1]
+    return solid & ~ahead
 
 
 def _choose_top(scene: Scene, cut: float | None) -> float:
     """Return the height above which no cells are drawn, metres."""
     grid = scene.space.grid
-    low, high = grid.lower[2], grid.upper[2]
+    heights = np.array(grid.upper[2])
     if cut is not None:
-        height = check_finite(cut, "cut")
-        if height.ndim or not low < height <= high:
-            rule = f"it must be one height above {low:g} and up to {high:g}"
-            raise InputError("cut", f"is {cut!r}", rule, "pass metres", value=cut)
-        return float(height)
-    if not len(scene.points):
-        return float(high)
-    tops = [scene.body.extent(q)[1, 2] for q in (*scene.stations, *scene.points)]
-    return float(np.clip(max(tops), low + grid.spacing, scene.box[1, 2]))
+        heights = check_finite(cut, "cut")
+    elif len(scene.points):
+        heights = scene.body.extents(np.concatenate([scene.stations, scene.points]))[:, 1, 2]
+    return float(np.clip(heights.max(), grid.lower[2] + grid.spacing, grid.upper[2]))
 
 
 def split_triangles(triangles: Floats, size: float) -> Floats:

@@ -101,16 +101,6 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     return np.concatenate(runs), owner
 
 
-def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the owner of each item, and its number among the owner's items.
-
-    Owner ``k`` has ``counts[k]`` items.
-    """
-    owner = np.repeat(np.arange(len(counts)), counts)
-    first = np.cumsum(counts) - counts
-    return owner, np.arange(len(owner)) - first[owner]
-
-
 def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
     """Return the first and the last indices of an array that lie in boxes, shape (n, d)."""
     first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)

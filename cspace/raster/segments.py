@@ -42,7 +42,7 @@ from typing import Final
 import numpy as np
 
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, allocate_bitmap, expand_counts
+from cspace.raster import Raster, allocate_bitmap
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats
 from cspace.support.compiling import kernel
@@ -139,7 +139,8 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
-    owner, index = expand_counts(pieces)
+    owner = np.repeat(np.arange(len(pieces)), pieces)
+    index = np.arange(len(owner)) - (np.cumsum(pieces) - pieces)[owner]
     count = pieces[owner]
     starts = segments[owner, :2]
     ends = segments[owner, 2:]

@@ -294,7 +294,7 @@ def surface_rasters(
     check_reach(float(distances.max()) + radius, solid.source, "its origin", hint)
     swing = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
     swept = sweep_triangles(triangles, swing, rotation.about_z)
-    growth = float(swept.growth.max())
+    growth = swing * float(swept.farthest.max())
     room = radius + growth + 1.0
     outer, lower = allocate_bitmap(corners.min(axis=0) - room, corners.max(axis=0) + room)
     origin = np.asarray(lower, dtype=np.float64)

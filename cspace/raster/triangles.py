@@ -113,15 +113,15 @@ class SweptTriangles(NamedTuple):
     """Triangles with the region that they sweep by rotations.
 
     The rotations are about the origin, up to an angle. A point of a triangle stays within the
-    triangle's growth of its position. It keeps its distance from the origin, so it stays in the
-    spherical shell between the triangle's nearest and farthest point, and within ``swing`` times
-    that distance of its position. For rotations about the z axis it also keeps its height, and
-    distances are from the axis.
+    triangle's growth, ``swing * farthest``, of its position. It keeps its distance from the origin,
+    so it stays in the spherical shell between the triangle's nearest and farthest point, and within
+    ``swing`` times that distance of its position. For rotations about the z axis it also keeps its
+    height, and distances are from the axis.
 
     Attributes
     ----------
     triangles : ndarray of float64, shape (n, 3, 3)
-    growth, nearest, farthest : ndarray of float64, shape (n,)
+    nearest, farthest : ndarray of float64, shape (n,)
     origin : ndarray of float64, shape (3,)
     swing : float
         Maximum displacement of a point at distance 1 from the origin.
@@ -129,7 +129,6 @@ class SweptTriangles(NamedTuple):
     """
 
     triangles: Floats
-    growth: Floats
     nearest: Floats
     farthest: Floats
     origin: Floats
@@ -155,8 +154,7 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
     nearest = np.linalg.norm(centers, axis=1) - to_corners.max(axis=1)
     # The distance from the origin is convex, so it is largest at a corner.
     farthest = np.linalg.norm(levers, axis=2).max(axis=1)
-    growth = swing * farthest
-    return SweptTriangles(pieces, growth, nearest, farthest, np.zeros(3), swing, about_z)
+    return SweptTriangles(pieces, nearest, farthest, np.zeros(3), swing, about_z)
 
 
 def subdivide(
@@ -202,7 +200,7 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
-    reach = np.tile(half + swept.growth[:, None] + (radius + slack), 3)
+    reach = np.tile(half + swept.swing * swept.farthest[:, None] + (radius + slack), 3)
     if swept.about_z:
         reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
     lows = swept.triangles.min(axis=1) - reach
@@ -407,7 +405,7 @@ def _is_swept_near(
     distance = math.sqrt(square) + radius
     if distance < swept.nearest[t] - slack:
         return False
-    displacement = min(swept.growth[t], swept.swing * distance)
+    displacement = swept.swing * min(swept.farthest[t], distance)
     return _is_near(swept.triangles[t], center, half, displacement + radius, slack)
 
 
@@ -431,7 +429,7 @@ def _mark_within(
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
         # Cubes far from the plane of the triangle cannot be near either.
-        near = swept.growth[t] + radius + slack
+        near = swept.swing * swept.farthest[t] + radius + slack
         x, y, z = triangle[0]
         along_x, along_y, half_height = _plane_heights(triangle, near, half)
         for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):

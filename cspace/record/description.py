@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -105,32 +104,30 @@ ARRAYS: Final[dict[str, Stored]] = {
 """Every array that a map may hold, except those that describe its rotation cells."""
 
 
-def stored() -> Mapping[str, Stored]:
-    """Every array that a map may hold."""
-    return _stored_of(tuple(Rotations.KINDS.values()))
-
-
-@cache
-def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
+def stored() -> dict[str, Stored]:
+    """Return every array that a map may hold, by name."""
     arrays = dict(ARRAYS)
-    for name, each in (item for kind in kinds for item in kind.COORDINATES.items()):
-        bounds = {"bounds": each.bounds} if each.bounds else {}
-        array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
-        arrays[name] = array._replace(sizes=each.axes)
+    for kind in Rotations.KINDS.values():
+        for name, each in kind.COORDINATES.items():
+            bounds = {"bounds": each.bounds} if each.bounds else {}
+            array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+            arrays[name] = array._replace(sizes=each.axes)
     return arrays
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """Return the axes of an array on a grid."""
-    groups = {"cells": AXES[:dim]}
-    return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
+    axes: list[str] = []
+    for axis in stored()[name].axes:
+        axes += AXES[:dim] if axis == "cells" else [axis]
+    return tuple(axes)
 
 
 def grid_of(metadata: Mapping[str, Any]) -> Grid:
     """Return the grid of a map, from its metadata."""
     shape = tuple(metadata["shape"])
-    axes, units = metadata.get("axes", "").split()[: len(shape)], metadata.get("units", "").split()
-    return Grid(metadata["lower"], metadata["spacing"], shape, axes or None, units or None)
+    axes = metadata["axes"].split()[: len(shape)]
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes, metadata["units"].split())
 
 
 def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
@@ -205,9 +202,8 @@ def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
     if shapes is None:
         return {}
     specs = json.dumps([shape.spec for shape in shapes])
-    return {
-        "shapes": np.frombuffer(specs.encode(), dtype=np.int8)
-    }  # netCDF 3 knows no unsigned bytes
+    # netCDF 3 knows no unsigned bytes.
+    return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}
 
 
 def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
@@ -229,5 +225,7 @@ def turns_of(names: Iterable[str]) -> tuple[str, ...]:
     There are none if the robot does not rotate.
     """
     there = set(names)
-    kinds = (tuple(kind.COORDINATES) for kind in Rotations.KINDS.values())
-    return next((kind for kind in kinds if there.intersection(kind[:1])), ())
+    for kind in Rotations.KINDS.values():
+        if kind.COORDINATES and next(iter(kind.COORDINATES)) in there:
+            return tuple(kind.COORDINATES)
+    return ()

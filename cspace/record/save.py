@@ -49,7 +49,6 @@ from cspace.record.description import (
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.shapes import Shape
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
 from cspace.support.check import check_not_negative
 from cspace.workspace import Workspace
@@ -184,8 +183,9 @@ def read_format(path: StrPath) -> str:
 
 def is_map_folder(folder: Path) -> bool:
     """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
+    known = stored()
     names = [entry.name for entry in folder.iterdir()]
-    return all(name in stored() or _OTHER_ENTRIES.fullmatch(name) for name in names)
+    return all(name in known or _OTHER_ENTRIES.fullmatch(name) for name in names)
 
 
 # ---- writing -------------------------------------------------------------------------------------
@@ -233,17 +233,12 @@ def _iterate_files(
 # ---- reading -------------------------------------------------------------------------------------
 
 
-def read_map(path: StrPath) -> Contents:
-    """Read a saved map.
+def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
+    """Read a map of a format and all its attributes.
 
     Raises FileError if it is missing, truncated, changed, too large for memory, of another version,
     or describes no map.
     """
-    return read_map_and_attributes(path)[0]
-
-
-def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
-    """Read a map of a format and all its attributes, as :func:`read_map`."""
     attributes, digest = read_root(path, form)
     with making_map(path):
         grid = grid_of(attributes)
@@ -332,9 +327,16 @@ def _make_contents(
     shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
     if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
         raise ValueError("its robot, obstacles and grid differ in dimension")
-    outside = attributes["outside"]
+    outside, outer = attributes["outside"], arrays["outer"]
     return Contents(
-        _make_workspace(attributes, grid, arrays, shapes),
+        Workspace(
+            grid,
+            outer,
+            arrays.get("inner", outer),
+            str(attributes["workspace_source"]),
+            arrays.get("unknown"),
+            shapes,
+        ),
         robot,
         rotations,
         slice_of,
@@ -351,18 +353,6 @@ def _make_contents(
 def _read_robot(text: str) -> Robot:
     """Make a robot of its JSON text, once for all tiles of a map."""
     return Robot.from_spec(json.loads(text))
-
-
-def _make_workspace(
-    attributes: Mapping[str, Any],
-    grid: Grid,
-    arrays: Mapping[str, NDArray[Any]],
-    shapes: tuple[Shape, ...] | None,
-) -> Workspace:
-    """Return the workspace of a map."""
-    source, outer = str(attributes["workspace_source"]), arrays["outer"]
-    inner, unknown = arrays.get("inner", outer), arrays.get("unknown")
-    return Workspace(grid, outer, inner, source=source, unknown=unknown, shapes=shapes)
 
 
 def _check_rotations(

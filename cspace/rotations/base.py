@@ -222,9 +222,6 @@ class Rotations(ABC):
     names: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[tuple[str, ...]] = ()
 
-    examples: ClassVar[tuple[str, ...]] = ()
-    """Example values as texts: angles with their unit."""
-
     limits: ClassVar[str] = ""
     """Rule for the coordinates, for messages; empty if there is none."""
 

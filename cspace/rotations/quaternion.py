@@ -53,7 +53,6 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    examples = ("0", "0", "0", "1")
     limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate(
@@ -406,12 +405,17 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     the corners on the sphere: of all ``X w`` with ``w >= 0``, those with the least
     ``|X w|^2 + (sum w - 1)^2`` have that direction.
     """
-    from scipy.optimize import nnls
+    from scipy.optimize import lsq_linear
 
     corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
     equations = np.concatenate([corners, np.ones((*boxes.shape[:2], 1))], axis=2)
-    weights = np.array([nnls(each.T, np.eye(5)[4])[0] for each in equations])
+    # scipy's nnls misses the least sum on some machines if corners lie symmetrically.
+    solutions = [
+        lsq_linear(each.T, np.eye(5)[4], (0.0, np.inf), method="bvls", tol=1e-15)
+        for each in equations
+    ]
+    weights = np.array([solution.x for solution in solutions])
     center = np.einsum("mk,mki->mi", weights, corners)
     center /= np.linalg.norm(center, axis=1, keepdims=True)
     cosines = np.einsum("mki,mi->mk", corners, center).min(axis=1)

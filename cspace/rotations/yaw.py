@@ -51,7 +51,6 @@ class YawRotations(Rotations):
     names = ("yaw",)
     units = ("rad",)
     about_z = True
-    examples = ("90deg",)
     limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),

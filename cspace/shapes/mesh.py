@@ -314,7 +314,7 @@ class Mesh(ExactShape):
         sides = np.roll(corners, -1, axis=1) - corners
         lengths = np.linalg.norm(sides, axis=-1)
         twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-        # Unions and buffers lose triangles seen edge-on, so their longest sides stand for them.
+        # Unions and buffers lose triangles seen edge-on, so their sides stand for them.
         is_line = 4.0 * twice_area <= _SHADOW_MARGIN * lengths.max(axis=1)
         shadow = _without_cracks(
             shapely.union_all(shapely.polygons(corners[~is_line])), _MAX_CRACK_WIDTH * self.span
@@ -327,16 +327,10 @@ class Mesh(ExactShape):
                 "it must have an area there",
                 "check its axes",
             )
-        first = lengths[is_line].argmax(axis=1)[:, None]
-        ends = np.take_along_axis(
-            corners[is_line], np.hstack([first, (first + 1) % 3])[..., None], axis=1
-        )
-        lines = shapely.linestrings(ends)
+        lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
         near = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
         shapely.prepare(near)
-        apart = shapely.buffer(
-            lines[~shapely.covers(near, lines)], _SHADOW_MARGIN, cap_style="square"
-        )
+        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _SHADOW_MARGIN)
         around = shapely.union_all([shadow.buffer(_SHADOW_MARGIN, join_style="mitre"), *apart])
         return BoundedShape(Polygons.of(around), Polygons.of(within))
 

@@ -34,11 +34,8 @@ if TYPE_CHECKING:
     from cspace.raster.boxes import RoundedBoxes
     from cspace.raster.surfaces import SolidSurface
 
-_UNIT_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
-_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-_BOX_TRIANGLES = np.array(
-    [t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64
-)
+_UNIT_CORNERS, _FACES, _TURNS = boundary_mesh(np.ones((1, 1, 1), dtype=np.bool_), 1.0, np.zeros(3))
+_BOX_TRIANGLES = np.where(_TURNS[:, None] > 0, _FACES, _FACES[:, ::-1])
 """Triangles of a box with the corners `_UNIT_CORNERS`, facing outward."""
 
 

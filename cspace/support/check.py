@@ -354,6 +354,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             "pass an array indexed [x, y] or [x, y, z]",
         )
         raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
+    if array.dtype.kind == "f":
+        check_finite(array, name)
     if array.dtype.kind not in "biu":
         hint = "compare with a threshold first, e.g. array > 0.5"
         raise InputError(
@@ -373,12 +375,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
         raise InputError(entry, f"is {value}", "whole numbers must be 0 or 1", hint, value=value)
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
     stored = array.view(np.uint8) if array.dtype.kind == "b" else array
-    is_ours = (
-        values is array
-        and array.base is None
-        and not array.flags.writeable
-        and array.flags.c_contiguous
-    )
+    is_ours = array.base is None and not array.flags.writeable and array.flags.c_contiguous
     if is_ours and array.dtype.kind == "b" and stored.max() <= 1:
         return array
     return frozen(np.ascontiguousarray(stored != 0))

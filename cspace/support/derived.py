@@ -12,14 +12,14 @@ Part = TypeVar("Part")
 class Locked(Protocol):
     """An object whose parts share one lock."""
 
-    _lock: AbstractContextManager[Any]
+    lock: AbstractContextManager[Any]
 
 
 class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """Turn a method into an attribute, computed at first access.
 
     One thread computes the part and any others wait: all parts of an object share its lock
-    ``_lock``, which an update holds while it changes the object. Copies and pickles of the object
+    ``lock``, which an update holds while it changes the object. Copies and pickles of the object
     must omit its ``__dict__``, where parts are kept.
     """
 
@@ -38,7 +38,7 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
         # Python looks in __dict__ before it calls __get__, so that parts once computed cost
         # nothing.
         parts = vars(owner)
-        with owner._lock:
+        with owner.lock:
             if self._name not in parts:
                 parts[self._name] = self._make(owner)
             part: Part = parts[self._name]
@@ -51,7 +51,7 @@ class derived(lazy[Part]):  # noqa: N801 - used as a decorator
     @staticmethod
     def drop(owner: Locked) -> None:
         """Discard all such attributes of an object; the next access computes them."""
-        with owner._lock:
+        with owner.lock:
             for name, member in vars(type(owner)).items():
                 if isinstance(member, derived):
                     vars(owner).pop(name, None)

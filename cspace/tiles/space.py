@@ -131,7 +131,8 @@ class TiledCSpace(ConfigurationMap):
         return f"{len(self._folder)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
-    def _facts(self) -> dict[str, object]:
+    def facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map, except its grid."""
         cells = {}
         if self.progress == 1.0:
             cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))}

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cspace.errors import InputError
 from cspace.plot.arms import (
     ARM_CAMERA,
     GHOST_COLOR,
     GHOST_COUNT,
-    VIEW_MARGIN_SHARE,
     ArmFigure,
-    interpolate_joints,
 )
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.rotations.base import TWO_PI, wrapped
@@ -29,9 +25,8 @@ from cspace.view.canvas import (
     Dial,
     farthest_pair,
     sample_free_configurations,
-    state_text,
 )
-from cspace.view.scene import KINDS, rgb
+from cspace.view.scene import KINDS, rgb, to_quaternion
 from cspace.view.tool import ToolFrame
 
 if TYPE_CHECKING:
@@ -61,6 +56,7 @@ TOOL_SIZE_SHARE: Final = 0.2
 _STEP_DEGREES: Final = 0.1
 """Step of the slider of a revolute joint, degrees."""
 _STEP_METRES: Final = 1e-3
+_UNPROVEN: Final = "The straight motion is not proven free."
 
 
 class ArmCanvas(Canvas):
@@ -84,9 +80,6 @@ class ArmCanvas(Canvas):
 
     tool: ToolFrame
 
-    has_cells = False
-    distance_name = "obstacle distance"
-
     def __init__(
         self,
         space: Any,
@@ -95,25 +88,18 @@ class ArmCanvas(Canvas):
         marks: dict[str, Floats],
         frame: str | None = None,
     ) -> None:
-        given = {name: space._check_configurations(q, name) for name, q in marks.items()}
+        given = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
         if "start" in given:
             given.setdefault("goal", given["start"])  # no goal yet
-        samples = sample_free_configurations(
-            space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper)
-        )
+        samples = sample_free_configurations(space, space.arm.rest)
         super().__init__(server, space, farthest_pair(samples, samples) | given)
-        space._check_configurations(points, "path")
         self._describe_panel()
-        self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
         self._ghosts: list[Any] = []
         self._marks = dict(self.endpoints)
         self.robot = self.endpoints["start"]
-        self._nodes: list[str] = []
-        self._links_lock = (
-            threading.RLock()
-        )  # one thread draws links anew while others move and colour them
-        self._is_stale = False
-        self._draw_bodies()
+        # One thread draws links anew while others move and colour them.
+        self._links_lock = threading.RLock()
+        self.invalidate()
         self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
 
     def _describe_panel(self) -> None:
@@ -121,42 +107,28 @@ class ArmCanvas(Canvas):
         space, arm = self._space, self._space.arm
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
-        self.about = ", ".join(
-            f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items()
-        )
-        self._scale = np.array([1.0 if unit == "m" else math.degrees(1.0) for unit in arm.units])
-        steps = np.where(self._scale == 1.0, _STEP_METRES, _STEP_DEGREES)
-        limit = np.where(space.periodic_axes, math.pi, TWO_PI)
-        lower = (
-            np.ceil(np.where(np.isinf(arm.lower), -limit, arm.lower) * self._scale / steps - 1e-6)
-            * steps
-        )
-        upper = (
-            np.floor(np.where(np.isinf(arm.upper), limit, arm.upper) * self._scale / steps + 1e-6)
-            * steps
-        )
-        units = np.where(self._scale == 1.0, "m", "°")
-        self.dials = [
-            Dial(f"{joint} ({unit})", *numbers)
-            for joint, unit, *numbers in zip(
-                arm.joints,
-                units.tolist(),
-                lower.round(3).tolist(),
-                upper.round(3).tolist(),
-                steps.tolist(),
-                strict=True,
-            )
-        ]
+        self.about = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+        is_linear = np.array(arm.units) == "m"
+        self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
+        steps = np.where(is_linear, _STEP_METRES, _STEP_DEGREES)
+        limits = np.where(space.periodic_axes, math.pi, TWO_PI)
+        lower = np.where(np.isinf(arm.lower), -limits, arm.lower) * self._scale
+        upper = np.where(np.isinf(arm.upper), limits, arm.upper) * self._scale
+        lower = np.ceil(lower / steps - 1e-6) * steps
+        upper = np.floor(upper / steps + 1e-6) * steps
+        self.dials = []
+        for joint, linear, *numbers in zip(arm.joints, is_linear, lower, upper, steps, strict=True):
+            low, high, step = (round(float(number), 3) for number in numbers)
+            self.dials.append(Dial(f"{joint} ({'m' if linear else '°'})", low, high, step))
         self.legend = [
-            (ROBOT_FILL_COLOR, "arm, FREE"),
+            (STATE_COLORS[FREE], "arm, FREE"),
             (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
-        ]
-        self.legend += [
             (STATE_COLORS[BLOCKED], "arm, BLOCKED"),
             (KINDS["obstacles"].color, "obstacle"),
+            (GHOST_COLOR, "arm along the path"),
+            (CONTACT_COLOR, "closest pair"),
+            (UNREACHED_COLOR, "from the tool frame to a pose out of reach"),
         ]
-        self.legend += [(GHOST_COLOR, "arm along the path"), (CONTACT_COLOR, "closest pair")]
-        self.legend += [(UNREACHED_COLOR, "from the tool frame to a pose out of reach")]
 
     # ---- configurations --------------------------------------------------------------------------
 
@@ -170,14 +142,6 @@ class ArmCanvas(Canvas):
         arm = self._space.arm
         return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
 
-    def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares of its joint-space length."""
-        return interpolate_joints(points, shares)
-
-    def distance(self, q: Floats) -> Any:
-        """Return the obstacle distance of configurations."""
-        return self._space.obstacle_distance(q)
-
     def describe(self, q: Floats) -> str:
         """Show state and closest pair, and return them as text.
 
@@ -190,7 +154,7 @@ class ArmCanvas(Canvas):
         try:
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
-            return state_text(state, math.inf, self.unit, self.distance_name)
+            return STATES[state]
         self._draw_line("/contact", contact.points, CONTACT_COLOR, 4.0)
         pair, apart = f"{contact.link} and {contact.other}", f"{contact.distance:.3f} m"
         label = apart if contact.distance else pair
@@ -205,47 +169,33 @@ class ArmCanvas(Canvas):
         if _are_same(q0, q1):
             return "Set a goal below, or drag the tool."
         free = self._space.motion_is_free(q0, q1)
-        return (
-            "**The straight motion is free: proven.**"
-            if free
-            else "The straight motion is not proven free."
-        )
+        return "**The straight motion is free: proven.**" if free else _UNPROVEN
 
     # ---- drawing ---------------------------------------------------------------------------------
 
-    def draw(self) -> None:
-        """Draw arm and obstacles again after a change of the scene."""
-        if self._is_stale:
-            self._is_stale = False
-            self._draw_bodies()
-
     def invalidate(self) -> None:
-        """Make :meth:`draw` redraw everything, because the scene has changed."""
-        self._is_stale = True
-
-    def _draw_bodies(self) -> None:
         """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
-        space, color = self._space, KINDS["obstacles"].color
+        space, scene = self._space, self._server.scene
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
+        arms = {"robot": ([*figure.links], ROBOT_FILL_COLOR, 1.0)}
+        arms |= {name: (figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()}
         with self._links_lock, self._server.atomic():
-            for node in self._nodes:
-                self._server.scene.remove_by_name(node)
+            for group in ("obstacles", *arms):
+                scene.remove_by_name(f"/{group}")
+                scene.add_frame(f"/{group}", show_axes=False)
             for name, surface in figure.obstacles.items():
                 if len(surface[1]):
-                    self._add_mesh(f"/obstacles/{name}", surface, color)
+                    self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
                 else:
-                    self._add_cloud(
-                        f"/obstacles/{name}",
-                        surface[0],
-                        float(space.obstacles[name].shape.outer.radii[0]),
-                    )
-            self._links = {"robot": self._add_links("robot", figure.links, ROBOT_FILL_COLOR, 1.0)}
-            for name, mark_color in MARKS.items():
-                self._links[name] = self._add_links(name, figure.moving, mark_color, MARK_OPACITY)
-            self._nodes = [f"/obstacles/{name}" for name in figure.obstacles]
-            self._nodes += [
-                f"/{name}/{link}" for name, links in self._links.items() for link in links
-            ]
+                    radius = float(space.obstacles[name].shape.outer.radii[0])
+                    self._add_cloud(f"/obstacles/{name}", surface[0], radius)
+            self._links: dict[str, dict[str, Any]] = {}
+            for name, (links, color, opacity) in arms.items():
+                self._links[name] = {
+                    link: self._add_mesh(f"/{name}/{link}", figure.links[link], color, opacity)
+                    for link in links
+                }
+            self._labels = {name: scene.add_label(f"/{name}/label", name) for name in MARKS}
             self._pose_arm("robot", self.robot)
             for name, q in self._marks.items():
                 self.mark(name, q)
@@ -260,12 +210,11 @@ class ArmCanvas(Canvas):
 
         Return the reason why it does not reach it; empty if it does.
         """
-        q, problem = self.tool.solve(
-            np.clip(self.robot, self._space.arm.lower, self._space.arm.upper)
-        )
+        arm = self._space.arm
+        q, problem = self.tool.solve(self.robot.clip(arm.lower, arm.upper))
         self._stand(q)
         if problem:
-            ends = np.stack([self._space.arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
+            ends = np.stack([arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
             self._draw_line("/gap", ends, UNREACHED_COLOR, 4.0)
         return problem
 
@@ -289,9 +238,8 @@ class ArmCanvas(Canvas):
             link.remove()
         self._ghosts = []
         if len(points) > 1:
-            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[
-                1:-1
-            ]  # start and goal have arms already
+            # Start and goal have arms already.
+            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[1:-1]
             poses = self._space.arm.poses(self.interpolate(points, shares))
             self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
         super().draw_path(points)
@@ -302,12 +250,11 @@ class ArmCanvas(Canvas):
     def _add_ghosts(self, link: str, poses: Floats) -> Any:
         """Add copies of a link at poses, shape (n, 4, 4)."""
         vertices, faces = self._figure.links[link]
-        self.bytes += vertices.nbytes + faces.nbytes
         return self._server.scene.add_batched_meshes_simple(
             f"/ghosts/{link}",
             vertices,
             faces,
-            Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True),
+            to_quaternion(poses),
             poses[:, :3, 3],
             batched_colors=rgb(ROBOT_FILL_COLOR),
             opacity=GHOST_OPACITY,
@@ -320,23 +267,14 @@ class ArmCanvas(Canvas):
     def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
         """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
         size = max(radius, MIN_POINT_SHARE * float(np.ptp(centers, axis=0).max()))
-        points = self._server.scene.add_point_cloud(
+        self._server.scene.add_point_cloud(
             name,
-            centers.astype(np.float32),
+            centers,
             rgb(KINDS["obstacles"].color),
             point_size=size,  # viser's size is a radius on the screen
             point_shape="circle",
             precision="float32",
         )
-        self.bytes += points.points.nbytes
-
-    def _add_links(
-        self, name: str, links: Iterable[str], color: str, opacity: float
-    ) -> dict[str, Any]:
-        return {
-            link: self._add_mesh(f"/{name}/{link}", self._figure.links[link], color, opacity)
-            for link in links
-        }
 
     def _show_marks(self) -> None:
         """Show the arms at start and goal.
@@ -359,26 +297,21 @@ class ArmCanvas(Canvas):
             for link, handle in self._links[name].items():
                 if link in poses:  # it may be detached but not yet erased
                     handle.position = poses[link][:3, 3]
-                    handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(
-                        scalar_first=True
-                    )
+                    handle.wxyz = to_quaternion(poses[link])
 
     def _frame_scene(self) -> float:
         """Place the camera in front of the arm and its obstacles.
 
         Return the longest side of the box around the arm, metres.
         """
-        placed = [self._figure.pose_links(q) for q in self.endpoints.values()]
-        points = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
-        lower, upper = points.min(axis=0), points.max(axis=0)
-        margin = VIEW_MARGIN_SHARE * float(np.max(upper - lower))
+        low, high, margin = self._figure.measure(np.array([*self.endpoints.values()]))
         obstacles = self._figure.obstacles.values()
-        clipped = (vertices.clip(lower - margin, upper + margin) for vertices, _ in obstacles)
-        near = np.concatenate([points, *clipped])
+        clipped = [vertices.clip(low - margin, high + margin) for vertices, _ in obstacles]
+        near = np.concatenate([[low, high], *clipped])
         azimuth = math.radians(ARM_CAMERA[1])
         back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
         self._place_camera(near.min(axis=0), near.max(axis=0), back)
-        return float(np.max(upper - lower))
+        return float(np.max(high - low))
 
 
 def _are_same(q0: Floats, q1: Floats) -> bool:

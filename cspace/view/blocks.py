@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from cspace.plot.artists import Classes, classify_cells, classify_ground
 from cspace.space import CSpace
-from cspace.support.arrays import Floats, block_starts, reduce_blocks
+from cspace.support.arrays import block_starts, reduce_blocks
 from cspace.tiles.space import TiledCSpace
 
 MAX_BLOCKS: Final = 2**21
@@ -38,16 +39,18 @@ class Cells:
     ----------
     drawn : CSpace
         The map that is drawn and sampled.
+    at : callable
+        Return the blocks of the map at a rotation cell, or those of the workspace if it is None.
     """
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
         self._space = space
-        self._cached: dict[int, Blocks] = {}
+        self.at = lru_cache(_MAX_CACHED_SLICES)(self._reduce)
         self.invalidate()
 
     def invalidate(self) -> None:
         """Clear the cache, because the map has changed."""
-        self._cached.clear()
+        self.at.cache_clear()
         if isinstance(self._space, CSpace):
             self.drawn = self._space
         else:
@@ -55,17 +58,12 @@ class Cells:
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
             self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
 
-    def at(self, rotation: Floats | None) -> Blocks:
-        """Return the blocks of the map at a rotation, or without one of the workspace."""
+    def _reduce(self, cell: int | None) -> Blocks:
+        """Return the blocks of the map at a rotation cell, or without one of the workspace."""
         space = self.drawn
-        key = -1 if rotation is None else int(space.rotations.find_cells(rotation))
-        if key not in self._cached:
-            if len(self._cached) >= _MAX_CACHED_SLICES:
-                self._cached.clear()
+        if cell is None:
             classes = classify_ground(space.workspace)
-            if rotation is not None:
-                classes = classify_cells(space, rotation)
-            side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
-            blocks = reduce_blocks(classes, block_starts(classes.shape, side))
-            self._cached[key] = Blocks(blocks, side)
-        return self._cached[key]
+        else:
+            classes = classify_cells(space, space.rotations.centers[cell])
+        side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
+        return Blocks(reduce_blocks(classes, block_starts(classes.shape, side)), side)

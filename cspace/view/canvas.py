@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.errors import ConfigurationError
-from cspace.plot.artists import GOAL_COLOR, PATH_COLOR
+from cspace.plot.artists import CURVE_POINTS, GOAL_COLOR, PATH_COLOR
+from cspace.plot.route import interpolate_path
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.view.scene import rgb
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 MARKS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
 """Colours of the marked configurations."""
-PATH_POINTS: Final = 400
-"""Number of points at which a path is drawn."""
 FIELD_OF_VIEW: Final = math.radians(40.0)
 """Vertical field of view of the camera, radians."""
 _SAMPLES: Final = 64
@@ -72,33 +71,24 @@ class Canvas(ABC):
         Coordinates that set a configuration.
     title, about : str
         Description of the space.
-    unit : str
-        Unit of :meth:`distance`.
-    distance_name : str
-        Name of :meth:`distance`: "clearance", or "obstacle distance" of an arm.
     legend : list of tuple of str
         Colours and their meanings.
-    has_cells : bool
-        True for maps, whose MIXED cells an exact check may decide.
     tool : ToolFrame or None
         Frame of an arm that users drag to a pose.
-    bytes : int
-        Size of the arrays sent so far to each client.
+    robot_reach : float
+        Distance of a rigid robot's farthest point from its reference point, metres; 0 for an arm.
     """
 
     robot: Floats
     dials: list[Dial]
     title: str
     about: str
-    unit = "m"
-    distance_name = "clearance"
     legend: list[tuple[str, str]]
-    has_cells = True
+    robot_reach = 0.0
     tool: ToolFrame | None = None
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         self._server, self._space, self.endpoints = server, space, endpoints
-        self.bytes = 0
         scene = server.scene
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
@@ -118,31 +108,16 @@ class Canvas(ABC):
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
         """Return the configuration with these values of the dials."""
 
-    @abstractmethod
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares, 0 to 1, of its length.
+        """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
+        return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
 
-        The result has shape (n, size).
-        """
-
-    def distance(self, q: Floats) -> Any:
-        """Return the distance called :attr:`distance_name` at configurations.
-
-        NaN if it is unknown.
-        """
-        try:
-            return self._space.clearance(q)
-        except ConfigurationError:  # a tiled map lacks clearances at some configurations
-            return np.full(q.shape[:-1], math.nan)
-
+    @abstractmethod
     def describe(self, q: Floats) -> str:
-        """Return state and distance of a configuration as text.
+        """Return the state of a configuration and its distance from obstacles as text.
 
         May also draw them.
         """
-        return state_text(
-            int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name
-        )
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -170,15 +145,14 @@ class Canvas(ABC):
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return
-        q = self.interpolate(points, np.linspace(0.0, 1.0, PATH_POINTS))
+        q = self.interpolate(points, np.linspace(0.0, 1.0, CURVE_POINTS))
         self._draw_line("/path", self._path_positions(q), PATH_COLOR, 6.0)
 
     def _draw_line(self, name: str, points: Floats, color: str, thickness: float) -> None:
         """Draw a line through points, shape (n, 3); its thickness is in pixels."""
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        linear = to_linear_rgb(color)
         self._server.scene.add_line_segments(
-            name, segments, linear, thickness=thickness, thickness_units="screen"
+            name, segments, rgb(color), thickness=thickness, thickness_units="screen"
         )
 
     @abstractmethod
@@ -197,14 +171,15 @@ class Canvas(ABC):
     def draw(self) -> None:  # noqa: B027
         """Draw everything that depends on the robot's configuration."""
 
-    def invalidate(self) -> None:  # noqa: B027
-        """Make :meth:`draw` redraw everything, because the space has changed."""
+    @abstractmethod
+    def invalidate(self) -> None:
+        """Draw everything again, now or at the next :meth:`draw`, because the space has changed."""
 
     # ---- drawing ---------------------------------------------------------------------------------
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
         """Add a mesh to the scene, and return its handle."""
-        handle = self._server.scene.add_mesh_simple(
+        return self._server.scene.add_mesh_simple(
             name,
             *surface,
             color=rgb(color),
@@ -214,8 +189,6 @@ class Canvas(ABC):
             cast_shadow=False,
             receive_shadow=False,
         )
-        self.bytes += handle.vertices.nbytes + handle.faces.nbytes
-        return handle
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Place initial cameras so that a box is in view."""
@@ -233,13 +206,6 @@ class Canvas(ABC):
         camera.position = center + distance * back
 
 
-def state_text(state: int, distance: float, unit: str, name: str) -> str:
-    """Return the state and named distance of a configuration as text."""
-    return STATES[state] + (
-        f", {name} at least {distance:.3f} {unit}" if 0.0 < distance < math.inf else ""
-    )
-
-
 def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
     """Return FREE configurations, the same at each call, or ``fallback``.
 
@@ -254,16 +220,5 @@ def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
 def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
     """Return the configurations with the most distant positions as start and goal."""
     distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
-    return dict(
-        zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True)
-    )
-
-
-def to_linear_rgb(color: str) -> tuple[int, int, int]:
-    """Convert an sRGB colour to a linear one, as viser's lines need (IEC 61966-2-1)."""
-    shares = (channel / 255.0 for channel in rgb(color))
-    red, green, blue = (
-        round(255.0 * (share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4))
-        for share in shares
-    )
-    return red, green, blue
+    start, goal = np.unravel_index(int(distances.argmax()), distances.shape)
+    return {"start": q[start], "goal": q[goal]}

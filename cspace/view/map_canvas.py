@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Hashable
-from functools import partial
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cspace.errors import ConfigurationError
 from cspace.plot.artists import (
     CLASSES,
     COLLIDES,
@@ -26,18 +27,22 @@ from cspace.support.arrays import Floats
 from cspace.view.blocks import Cells
 from cspace.view.canvas import (
     MARKS,
+    STATES,
     Canvas,
     Dial,
     farthest_pair,
     sample_free_configurations,
 )
-from cspace.view.scene import KINDS, SECTION, Section, SolidKind, Stage, make_robot_surface
+from cspace.view.scene import KINDS, SECTION, Section, Stage, make_robot_surface, to_quaternion
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Rotations about the fixed axes x, then y, then z."""
+
+Part = tuple[int | None, float, bool]
+"""What a drawn part depends on: a rotation cell, the cut, and whether the cut has a lid."""
 
 
 class MapCanvas(Canvas):
@@ -68,86 +73,75 @@ class MapCanvas(Canvas):
     ) -> None:
         given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
         self.cells = cells = Cells(space)
-        super().__init__(server, space, _choose_endpoints(space, cells) | given)
+        super().__init__(server, space, _choose_endpoints(space, cells.drawn) | given)
         grid = cells.drawn.grid
         self.glyph = Body(space.robot, space.rotations)
+        self.robot_reach = self.glyph.reach
         self.poses = Poses(space.grid.dim, space.rotations)
+        self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
-        self.stage = Stage(
-            grid, wall=min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest)
-        )
-        self.kinds = [
-            name for name in KINDS if name != "unknown" or cells.drawn.workspace.unknown is not None
-        ]
-        self.shown = {*self.kinds, SECTION} - (
-            {"mixed"} if self.stage.has_height else {"border", "mixed"}
-        )
-        self._drawn: dict[str, Hashable] = {}
+        wall = min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest)
+        self.stage = stage = Stage(grid, wall)
+        self.kinds = [*KINDS]
+        if cells.drawn.workspace.unknown is None:
+            self.kinds.remove("unknown")
+        hidden = {"mixed"} if stage.has_height else {"border", "mixed"}
+        self.shown = {*self.kinds, SECTION} - hidden
+        self.cut = float(stage.upper[2])
+        if stage.has_height:
+            # Above the robot at start, goal and path.
+            about = np.concatenate([[*self.endpoints.values()], points])
+            top = float(self.glyph.extents(about)[:, 1, 2].max())
+            top = math.ceil(top / self._step - 1e-9) * self._step
+            self.cut = min(max(top, stage.lower[2] + grid.spacing), self.cut)
+        self._drawn: dict[str, Part | None] = {}
         self._drawing = threading.Lock()
-        self._surface = make_robot_surface(space.robot, self.stage.wall)
+        self._surface = make_robot_surface(space.robot, stage.wall)
         self._robot = server.scene.add_frame("/robot", show_axes=False)
         self._add_robot("/robot", ROBOT_FILL_COLOR)
         self._gizmos = {name: self._add_gizmo(name, color) for name, color in MARKS.items()}
-        back = np.array([-0.5, -1.0, 0.9] if self.stage.has_height else [0.0, -0.45, 1.0])
-        self._place_camera(self.stage.lower, self.stage.upper, back)
+        back = np.array([-0.5, -1.0, 0.9] if stage.has_height else [0.0, -0.45, 1.0])
+        self._place_camera(stage.lower, stage.upper, back)
         self._describe_panel()
-        self.cut = self._choose_cut(points) if self.stage.has_height else float(self.stage.upper[2])
-
-    def _choose_cut(self, points: Floats) -> float:
-        """Return the height of the first cut, above the robot at start, goal and path."""
-        about = np.concatenate([[*self.endpoints.values()], points])
-        top = max(float(self.glyph.extent(q)[1, 2]) for q in about)
-        return _ceil_to(min(top, float(self.stage.upper[2])), self._step)
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
         space, grid, angles = self._space, self._space.grid, self.poses.angles
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         suffix = f" x {space.rotations}" if space.rotations.names else ""
-        self.title, self.about = (
-            space.robot.name,
-            f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}",
-        )
-        self.unit = grid.unit
-        self._step = step = 10.0 ** math.floor(math.log10(grid.spacing))
+        self.title = space.robot.name
+        self.about = f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
         self.dials = [
-            Dial(label, _floor_to(low, step), _ceil_to(high, step), step)
+            Dial(label, round(low, 9), round(high, 9), self._step)
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
         ]
-        self.dials += [
-            Dial(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0)
-            for angle in angles
-        ]
-        self.legend = [
-            (CLASSES[number][1], CLASSES[number][0])
-            for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)
-        ]
-        self.legend += [
-            (KINDS["obstacles"].color, "obstacle, in the light"),
-            (ROBOT_FILL_COLOR, "robot"),
-        ]
+        for angle in angles:
+            limit = 90.0 if angle == "pitch" else 180.0
+            self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
+        classes = [CLASSES[number] for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)]
+        self.legend = [(color, label) for label, color in classes]
+        self.legend.append((KINDS["obstacles"].color, "obstacle, in the light"))
+        self.legend.append((ROBOT_FILL_COLOR, "robot"))
 
     # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the position, metres, and the angles, degrees."""
-        return (*self.poses.position(q), *self.poses.degrees(q))
+        return self.poses.dial_values(q)
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
         """Return the configuration with these dial values."""
-        dim = self._space.grid.dim
-        return self.poses.configuration_of(numbers[:dim], numbers[dim:])
-
-    def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares of its length."""
-        return self.glyph.interpolate(points, shares)
+        return self.poses.configuration_of(numbers)
 
     def describe(self, q: Floats) -> str:
         """Return state, clearance and rotation of a configuration as text."""
-        return (
-            f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
-        )
+        space, text = self._space, STATES[int(self._space.classify(q))]
+        with suppress(ConfigurationError):  # a tiled map lacks some clearances
+            distance = float(space.clearance(q))
+            if 0.0 < distance < math.inf:
+                text += f", clearance at least {distance:.3f} {space.grid.unit}"
+        return f"{text}  \n{space.rotations.describe(q[space.grid.dim :])}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
@@ -184,9 +178,9 @@ class MapCanvas(Canvas):
 
     def _path_positions(self, q: Floats) -> Floats:
         """Return the positions at which a path is drawn."""
-        positions = self.stage.positions(q)
-        positions[:, 2] += 0.0 if self.stage.has_height else 0.6 * self.stage.wall
-        return positions
+        dim = self._space.grid.dim
+        height = 0.6 * self.stage.wall  # of a path in the plane
+        return np.pad(q[:, :dim], ((0, 0), (0, 3 - dim)), constant_values=height)
 
     # ---- cells -----------------------------------------------------------------------------------
 
@@ -196,70 +190,52 @@ class MapCanvas(Canvas):
         Return them by label.
         """
         added: dict[str, Any] = {}
-        step, stage = self._step, self.stage
+        stage, grid = self.stage, self._space.grid
         if stage.has_height:
-            low, high = (
-                _ceil_to(stage.lower[2] + self._space.grid.spacing, step),
-                _ceil_to(stage.upper[2], step),
-            )
-            self.cut = min(max(self.cut, low), high)
-            label = f"cut at {self._space.grid.labels[2]}"
-            cut = added[label] = gui.add_slider(label, low, high, step, self.cut)
-
-            def set_cut(event: Any) -> None:
-                self.cut = float(event.target.value)
-                changed()
-
-            cut.on_update(set_cut)
+            label = f"cut at {grid.labels[2]}"
+            numbers = stage.lower[2] + grid.spacing, stage.upper[2], self._step, self.cut
+            low, high, step, value = (round(float(number), 9) for number in numbers)
+            cut = added[label] = gui.add_slider(label, low, high, step, value)
         labels = {name: KINDS[name].label for name in self.kinds}
         labels[SECTION] = "section" if stage.has_height else "ground"
+        boxes = {}
         for name, label in labels.items():
-            checkbox = added[label] = gui.add_checkbox(label, name in self.shown)
+            boxes[name] = added[label] = gui.add_checkbox(label, name in self.shown)
 
-            def set_shown(event: Any, name: str = name) -> None:
-                (self.shown.add if event.target.value else self.shown.discard)(name)
-                changed()
+        def choose(_: Any) -> None:
+            if stage.has_height:
+                self.cut = float(cut.value)
+            self.shown = {name for name, box in boxes.items() if box.value}
+            changed()
 
-            checkbox.on_update(set_shown)
+        for each in added.values():
+            each.on_update(choose)
         return added
 
     def draw(self) -> None:
         """Draw the cells; send only those parts that changed."""
+        cell = int(self._space.rotations.find_cells(self.robot))
+        lid = not (self.stage.has_height and SECTION in self.shown)
         with self._drawing:
-            wanted = self._plan_drawing()
-            for name in self._drawn.keys() - wanted.keys():
-                self._server.scene.remove_by_name(name)
-                del self._drawn[name]
-            for name, (key, draw) in wanted.items():
-                if self._drawn.get(name) != key:
-                    draw(name)
-                    self._drawn[name] = key
+            for name in (*self.kinds, SECTION):
+                rotates = name == SECTION or KINDS[name].rotates
+                wanted = (cell if rotates else None, self.cut, lid) if name in self.shown else None
+                if self._drawn.get(name, ()) != wanted:
+                    if wanted is None or not self._draw_part(name, *wanted):
+                        self._server.scene.remove_by_name(f"/{name}")
+                    self._drawn[name] = wanted
 
-    def _plan_drawing(self) -> dict[str, tuple[Hashable, Callable[[str], None]]]:
-        """Return the key and draw function of each node of the scene."""
-        q, cut, stage, cells = self.robot, self.cut, self.stage, self.cells
-        rotation = q[self._space.grid.dim :]
-        cell = int(self._space.rotations.find_cells(q))
-        lid = not (stage.has_height and SECTION in self.shown)
-        wanted: dict[str, tuple[Hashable, Callable[[str], None]]] = {}
-
-        def draw_solid(name: str, kind: SolidKind) -> None:
-            surface = stage.solid(cells.at(rotation if kind.rotates else None), kind, cut, lid)
-            if len(surface[1]):
-                self._add_mesh(name, surface, kind.color, kind.opacity)
-            else:
-                self._server.scene.remove_by_name(name)
-
-        def draw_section(name: str) -> None:
-            self._add_image(name, stage.section(cells.at(rotation), cut))
-
-        for name in self.shown - {SECTION}:
-            kind = KINDS[name]
-            key = cell if kind.rotates else -1, cut, lid
-            wanted[f"/{name}"] = key, partial(draw_solid, kind=kind)
-        if SECTION in self.shown:
-            wanted[f"/{SECTION}"] = (cell, cut), draw_section
-        return wanted
+    def _draw_part(self, name: str, cell: int | None, cut: float, lid: bool) -> bool:
+        """Draw the section, or the cells of a kind; return False if there are none."""
+        blocks = self.cells.at(cell)
+        if name == SECTION:
+            self._add_image(f"/{name}", self.stage.section(blocks, cut))
+            return True
+        kind = KINDS[name]
+        surface = self.stage.solid(blocks, kind, cut, lid)
+        if len(surface[1]):
+            self._add_mesh(f"/{name}", surface, kind.color, kind.opacity)
+        return len(surface[1]) > 0
 
     def invalidate(self) -> None:
         """Make :meth:`draw` redraw everything, because the map has changed."""
@@ -281,7 +257,6 @@ class MapCanvas(Canvas):
             cast_shadow=False,
             receive_shadow=False,
         )
-        self.bytes += section.image.nbytes
 
     def _add_gizmo(self, name: str, color: str) -> Any:
         """Add a robot that can be dragged, with its name above it."""
@@ -311,7 +286,7 @@ class MapCanvas(Canvas):
 
 
 class Poses:
-    """Conversion of configurations to and from positions, angles and poses.
+    """Conversion of configurations to and from the values of dials, and poses in space.
 
     Attributes
     ----------
@@ -321,37 +296,30 @@ class Poses:
 
     def __init__(self, dim: int, rotations: Rotations) -> None:
         self.dim, self._rotations = dim, rotations
-        q = np.zeros(dim + len(rotations.names))
-        q[-1] = 1.0
+        q = np.array([*np.zeros(dim), *rotations.from_matrix(np.eye(3))])
         self.angles = ANGLES[3 - (rotations.steps_between(q, q).shape[-1] - dim) :]
 
-    def position(self, q: Floats) -> tuple[float, ...]:
-        """Return the position of a configuration, metres."""
-        return tuple(q[: self.dim].tolist())
+    def dial_values(self, q: Floats) -> tuple[float, ...]:
+        """Return the position, metres, and the :attr:`angles`, degrees."""
+        degrees = Rotation.from_matrix(self._matrix(q)).as_euler("xyz", degrees=True)
+        shown = np.round(degrees[3 - len(self.angles) :], 6) + 0.0  # no minus sign before zero
+        return (*q[: self.dim].tolist(), *shown.tolist())
 
-    def degrees(self, q: Floats) -> tuple[float, ...]:
-        """Return the :attr:`angles` of a configuration, degrees."""
-        m = self._matrix(q)
-        roll, yaw = math.atan2(m[2, 1], m[2, 2]), math.atan2(m[1, 0], m[0, 0])
-        angles = np.degrees([roll, math.asin(-np.clip(m[2, 0], -1.0, 1.0)), yaw])
-        return tuple((np.round(angles, 6) + 0.0).tolist()[3 - len(self.angles) :])
-
-    def configuration_of(self, position: tuple[float, ...], degrees: tuple[float, ...]) -> Floats:
-        """Return the configuration with a position, metres, and :attr:`angles`, degrees."""
-        angles = np.zeros(3)
-        angles[3 - len(degrees) :] = degrees
-        matrix = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-        return np.array([*position, *self._rotations.from_matrix(matrix)])
+    def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
+        """Return the configuration with these :meth:`dial_values`."""
+        degrees = np.zeros(3)
+        degrees[3 - len(self.angles) :] = numbers[self.dim :]
+        matrix = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
+        return np.array([*numbers[: self.dim], *self._rotations.from_matrix(matrix)])
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Return position and quaternion w, x, y, z of the robot in space."""
-        position = np.array([*self.position(q), 0.0][:3])
-        return position, Rotation.from_matrix(self._matrix(q)).as_quat()[[3, 0, 1, 2]]
+        return np.array([*q[: self.dim], 0.0][:3]), to_quaternion(self._matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
-        matrix = Rotation.from_quat(np.asarray(wxyz)[[1, 2, 3, 0]]).as_matrix()
-        return np.array([*np.asarray(position)[: self.dim], *self._rotations.from_matrix(matrix)])
+        matrix = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
+        return np.array([*position[: self.dim], *self._rotations.from_matrix(matrix)])
 
     def _matrix(self, q: Floats) -> Floats:
         """Return the rotation matrix of a configuration.
@@ -363,24 +331,15 @@ class Poses:
         return matrix
 
 
-def _choose_endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
-    """Return two FREE configurations far apart, or the center of the grid."""
-    sampling_map, upright = cells.drawn, space.rotations.from_matrix(np.eye(3))
-    samples = sample_free_configurations(
-        sampling_map, np.array([*np.add(space.grid.lower, space.grid.upper) / 2, *upright])
-    )
-    upright_samples = samples.copy()
-    upright_samples[:, space.grid.dim :] = upright
-    free = np.asarray(sampling_map.is_free(upright_samples))
-    samples = upright_samples[free] if free.any() else samples
-    return farthest_pair(samples, samples[:, : space.grid.dim])
+def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
+    """Return two FREE configurations of ``sampled`` far apart, or the center of the grid.
 
-
-def _floor_to(value: float, step: float) -> float:
-    """Round down to a multiple of ``step``, up to rounding errors."""
-    return round(math.floor(value / step + 1e-9) * step, 9)
-
-
-def _ceil_to(value: float, step: float) -> float:
-    """Round up to a multiple of ``step``, up to rounding errors."""
-    return round(math.ceil(value / step - 1e-9) * step, 9)
+    They are upright, if possible.
+    """
+    dim, upright = space.grid.dim, space.rotations.from_matrix(np.eye(3))
+    center = np.add(space.grid.lower, space.grid.upper) / 2
+    samples = sample_free_configurations(sampled, np.array([*center, *upright]))
+    turned = np.hstack([samples[:, :dim], np.tile(upright, (len(samples), 1))])
+    free = np.asarray(sampled.is_free(turned))
+    samples = turned[free] if free.any() else samples
+    return farthest_pair(samples, samples[:, :dim])

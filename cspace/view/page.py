@@ -23,7 +23,7 @@ from cspace.view.canvas import MARKS, Canvas
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-    from cspace.arms.inverse import PoseGoal
+    from cspace.arms import PoseGoal
     from cspace.view.tool import ToolFrame
     from planners import Choices, Plan, Trajectory
 
@@ -137,7 +137,7 @@ class Panel:
             "exact",
             False,
             hint="Check the exact geometry in undecided cells; slower.",
-            visible=canvas.has_cells,
+            visible=canvas.tool is None,
         )
         self.plan = gui.add_button("Plan")
         self.proof = gui.add_markdown("")
@@ -211,12 +211,10 @@ class Page:
         self._strays = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
-        tasks = canvas.draw, self._describe, self._prove, self._search, self._play, self._reach
+        tasks = self._show, self._prove, self._search, self._play, self._reach
         self._workers = [Worker(task, self._report_error) for task in tasks]
-        self._drawer, self._describer, self._prover, self._planner, self._player, self._solver = (
-            self._workers
-        )
-        self.panel = Panel(server.gui, canvas, planners.choices(space), self._drawer.request)
+        self._shower, self._prover, self._planner, self._player, self._solver = self._workers
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
@@ -230,9 +228,8 @@ class Page:
         def slide_robot(event: Any) -> None:
             if event.client is not None:
                 self._playing.clear()
-                self._place(
-                    canvas.configuration_of(tuple(float(slider.value) for slider in panel.sliders))
-                )
+                numbers = tuple(float(slider.value) for slider in panel.sliders)
+                self._place(canvas.configuration_of(numbers))
 
         def slide_along_path(event: Any) -> None:
             if event.client is not None and len(self._path):
@@ -287,8 +284,7 @@ class Page:
         """Show the robot at a configuration."""
         self._strays = False
         self._canvas.place(q)
-        self._drawer.request()
-        self._describer.request()
+        self._shower.request()
 
     def go(self, share: float) -> None:
         """Move the robot to a share, from 0 to 1, of its path or trajectory."""
@@ -359,12 +355,12 @@ class Page:
     def refresh(self) -> None:
         """Draw and prove everything again, because the space has changed."""
         self._canvas.invalidate()
-        for worker in (self._drawer, self._describer, self._prover):
-            worker.request()
+        self._shower.request()
+        self._prover.request()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested work is done; return False after a timeout."""
-        workers = self._solver, self._planner, self._drawer, self._describer, self._prover
+        workers = self._solver, self._planner, self._shower, self._prover
         return all(worker.wait(seconds) for worker in workers)
 
     def close(self) -> None:
@@ -375,8 +371,9 @@ class Page:
 
     # ---- work in threads -------------------------------------------------------------------------
 
-    def _describe(self) -> None:
-        """Show the state of the robot's configuration."""
+    def _show(self) -> None:
+        """Draw what depends on the robot's configuration, and show its state."""
+        self._canvas.draw()
         self.panel.state.content = self._canvas.describe(self._canvas.robot)
 
     def _prove(self) -> None:
@@ -389,42 +386,35 @@ class Page:
         q = self._canvas.robot
         self.panel.show_robot(self._canvas.dial_values(q))
         self.mark("goal", q)
-        reached = (
-            "**Reached**, proven free."
-            if self._space.is_free(q)
-            else "**Reached**, but not proven free."
-        )
+        reached = "**Reached**, proven free."
         if problem:
-            reached = (
-                "**Not reached**; the arm shows the nearest pose.  "
-                f"\n{problem[:1].upper()}{problem[1:]}."
-            )
+            reached = "**Not reached**; the arm shows the nearest pose.  "
+            reached += f"\n{problem[:1].upper()}{problem[1:]}."
+        elif not self._space.is_free(q):
+            reached = "**Reached**, but not proven free."
         self.panel.tool.content = reached
-        self._describer.request()
+        self._shower.request()
 
     def _search(self) -> None:
         """Plan, and show the result."""
         import planners
 
-        panel, pose = self.panel, self._goal
+        panel, tool, pose = self.panel, self._canvas.tool, self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
-        planner: Any = None if panel.planner.value == AUTOMATIC else panel.planner.value
+        planner, radius = panel.planner.value, panel.turning_radius
+        options: dict[str, Any] = {
+            "planner": None if planner == AUTOMATIC else planner,
+            "time_limit": float(panel.time_limit.value),
+            "exact": bool(panel.exact.value),
+            "drive": panel.drive.value,
+            "turning_radius": float(radius.value) if radius.visible else None,
+        }
+        goal = self.marks["goal"] if pose is None else pose
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
-            self.plan = plan = planners.plan(
-                self._space,
-                self.marks["start"],
-                self.marks["goal"] if pose is None else pose,
-                planner=planner,
-                time_limit=float(panel.time_limit.value),
-                exact=bool(panel.exact.value),
-                drive=panel.drive.value,
-                turning_radius=float(panel.turning_radius.value)
-                if panel.turning_radius.visible
-                else None,
-            )
+            self.plan = plan = planners.plan(self._space, self.marks["start"], goal, **options)
         finally:
             panel.plan.disabled = False
         self._prover.request()
@@ -432,17 +422,12 @@ class Page:
             self._show_path(plan.path, plan)
             if plan.solved:
                 self.move(plan.path[0])
-        elif plan.solved and not self._is_dragging:
+        elif plan.solved and tool is not None and not tool.is_held:
             self.mark("goal", plan.goal)
             self._show_path(plan.path, plan)
             panel.share.value = 100.0
             self.go(1.0)
         panel.answer.content = _describe_plan(plan)
-
-    @property
-    def _is_dragging(self) -> bool:
-        """Whether a user drags the tool frame."""
-        return self._canvas.tool is not None and self._canvas.tool.is_held
 
     def _play(self) -> None:
         """Move the robot along the path until its end or until stopped."""
@@ -477,12 +462,8 @@ class Page:
             return cast("Trajectory", source)
         if not hasattr(source, "trajectory") or self._canvas.tool is None or not len(self._path):
             return None
-        arm = self._space.arm
-        unlimited = [
-            joint
-            for joint, limit in zip(arm.joints, arm.max_velocity.tolist(), strict=True)
-            if math.isinf(limit)
-        ]
+        limits = self._space.max_velocity
+        unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
         motion: Trajectory = source.trajectory(
             max_velocity=dict.fromkeys(unlimited, MAX_VELOCITY), max_acceleration=MAX_ACCELERATION
         )
@@ -490,11 +471,10 @@ class Page:
 
     def _report_error(self, error: Exception) -> None:
         """Show an error on the page, which stays usable."""
+        message = str(error)
         if not isinstance(error, CspaceError):
             LOGGER.error("error in a thread of the page", exc_info=error)
-        message = (
-            str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
-        )
+            message = repr(error)
         self.panel.answer.content = f"**Not done:** {message}"
 
 

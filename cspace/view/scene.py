@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from itertools import product
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from cspace.grid import Grid
 from cspace.plot.artists import (
@@ -18,8 +20,7 @@ from cspace.plot.artists import (
     UNSEEN,
     Classes,
 )
-from cspace.plot.route import outline_rings
-from cspace.plot.surface import SURFACES, UNKNOWN_SURFACE
+from cspace.plot.surface import FACE_CORNERS, SURFACES, UNKNOWN_SURFACE, exposed_cells
 from cspace.raster.bitmaps import merge_into_rectangles
 from cspace.robot import Robot
 from cspace.support.arrays import Bools, Floats, Ints, Surface
@@ -122,13 +123,6 @@ class Stage:
         self._colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
         self._colors[: PARTLY + 1, 3] = 0 if self.has_height else 255
 
-    def positions(self, q: Floats) -> Floats:
-        """Return the positions of configurations in space, shape (..., 3)."""
-        position = q[..., : self.grid.dim]
-        return np.concatenate(
-            [position, np.zeros((*position.shape[:-1], 3 - self.grid.dim))], axis=-1
-        )
-
     def solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
 
@@ -142,22 +136,18 @@ class Stage:
         lattice = np.minimum(corners, self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
-        return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(
-            -1, 3
-        )
+        squares = np.arange(len(vertices)).reshape(-1, 4)
+        return vertices, squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
     def section(self, blocks: Blocks, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        layer = self._below(blocks, cut)[
-            ..., -1
-        ]  # the highest layer of blocks that begins below the cut
+        layer = self._below(blocks, cut)[..., -1]  # the highest one that begins below the cut
         lower = self.lower[:2]
-        upper = np.minimum(
-            lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2]
-        )
+        size = self.grid.spacing * blocks.side * np.array(layer.shape)
+        upper = np.minimum(lower + size, self.upper[:2])
         image = self._colors[layer]  # [x, y, channel]
         # Images are indexed [row, column], and their first row is the one with the largest y.
         image = image.transpose(1, 0, 2)[::-1]
@@ -183,33 +173,17 @@ def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) ->
     Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only
     above its top layer.
     """
-    sides = ((axis, up) for axis in range(3) for up in (0, 1))
-    return np.concatenate(
-        [
-            _faces_along(solid, axis, up, has_boundary and (lid or (axis, up) != (2, 1)))
-            for axis, up in sides
-        ]
-    )
-
-
-def _faces_along(solid: Bools, axis: int, up: int, has_boundary: bool) -> Ints:
-    """Return the rectangles that face down an axis, or up it."""
-    second, third = (axis + 1) % 3, (axis + 2) % 3
-    cells = solid.transpose(axis, second, third)
-    if not cells.any():
-        return np.empty((0, 4, 3), dtype=np.int64)
-    exposed = cells.copy()
-    inner, neighbours = (
-        (slice(1, None), slice(None, -1)) if up == 0 else (slice(None, -1), slice(1, None))
-    )
-    exposed[inner] &= ~cells[neighbours]
-    exposed[-up] &= has_boundary
-    low, high = merge_into_rectangles(exposed)
-    corners = np.empty((len(low), 4, 3), dtype=np.int64)
-    corners[..., axis] = low[:, :1] + up
-    corners[..., second] = np.stack([low[:, 1], high[:, 1], high[:, 1], low[:, 1]], axis=1)
-    corners[..., third] = np.stack([low[:, 2], low[:, 2], high[:, 2], high[:, 2]], axis=1)
-    return corners if up else corners[:, ::-1]
+    rectangles = []
+    for axis, up in product(range(3), (0, 1)):
+        exposed = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
+        exposed[-up] &= has_boundary and (lid or (axis, up) != (2, 1))
+        low, high = merge_into_rectangles(exposed)  # in the order of axes of ``exposed``
+        sides = np.maximum(high - low, (1, 0, 0))
+        corners = low[:, np.newaxis] + sides[:, np.newaxis] * np.insert(FACE_CORNERS, 0, up, axis=1)
+        # The normal of x and z is -y.
+        corners = corners if up != (axis == 1) else corners[:, ::-1]
+        rectangles.append(corners[..., np.argsort([axis, *np.delete(np.arange(3), axis)])])
+    return np.concatenate(rectangles)
 
 
 def make_robot_surface(robot: Robot, height: float) -> Surface:
@@ -217,33 +191,24 @@ def make_robot_surface(robot: Robot, height: float) -> Surface:
 
     A plane robot becomes a slab of the given height, metres.
     """
-    return _slab(robot, height) if robot.dim == 2 else robot.shape.outer.surface
-
-
-def _slab(robot: Robot, height: float) -> Surface:
-    """Extrude the outline of a plane robot.
-
-    The slab has a top but no bottom.
-    """
     import shapely
+    from trimesh.creation import extrude_triangulation
 
-    outline = robot.shape.outer.outline
-    parts = shapely.get_parts(
-        shapely.orient_polygons(shapely.constrained_delaunay_triangles(outline))
-    )
-    top = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-    triangles = [np.concatenate([top, np.full((*top.shape[:2], 1), height)], axis=2)]
-    for ring in outline_rings(outline):
-        low, high = (np.column_stack([ring, np.full(len(ring), z)]) for z in (0.0, height))
-        triangles += [
-            np.stack([low[:-1], low[1:], high[1:]], axis=1),
-            np.stack([low[:-1], high[1:], high[:-1]], axis=1),
-        ]
-    vertices = np.concatenate(triangles).reshape(-1, 3)
-    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+    if robot.dim == 3:
+        return robot.shape.outer.surface
+    parts = shapely.constrained_delaunay_triangles(robot.shape.outer.outline)
+    triangles = shapely.get_coordinates(shapely.get_parts(parts)).reshape(-1, 4, 2)[:, :3]
+    corners, faces = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
+    mesh: Any = extrude_triangulation(corners, faces.reshape(-1, 3), height)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def rgb(color: str) -> Color:
     """Return red, green and blue, 0 to 255, e.g. of ``"#0072b2"``."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue
+
+
+def to_quaternion(pose: Floats) -> Floats:
+    """Return the rotations of poses, shape (..., 3, 3) or (..., 4, 4), as w, x, y, z."""
+    return np.asarray(Rotation.from_matrix(pose[..., :3, :3]).as_quat(scalar_first=True))

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.arms.inverse import DEFAULT_TOLERANCE, PoseGoal, branch_to
+from cspace.arms import PoseGoal
 from cspace.errors import ConfigurationError
+from cspace.plot.arms import count_joints
 from cspace.support.arrays import Floats
 from cspace.support.check import check_known
+from cspace.view.scene import to_quaternion
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -61,7 +63,7 @@ class ToolFrame:
     ) -> None:
         arm = space.arm
         self._space, self.is_held, self.pose = space, False, np.eye(4)
-        counts = {frame: _count_joints(arm, frame) for frame in arm.frames}
+        counts = {frame: count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
         deepest = max(
             (frame for frame in reversed(self.frames) if frame not in arm.carriers),
@@ -76,15 +78,17 @@ class ToolFrame:
     @property
     def goal(self) -> PoseGoal:
         """The pose that the frame shall reach."""
-        distance, angle = DEFAULT_TOLERANCE
-        return PoseGoal(self.name, self.pose, (distance, math.inf if self.position_only else angle))
+        goal = PoseGoal(self.name, self.pose)
+        if self.position_only:
+            goal = PoseGoal(self.name, self.pose, (goal.tolerance[0], math.inf))
+        return goal
 
     def choose(self, name: str, position_only: bool | None = None) -> None:
         """Choose the frame that users drag.
 
         By default only its position matters if fewer than six joints move it.
         """
-        few = _count_joints(self._space.arm, name) < MIN_POSE_JOINTS
+        few = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
         self.name, self.position_only = name, few if position_only is None else position_only
         self._gizmo.disable_rotations = self.position_only
 
@@ -96,7 +100,7 @@ class ToolFrame:
     def move(self, pose: Floats) -> None:
         """Move the gizmo to a pose, shape (4, 4)."""
         self.pose = pose
-        self._gizmo.position, self._gizmo.wxyz = pose[:3, 3], _quaternion(pose)
+        self._gizmo.position, self._gizmo.wxyz = pose[:3, 3], to_quaternion(pose)
 
     def on_drag(self, dragged: Callable[[str], None]) -> None:
         """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
@@ -132,14 +136,3 @@ class ToolFrame:
         except ConfigurationError as error:
             return np.array(error.nearest), str(error)
         return found[int(np.argmax(self._space.is_free(found)))], ""
-
-
-def _count_joints(arm: Any, frame: str) -> int:
-    """Return the number of joints that move a frame."""
-    body = arm.placements[frame].body
-    return len(branch_to(arm.chain, body).joints) if body else 0
-
-
-def _quaternion(pose: Floats) -> Floats:
-    """Return the rotation of a pose as w, x, y, z."""
-    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))

@@ -5,19 +5,16 @@ from __future__ import annotations
 import errno
 import html
 import socket
-import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
 
-from cspace.arms.space import ArmSpace
+from cspace.arms import ArmSpace
 from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
-from cspace.support.arrays import Floats
 from cspace.support.check import check_count
 from cspace.view.arm_canvas import ArmCanvas
 from cspace.view.map_canvas import MapCanvas
@@ -30,13 +27,9 @@ if TYPE_CHECKING:
     from cspace.view.canvas import Canvas
     from planners import Plan
 
-    MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
-
 
 FIRST_PORT: Final = 8080
-"""Default port, and the first of those tried."""
-_MAX_PORTS: Final = 100
-_TAKEN_ERRORS: Final = (errno.EADDRINUSE, errno.EACCES)
+"""Default port; viser takes the next free one."""
 _POLICY_VIOLATION: Final = 1008
 """Status that closes the connection of a foreign page (RFC 6455: policy violation)."""
 
@@ -61,9 +54,7 @@ class Viewer:
     Parameters
     ----------
     space : ConfigurationSpace
-    canvas : callable
-        Makes the canvas from a server, a path, shape (n, size), and a dict of start and goal.
-    path, start, goal, host, port
+    path, start, goal, frame, host, port
         See :meth:`cspace.CSpace.view`.
 
     Attributes
@@ -79,22 +70,30 @@ class Viewer:
     def __init__(
         self,
         space: HasAxes,
-        canvas: MakeCanvas,
         *,
         path: ArrayLike | HasPath | None = None,
         start: ArrayLike | None = None,
         goal: ArrayLike | None = None,
+        frame: str | None = None,
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
         from cspace.view.page import Page
 
+        is_arm = isinstance(space, ArmSpace)
+        if frame is not None and not is_arm:
+            problem, rule = f"is {frame!r}", "a map has no frames"
+            raise InputError("frame", problem, rule, "leave it out", value=frame)
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
-            self.canvas = canvas(self.server, points, marks)
+            self.canvas: Canvas
+            if is_arm:
+                self.canvas = ArmCanvas(space, self.server, points, marks, frame)
+            else:
+                self.canvas = MapCanvas(space, self.server, points, marks)
             source: Any = path if hasattr(path, "sample") or hasattr(path, "trajectory") else None
             self.page = Page(self.server, space, self.canvas, points, source)
         except BaseException:
@@ -151,30 +150,14 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
 
 
-def choose_canvas(space: Any, frame: str | None = None) -> MakeCanvas:
-    """Return a function that makes the canvas of a space; ``frame`` is the tool frame of an arm.
-
-    Raises InputError if a frame is given for a map.
-    """
-    if isinstance(space, ArmSpace):
-        return partial(ArmCanvas, space, frame=frame)
-    if frame is not None:
-        raise InputError(
-            "frame", f"is {frame!r}", "a map has no frames", "leave it out", value=frame
-        )
-    return partial(MapCanvas, space)
-
-
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
     """Open the page of a space.
 
     If ``block`` is set, print its address and wait until it is closed.
     """
-    shown: dict[str, Any] = {**options}
-    viewer = Viewer(space, choose_canvas(space, shown.pop("frame", None)), **shown)
+    viewer = Viewer(space, **options)
     if block:
-        sys.stdout.write(f"{viewer.url}  Ctrl-C closes it\n")
-        sys.stdout.flush()
+        print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
         viewer.wait()
     return viewer
 
@@ -191,10 +174,9 @@ def serve(host: str, port: int | None) -> ViserServer:
     viser = import_optional("viser", "it serves the page in the browser", "view")
     from websockets.exceptions import ConnectionClosed
 
+    free = _free_port(host, port)
     with _quiet():
-        server: ViserServer = viser.ViserServer(
-            host, _free_port(host, port), label="cspace", verbose=False
-        )
+        server: ViserServer = viser.ViserServer(host, free, label="cspace", verbose=False)
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
@@ -255,29 +237,22 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return the given port, or the first free one.
+    """Return a port that is free: the given one, or any for 0; by default, the first to try.
 
     Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """
-    if port is None:
-        ports: Iterable[int] = range(FIRST_PORT, FIRST_PORT + _MAX_PORTS)
-    else:
-        ports = [check_count(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
+    given = 0
+    if port is not None:
+        hint = "pass 0 for any free port, or omit it"
+        given = check_count(port, "port", 0, 2**16 - 1, hint)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for candidate in ports:
-        try:
-            with socket.create_server((host, candidate), family=family) as trial:
-                return int(trial.getsockname()[1])
-        except PermissionError as error:
-            rule, hint = "this user cannot serve it", "pass a port from 1024 on"
-            raise InputError("port", f"is {candidate}", rule, hint, value=port) from error
-        except OSError as error:
-            if error.errno not in _TAKEN_ERRORS:
-                rule = "it must be an address of this machine"
-                hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-                raise InputError("host", f"is {host!r}", rule, hint, value=host) from error
-    problem = f"is {port}"
-    if port is None:
-        problem = f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
-    hint = "pass another port, or 0 for any"
-    raise InputError("port", problem, "other programs use it", hint, value=port)
+    try:
+        with socket.create_server((host, given), family=family) as trial:
+            return FIRST_PORT if port is None else int(trial.getsockname()[1])
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            rule, hint = "other programs use it", "pass another port from 1024 on, or 0 for any"
+            raise InputError("port", f"is {port}", rule, hint, value=port) from error
+        rule = "it must be an address of this machine"
+        hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
+        raise InputError("host", f"is {host!r}", rule, hint, value=host) from error

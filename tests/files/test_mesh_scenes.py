@@ -161,6 +161,13 @@ def grow(header, **changes):
     (lambda h, add: h["nodes"][0].update(children=[7]), "is missing"),
     (lambda h, add: h["bufferViews"][0].update(byteOffset=-4), "exceeds"),
     (lambda h, add: add_part(h, add, 4, [0, 1, 8]), "vertex [0-9]+|out of bounds|index"),
+    (
+        lambda h, add: (
+            add_part(h, add, 4, [0, 1, 8], BOX_CORNERS),
+            h["meshes"][0]["primitives"].reverse(),
+        ),
+        "vertex 8",
+    ),
     (lambda h, add: h["meshes"][0]["primitives"][0].pop("indices"), "8 corners"),
     (lambda h, add: h["meshes"][0]["primitives"][0]["attributes"].pop("POSITION"), "positions"),
     (lambda h, add: grow(h, extensionsRequired=["KHR_draco_mesh_compression"]), "KHR_draco"),

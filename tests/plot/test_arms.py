@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
-from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
+from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT
 from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
+from cspace.plot.route import interpolate_path
 from cspace.plot.surface import SURFACES
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import planar, posed_box
@@ -68,7 +69,9 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
         for a, b in PATH_OF_JOINTS
     ]
     assert np.linalg.norm(shown[:, np.newaxis] - tip_positions[2], axis=-1).min() < 0.08
-    for q in interpolate_joints(np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT):
+    for q in interpolate_path(
+        space.rotations, np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT
+    ):
         tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
         assert np.linalg.norm(pale - tip, axis=-1).min() < 0.08
     (line,) = ax.lines

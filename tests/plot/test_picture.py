@@ -1,6 +1,5 @@
 """Pictures of plane maps: pixels, colours, text, paths and robots."""
 
-import base64
 import io
 import itertools
 import math
@@ -230,11 +229,10 @@ def test_unknown_cells_have_their_own_colours(taken: str) -> None:
 
 
 def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
-    """Represent only axes of new figures as HTML."""
-    html = vars(flat.plot())["_repr_html_"]()
-    png = base64.b64decode(html.split("base64,")[1].split('"')[0])
+    """Represent only axes of new figures as a picture."""
+    png = vars(flat.plot())["_repr_png_"]()
     assert Image.open(io.BytesIO(png)).size[0] > 400
-    assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_html_")
+    assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_png_")
 
 
 # ----------------------------------------------------------------------------------------------- path, robots, marks

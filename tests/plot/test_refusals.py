@@ -34,7 +34,7 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ("flat", {"robot_every": float("nan")}, "robot_every is nan"),
     ("flat", {"dpi": 0}, "dpi is 0"),
     ("flat", {"ax": None}, "ax is given"),
-    ("flat", {"rotation": 0.5}, "rotation is 0.5; the map has no rotations"),
+    ("flat", {"rotation": 0.5}, "rotation has shape (1,); the robot does not turn"),
     ("flat", {"view": "3d"}, "view is '3d'"),
     ("flat", {"view": "panels"}, "it must be plane"),
     ("flat", {"view": "rotations"}, "view is 'rotations'"),
@@ -46,7 +46,11 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ),
     ("flat", {"zoom": 0.5}, "zoom is 0.5; it must be at least 1 (the whole map)"),
     ("flat", {"zoom": math.nan}, "zoom is nan"),
-    ("flat", {"zoom": 2.0, "center": (9.0, 1.0)}, "center is (9, 1); the grid is from (0, 0)"),
+    (
+        "flat",
+        {"zoom": 2.0, "center": (9.0, 1.0)},
+        "center is [9.0, 1.0]; the grid is from [0.0, 0.0]",
+    ),
     ("flat", {"cut": 1.0}, "cut is given with view plane; it needs view 3d"),
     (
         "flat",
@@ -75,17 +79,16 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     (
         "hall",
         {"center": (1.0, 2.0, 9.0)},
-        "center is (1, 2, 9); the grid is from (0, 0, 0) to (6, 4, 2.4)",
+        "center is [1.0, 2.0, 9.0]; the grid is from [0.0, 0.0, 0.0] to [6.0, 4.0, 2.4]",
     ),
     ("hall", {"center": (1.0, float("nan"), 0.0)}, "center[1] is nan"),
     ("hall", {"view": "plane"}, "it must be sections or 3d"),
-    ("hall", {"rotation": 0.0}, "the map has no rotations"),
+    ("hall", {"rotation": 0.0}, "the robot does not turn"),
     ("hall", {"camera": (1, 2)}, "it needs view 3d"),
     ("hall", {**SOLID, "surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
     ("hall", {**SOLID, "camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
     ("hall", {**SOLID, "camera": 30.0}, "an elevation from -90 to 90"),
-    ("hall", {**SOLID, "cut": 0.0}, "cut is 0.0; it must be one height above 0 and up to 2.4"),
-    ("hall", {**SOLID, "cut": 9.0}, "cut is 9.0"),
+    ("hall", {**SOLID, "cut": math.nan}, "cut is nan"),
     ("hall", {**SOLID, "center": (1, 1, 1)}, "center is given without zoom"),
 )
 def test_save_plot_refuses_invalid_options(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Robot
-from cspace.plot.route import Body
+from cspace.plot.route import Body, interpolate_path, path_lengths
 from cspace.rotations import Rotations
 
 ROBOTS = {2: Robot.disc(0.7), 3: Robot.box((0.4, 0.2, 0.6))}
@@ -38,19 +38,20 @@ def test_interpolation_has_even_speed_along_the_path(
             for position, rest in drawn
         ]
     )
-    lengths = body.path_lengths(path)
+    lengths = path_lengths(rotations, path, body.reach)
     assert (np.diff(lengths) >= 0).all()
-    stations = body.interpolate(path, np.linspace(0.0, 1.0, 7))
+    stations = interpolate_path(rotations, path, np.linspace(0.0, 1.0, 7), body.reach)
     np.testing.assert_allclose(
         rotations.steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7
     )
     # The speed is even, so the path between two stations has the same length.
-    assert (np.diff(body.path_lengths(stations)) <= lengths[-1] / 6 + 1e-7).all()
+    between = np.diff(path_lengths(rotations, stations, body.reach))
+    assert (between <= lengths[-1] / 6 + 1e-7).all()
 
 
 def test_interpolation_rotates_the_shorter_way() -> None:
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
-    q = Body(ROBOTS[2], YAW).interpolate(path, np.linspace(0, 1, 9))
+    q = interpolate_path(YAW, path, np.linspace(0, 1, 9), 0.7)
     assert (np.cos(q[:, 2]) <= np.cos(3.0) + 1e-12).all()
     np.testing.assert_allclose(np.exp(1j * q[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
@@ -70,7 +71,7 @@ def test_body_transforms_points_and_outlines() -> None:
         flat.transform(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)]
     )
     np.testing.assert_allclose(
-        turning.extent(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
+        turning.extents(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
     )
     side = turning.outlines(np.array([0.0, 0.0, 0.0, math.pi / 2]), (0, 2))
     np.testing.assert_allclose(
@@ -86,7 +87,7 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
     body = Body(Robot.from_mesh(ball), NONE)
     assert 200 < len(body.triangles) <= 4000
-    np.testing.assert_allclose(body.extent(np.zeros(3)), ball.bounds, atol=0.03)
+    np.testing.assert_allclose(body.extents(np.zeros(3)), ball.bounds, atol=0.03)
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])

@@ -139,6 +139,14 @@ def test_the_cut_is_above_the_path(hall: CSpace) -> None:
     assert collect_polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
 
 
+@pytest.mark.parametrize(("cut", "height"), [(0.0, 0.1), (9.0, 2.4)])
+def test_a_cut_beyond_the_map_is_at_its_first_or_last_layer(
+    hall: CSpace, cut: float, height: float
+) -> None:
+    corners, _ = collect_polygons(plot(hall, view="3d", cut=cut))
+    assert corners[..., 2].max() == pytest.approx(height)
+
+
 @pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])
 def test_surface_fits_the_figure(hall: CSpace, camera: Any) -> None:
     ax = plot(hall, view="3d", path=SURFACE_PATH, camera=camera)

@@ -31,7 +31,6 @@ class PitchRotations(YawRotations):
     """Rotation cells of pitch, in space."""
 
     names = ("pitch",)
-    examples = ("45deg",)
     limits = "a pitch small enough"
     about_z = False
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {

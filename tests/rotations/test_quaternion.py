@@ -159,7 +159,7 @@ def test_invalid_quaternions_are_refused():
     for wrong, message in (
         ((0, 0, 0, 1.01), "norm 1.01"),
         ((0, 0, 0, 0), "norm 0"),
-        ((0, 0, 1), "four numbers"),
+        ((0, 0, 1), "last axis must be 4 long"),
     ):
         with pytest.raises(InputError, match=message):
             cells.cell_of(wrong)

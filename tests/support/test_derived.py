@@ -14,7 +14,7 @@ from cspace.support.derived import derived, lazy
 
 class Owner:
     def __init__(self, make=object):
-        self._lock, self.make, self.made = threading.RLock(), make, 0
+        self.lock, self.make, self.made = threading.RLock(), make, 0
 
     @lazy
     def part(self):
@@ -90,7 +90,7 @@ def test_copies_of_a_map_share_neither_lock_nor_parts(copied):
     )
     q = (0.3, 0.9), (0.8, 0.4)
     assert space.is_connected(*q)
-    with space._lock:
+    with space.lock:
         other = copied(space)
         answers = []
         thread = threading.Thread(target=lambda: answers.append(other.is_connected(*q)))

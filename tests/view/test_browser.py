@@ -124,7 +124,7 @@ def test_page_in_the_plane_draws_moves_and_plans(
 ) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    _, viewer = flat
+    space, viewer = flat
     browser.get(viewer.url)
     until(lambda: "A path exists: proven." in read_text(browser))
     drawn = until(lambda: (seen := measure_shares(browser))[COLLIDES] > 0.01 and seen)
@@ -137,9 +137,9 @@ def test_page_in_the_plane_draws_moves_and_plans(
     )  # the panel counts it
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
-    there = viewer.canvas.stage.section(
-        viewer.canvas.cells.at(np.array([np.pi])), viewer.canvas.cut
-    )  # type: ignore[attr-defined]
+    canvas: Any = viewer.canvas
+    cell = int(space.rotations.find_cells(np.array([0.0, 0.0, np.pi])))
+    there = canvas.stage.section(canvas.cells.at(cell), canvas.cut)
     np.testing.assert_array_equal(node(viewer, "/section").image, there.image)
 
     press(browser, "Plan")
