@@ -26,42 +26,35 @@ from numpy.typing import NDArray
 
 from cspace.arms.chain import (
     FIXED,
+    POSITION,
     REVOLUTE,
     Chain,
+    column,
     forward_kinematics,
     pose_rotation,
-    position_of,
     relative_pose,
 )
 from cspace.arms.proofs import (
+    NO_MOTION,
     Scene,
     SceneScratch,
     Solids,
     boundaries_cross,
-    boxes_are_apart,
-    encloses,
     is_nested,
-    nearest_triangle,
+    lies_deep,
     pair_slack,
     required_distance,
-    winding_number,
 )
-from cspace.arms.solids import SurfaceTree
 from cspace.bodies import ADVANCE_FACTOR
-from cspace.bodies.hulls import joint_displacement
-from cspace.bodies.triangles import read_box
+from cspace.bodies.triangles import boxes_are_apart, joint_displacement, piece_depth
 from cspace.grid import SLACK
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.support.compiling import kernel
-from cspace.support.vectors import THIN, apply_pose, dot, minus, rotate, rotate_back, row_at
+from cspace.support.vectors import apply_pose, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
 """Capacity of the stack of blocks: one for each halving of three axes of 2^31 cells and their
 parts, and some spare."""
-
-
-JOINTS_ONLY: Final = (0.0, 0.0, math.inf)
-"""Bounds of a pair whose displacement is that of the joints of a box."""
 
 
 class JointCells(NamedTuple):
@@ -101,14 +94,11 @@ class InnerBalls(NamedTuple):
     radii : ndarray of float64, shape (n,)
     starts : ndarray of int64, shape (s + 1,)
         First ball of each solid.
-    deepest : ndarray of float64, shape (s,)
-        Approximate largest depth of a point in each solid.
     """
 
     centers: Floats
     radii: Floats
     starts: Ints
-    deepest: Floats
 
 
 class PendingBlocks(NamedTuple):
@@ -185,15 +175,16 @@ def classify_block(
         top -= 1
         state, pair = prove_block(scene, inside, cells, pending, top, True, scratch)
         if state == MIXED:
-            axis = longest_axis(cells, pending.blocks[top], cells.parts)
-            if axis >= 0:
-                halve_block(pending, top, axis, cells.parts)
+            if halve_block(cells, pending, top, cells.parts):
                 top += 2
                 continue
             state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
-        write_block(
-            out, cells, pending.blocks[top], state, pair_numbers[pair] if state == MIXED else -1
-        )
+        number = pair_numbers[pair] if state == MIXED else -1
+        block, parts = pending.blocks[top], cells.parts
+        for i in range(block[0] // parts, block[3] // parts):
+            for j in range(block[1] // parts, block[4] // parts):
+                for k in range(block[2] // parts, block[5] // parts):
+                    out.states[i, j, k], out.deciding_pairs[i, j, k] = state, number
 
 
 @kernel
@@ -208,8 +199,8 @@ def prove_block(
 ) -> tuple[int, int]:
     """Return the state of a pending block; MIXED if unproven.
 
-    Also returns a pair that proves BLOCKED, or that is open. Pairs proven apart are dropped from
-    the block's list.
+    Also returns a pair that proves BLOCKED, or that is open. Pairs whose boundaries are farther
+    apart at the center than they move in the block are dropped from its list.
     """
     block, is_smallest = pending.blocks[row], cells.parts > 1
     for axis in range(3):
@@ -224,7 +215,22 @@ def prove_block(
             pending.halves[number] = (
                 0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
             )
-    if open_pairs(scene, pending, row, scratch) == 0:
+    forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
+    required = required_distance(scene, pending.center, pending.center)
+    bodies, still_open = scene.solids.bodies, 0
+    for n in range(pending.counts[row]):
+        pair = pending.pair_lists[row, n]
+        i, j = scene.pairs[pair]
+        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        axes = scratch.axes[:count]
+        # While the boundaries stay apart, containment is the same in the whole box.
+        if pair_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch) < 0.0 or is_nested(
+            scene, pair, scratch, 0.0
+        ):
+            pending.pair_lists[row, still_open] = pair
+            still_open += 1
+    pending.counts[row] = still_open
+    if still_open == 0:
         return FREE, -1
     # Only small boxes leave triangles crossed, and the search for crossings is slow.
     pair = blocked_pair(inside, pending, row, is_smallest, scratch) if may_be_blocked else -1
@@ -249,10 +255,8 @@ def refine_cell(
     top, state, pair = base + 1, MIXED, pending.pair_lists[base, 0]
     while True:
         if state == MIXED:
-            axis = longest_axis(cells, pending.blocks[top], 1)
-            if axis < 0:
+            if not halve_block(cells, pending, top, 1):
                 return MIXED, blocking if blocking >= 0 else pair
-            halve_block(pending, top, axis, 1)
             top += 2
         if top == base + 1:
             return (FREE if has_free else BLOCKED), -1
@@ -267,16 +271,6 @@ def refine_cell(
 
 
 @kernel
-def write_block(out: CellStates, cells: JointCells, block: Ints, state: int, pair: int) -> None:
-    """Set a block's states and the pair that decides."""
-    parts = cells.parts
-    for i in range(block[0] // parts, block[3] // parts):
-        for j in range(block[1] // parts, block[4] // parts):
-            for k in range(block[2] // parts, block[5] // parts):
-                out.states[i, j, k], out.deciding_pairs[i, j, k] = state, pair
-
-
-@kernel
 def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
     """Copy a pending block with its pairs."""
     for n in range(6):
@@ -287,59 +281,24 @@ def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
 
 
 @kernel
-def halve_block(pending: PendingBlocks, row: int, axis: int, parts: int) -> None:
-    """Replace a pending block by its halves, in this row and the next.
+def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int) -> bool:
+    """Replace a pending block by its halves, in this row and the next, and return True.
 
-    Whole multiples of ``parts`` stay together.
+    The cut is across the axis along which the block moves the arm farthest. Whole multiples of
+    ``parts`` stay together; returns False if no axis has more.
     """
-    copy_block(pending, row, row + 1)
-    block = pending.blocks[row]
-    cut = parts * ((block[axis] + block[axis + 3]) // (2 * parts))
-    block[axis + 3] = pending.blocks[row + 1, axis] = cut
-
-
-@kernel
-def longest_axis(cells: JointCells, block: Ints, parts: int) -> int:
-    """Return the axis along which a block moves the arm farthest.
-
-    The result is -1 if no axis has more than ``parts`` parts of cells.
-    """
-    chosen, farthest = -1, 0.0
+    block, cut, farthest = pending.blocks[row], -1, 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
-        if (
-            count > parts
-            and cells.joint_indices[axis] >= 0
-            and count * cells.levers[axis] > farthest
-        ):
-            chosen, farthest = axis, count * cells.levers[axis]
-    return chosen
-
-
-@kernel
-def open_pairs(scene: Scene, pending: PendingBlocks, row: int, scratch: SceneScratch) -> int:
-    """Drop the pairs of a pending block that are apart in the current box.
-
-    Return the number of those left.
-
-    The proof compares the distance of the boundaries at the center with the displacement in the
-    box.
-    """
-    forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
-    required = required_distance(scene, pending.center, pending.center)
-    bodies, count = scene.solids.bodies, 0
-    for n in range(pending.counts[row]):
-        pair = pending.pair_lists[row, n]
-        i, j = scene.pairs[pair]
-        moved = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
-        # While the boundaries stay apart, containment is the same in the whole box.
-        if pair_slack(
-            scene, pair, JOINTS_ONLY, scratch.axes[:moved], required, 0.0, scratch
-        ) < 0.0 or is_nested(scene, pair, scratch, -1.0):
-            pending.pair_lists[row, count] = pair
-            count += 1
-    pending.counts[row] = count
-    return count
+        travel = count * cells.levers[axis]
+        if count > parts and cells.joint_indices[axis] >= 0 and travel > farthest:
+            cut, farthest = axis, travel
+    if cut < 0:
+        return False
+    copy_block(pending, row, row + 1)
+    middle = parts * ((block[cut] + block[cut + 3]) // (2 * parts))
+    block[cut + 3] = pending.blocks[row + 1, cut] = middle
+    return True
 
 
 @kernel
@@ -349,8 +308,8 @@ def box_axes(
     """Write the joints that move body a relative to body b.
 
     Returns their number. The rows of ``scratch.axes`` are those of
-    :func:`cspace.bodies.hulls.joint_displacement`, in the frame of b. They include the rounding of
-    points, ``required``.
+    :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b. They include the rounding
+    of points, ``required``.
     """
     base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0
     frame = pose_rotation(base)
@@ -360,7 +319,7 @@ def box_axes(
             continue
         pose, row = scratch.poses[j], out[count]
         axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
-        origin = rotate_back(frame, minus(position_of(pose), position_of(base)))
+        origin = rotate_back(frame, minus(column(pose, POSITION), column(base, POSITION)))
         for k in range(3):
             row[k], row[3 + k] = axis[k], origin[k]
         if chain.kinds[j] == REVOLUTE:
@@ -390,15 +349,14 @@ def blocked_pair(
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
-        if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
-            return int(pair)
-        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
-        if ball_collides(inside, i, j, scratch.axes[:count], required, scratch):
-            return int(pair)
-        if with_crossings and boundaries_cross(
-            scene, pair, scratch.axes[:count], required, scratch
-        ):
+        count = 0
+        for one, other in ((j, i), (i, j)):
+            a, b = bodies[one], bodies[other]
+            count = box_axes(scene.chain, a, b, pending.halves, required, scratch)
+            if ball_collides(inside, one, other, scratch.axes[:count], required, scratch):
+                return int(pair)
+        axes = scratch.axes[:count]
+        if with_crossings and boundaries_cross(scene, pair, axes, required, scratch):
             return int(pair)
     return -1
 
@@ -414,12 +372,8 @@ def ball_collides(
     balls, solids = inside.balls, inside.scene.solids
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
-        if balls.radii[n] + balls.deepest[j] <= 0.0:
-            continue
         point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
         rest = balls.radii[n] - (joint_displacement(axes, point, 0.0) + required)
-        if rest + balls.deepest[j] <= 0.0:
-            continue
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
@@ -457,50 +411,3 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
             nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
             top += 2
     return False
-
-
-@kernel
-def piece_depth(row: Floats, point: Row) -> float:
-    """Return the depth of a point in a box or ball.
-
-    It is negative outside and for other rows.
-    """
-    if row[9] >= 0.0:
-        away = minus(point, (row[0], row[1], row[2]))
-        return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
-    away, one, other, third = read_box(row, point)
-    depth, square = np.inf, 0.0
-    for axis in (one, other, third):
-        half = math.sqrt(dot(axis, axis))
-        inward = half - abs(dot(away, axis)) / half
-        depth = min(depth, inward)
-        square += min(inward, 0.0) ** 2
-    return -math.sqrt(square) if square > 0.0 else depth
-
-
-@kernel
-def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
-    """Return True if a point is deeper than ``min_depth`` in a surface.
-
-    A negative ``min_depth`` allows a point outside, nearer to the surface than that. ``nodes`` is
-    scratch, shape (MAX_PENDING_PAIRS, 2).
-    """
-    if min_depth >= 0.0:
-        return encloses(surfaces, root, point, min_depth, nodes)
-    # The distance from thin triangles may be too small.
-    box = surfaces.boxes[root]
-    reach = -min_depth - THIN * 2.0 * (box[3] + box[4] + box[5])
-    if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
-        return True
-    return winding_number(surfaces, root, point, nodes) != 0
-
-
-@kernel
-def surface_depths(
-    surfaces: SurfaceTree, root: int, points: Floats, out: Floats, nodes: Ints
-) -> None:
-    """Compute depths of points, shape (n, 3); negative outside the surface."""
-    for n in range(len(points)):
-        point = row_at(points[n], 0)
-        depth = nearest_triangle(surfaces, root, point, np.inf, nodes)
-        out[n] = depth if winding_number(surfaces, root, point, nodes) != 0 else -depth

@@ -30,11 +30,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.bodies.hulls import RelativeMotion
 from cspace.queries.batches import as_contiguous
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
-from cspace.support.vectors import add_scaled, apply_pose, cross, dot, minus, rotate, row_at
+from cspace.support.vectors import add_scaled, apply_pose, cross, minus, rotate, row_at
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -42,6 +41,13 @@ MAX_BODIES: Final = 64
 
 FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
 """Kinds of joints."""
+
+POSITION, SPIN, VELOCITY = 3, 4, 5
+"""Columns of a moving body's pose, after those of its rotation.
+
+They hold the position, the angular velocity, and the velocity of the body's point at the origin of
+the base.
+"""
 
 
 class Chain(NamedTuple):
@@ -82,20 +88,17 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
     """Write poses and velocities of all bodies into ``poses``.
 
     ``poses`` has shape (b, 3, 6); ``t`` is the time of the motion, from 0 to 1. The columns are the
-    rotation, the translation, the angular velocity, and the velocity of the body's point at the
-    origin of the base.
+    rotation, then :data:`POSITION`, :data:`SPIN` and :data:`VELOCITY`.
     """
-    for b in range(len(chain.parents)):
-        frame, out = chain.frames[b], poses[b]
-        if b == 0:
-            for i in range(3):
-                for j in range(4):
-                    out[i, j] = frame[i, j]
-                out[i, 4] = out[i, 5] = 0.0
-            continue
+    for i in range(3):
+        for j in range(4):
+            poses[0, i, j] = chain.frames[0, i, j]
+        poses[0, i, SPIN] = poses[0, i, VELOCITY] = 0.0
+    for b in range(1, len(chain.parents)):
+        frame, parent, out = chain.frames[b], poses[chain.parents[b]], poses[b]
         index = chain.joint_indices[b]
         value = chain.factors[b] * (q0[index] + t * (q1[index] - q0[index])) + chain.offsets[b]
-        x, y, z = chain.axes[b]
+        x, y, z = axis = row_at(chain.axes[b], 0)
         sine, versine, along = 0.0, 0.0, value
         if chain.kinds[b] == REVOLUTE:
             # 1 - cos loses digits at small angles, so it is computed from the half angle.
@@ -118,24 +121,22 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
                 1.0 - versine * (x * x + y * y),
             ),
         )
-        parent = poses[chain.parents[b]]
-        placed = multiply(pose_rotation(parent), columns(frame))
+        turned = pose_rotation(parent)
+        placed = multiply(turned, columns(frame))
         rotation = multiply(placed, turn)
-        joint = apply_pose(pose_rotation(parent), position_of(parent), position_of(frame))
-        position = add_scaled(joint, rotate(placed, (x, y, z)), along)
+        joint = apply_pose(turned, column(parent, POSITION), column(frame, POSITION))
+        u = rotate(rotation, axis)
+        position = add_scaled(joint, rotate(placed, axis), along)
+        moment = cross(position, u)
+        rate = chain.factors[b] * (q1[index] - q0[index])
+        turning = rate if chain.kinds[b] == REVOLUTE else 0.0
+        sliding = rate if chain.kinds[b] == PRISMATIC else 0.0
         for i in range(3):
             for j in range(3):
                 out[i, j] = rotation[i][j]
-            out[i, 3], out[i, 4], out[i, 5] = position[i], parent[i, 4], parent[i, 5]
-        rate = chain.factors[b] * (q1[index] - q0[index])
-        u = rotate(pose_rotation(out), (x, y, z))
-        moment = cross(position_of(out), u)
-        for i in range(3):
-            if chain.kinds[b] == REVOLUTE:
-                out[i, 4] += rate * u[i]
-                out[i, 5] += rate * moment[i]
-            elif chain.kinds[b] == PRISMATIC:
-                out[i, 5] += rate * u[i]
+            out[i, POSITION] = position[i]
+            out[i, SPIN] = parent[i, SPIN] + turning * u[i]
+            out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding * u[i]
 
 
 @kernel
@@ -144,7 +145,7 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
     Returns the rows of the rotation, and the translation.
     """
-    offset = minus(position_of(pose), position_of(base_pose))
+    offset = minus(column(pose, POSITION), column(base_pose, POSITION))
     transposed = columns(base_pose)
     return multiply(transposed, columns(pose)), rotate(transposed, offset)
 
@@ -152,39 +153,8 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 @kernel
 def multiply(rows: Matrix, columns: Matrix) -> Matrix:
     """Multiply a matrix, given by its rows, and a matrix, given by its columns."""
-    (u, v, w), (x, y, z) = rows, columns
-    return (
-        (dot(u, x), dot(u, y), dot(u, z)),
-        (dot(v, x), dot(v, y), dot(v, z)),
-        (dot(w, x), dot(w, y), dot(w, z)),
-    )
-
-
-@kernel
-def relative_motion(
-    pose: Floats,
-    base_pose: Floats,
-    half: float,
-    curvature_bound: float,
-    max_displacement: float,
-    required: float,
-) -> RelativeMotion:
-    """Return the motion of a body as seen from another body."""
-    transposed = columns(base_pose)
-    spin = minus(spin_of(pose), spin_of(base_pose))
-    swept = cross(spin, position_of(base_pose))
-    drift = add_scaled(swept, minus(velocity_of(pose), velocity_of(base_pose)), 1.0)
-    matrix, position = relative_pose(pose, base_pose)
-    return RelativeMotion(
-        matrix,
-        position,
-        rotate(transposed, spin),
-        rotate(transposed, drift),
-        half,
-        curvature_bound,
-        max_displacement,
-        required,
-    )
+    u, v, w = rows
+    return rotate(columns, u), rotate(columns, v), rotate(columns, w)
 
 
 @kernel
@@ -194,31 +164,15 @@ def pose_rotation(pose: Floats) -> Matrix:
 
 
 @kernel
-def position_of(pose: Floats) -> Row:
-    """Return the position of a pose."""
-    return pose[0, 3], pose[1, 3], pose[2, 3]
-
-
-@kernel
-def spin_of(pose: Floats) -> Row:
-    """Return the angular velocity of a moving body."""
-    return pose[0, 4], pose[1, 4], pose[2, 4]
-
-
-@kernel
-def velocity_of(pose: Floats) -> Row:
-    """Return the velocity of a body's point at the origin of the base."""
-    return pose[0, 5], pose[1, 5], pose[2, 5]
+def column(pose: Floats, k: int) -> Row:
+    """Return a column of a pose."""
+    return pose[0, k], pose[1, k], pose[2, k]
 
 
 @kernel
 def columns(pose: Floats) -> Matrix:
     """Return the columns of the rotation of a pose, which are the rows of its inverse."""
-    return (
-        (pose[0, 0], pose[1, 0], pose[2, 0]),
-        (pose[0, 1], pose[1, 1], pose[2, 1]),
-        (pose[0, 2], pose[1, 2], pose[2, 2]),
-    )
+    return column(pose, 0), column(pose, 1), column(pose, 2)
 
 
 @kernel
@@ -252,13 +206,6 @@ def motion_bounds(
     return displacement, curvature, rotation
 
 
-@kernel
-def place_bodies(chain: Chain, points: Floats, poses: Floats) -> None:
-    """Write the poses of all bodies, shape (n, b, 3, 6), at configurations, shape (n, dof)."""
-    for n in range(len(points)):
-        forward_kinematics(chain, points[n], points[n], 0.0, poses[n])
-
-
 def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice(None)) -> Floats:
     """Return the poses of bodies.
 
@@ -267,7 +214,8 @@ def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice(No
     """
     points = as_contiguous(q.reshape(-1, q.shape[-1]))
     found = np.empty((len(points), len(chain.parents), 3, 6))
-    place_bodies(chain, points, found)
+    for point, placed in zip(points, found, strict=True):
+        forward_kinematics(chain, point, point, 0.0, placed)
     chosen = found[:, bodies, :, :4]
     poses = np.tile(np.eye(4), (*chosen.shape[:2], 1, 1))
     poses[:, :, :3] = chosen

@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import (
+    POSITION,
     REVOLUTE,
     Chain,
+    column,
     forward_kinematics,
     pose_rotation,
-    position_of,
 )
 from cspace.arms.solids import check_rigid
 from cspace.errors import InputError
@@ -287,12 +288,12 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
     for i in range(6):
         for k in range(jacobian.shape[1]):
             jacobian[i, k] = 0.0
-    tip = position_of(scratch.tip)
+    tip = column(scratch.tip, POSITION)
     for b in range(1, len(chain.parents)):
         k, factor, pose = chain.joint_indices[b], chain.factors[b], scratch.poses[b]
         u = rotate(pose_rotation(pose), row_at(chain.axes[b], 0))
         if chain.kinds[b] == REVOLUTE:
-            moment = cross(u, minus(tip, position_of(pose)))
+            moment = cross(u, minus(tip, column(pose, POSITION)))
             for i in range(3):
                 jacobian[i, k] += factor * weights[0] * moment[i]
                 jacobian[3 + i, k] += factor * weights[1] * u[i]

@@ -25,14 +25,19 @@ from cspace.arms.boxes import (
     JointCells,
     classify_block,
     make_pending,
-    surface_depths,
 )
 from cspace.arms.chain import FIXED, REVOLUTE
 from cspace.arms.model import Arm
-from cspace.arms.proofs import Scene, Solids, make_scene_scratch
+from cspace.arms.proofs import (
+    Scene,
+    Solids,
+    make_scene_scratch,
+    nearest_triangle,
+    winding_number,
+)
 from cspace.arms.snapshots import Snapshot
 from cspace.arms.space import ArmSpace
-from cspace.bodies.triangles import MAX_PENDING_PAIRS
+from cspace.bodies.triangles import MAX_PENDING_PAIRS, SurfaceTree
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
@@ -469,7 +474,6 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
         starts=np.cumsum([0, *map(len, found)]),
-        deepest=np.array([1.5 * balls[:, 3].max(initial=0.0) for balls in found]),
     )
 
 
@@ -484,9 +488,12 @@ def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     counts = np.minimum(2 * np.floor(half / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
     lattice = np.indices(tuple(counts.astype(np.int64).tolist())).reshape(3, -1).T
     points = center - half + (lattice + 0.5) * 2.0 * half / counts
-    depths = np.empty(len(points))
     scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
-    surface_depths(surfaces, root, points, depths, scratch)
+    depths = np.empty(len(points))
+    for k, (x, y, z) in enumerate(points.tolist()):
+        depth = nearest_triangle(surfaces, root, (x, y, z), math.inf, scratch)
+        is_inside = winding_number(surfaces, root, (x, y, z), scratch) != 0
+        depths[k] = depth if is_inside else -depth
     balls = np.empty((0, 4))
     for k in np.argsort(-depths)[: np.count_nonzero(depths > 0.0)].tolist():
         distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)

@@ -31,17 +31,15 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.chain import (
     REVOLUTE,
+    SPIN,
+    VELOCITY,
     forward_kinematics,
     motion_bounds,
-    position_of,
-    spin_of,
-    velocity_of,
 )
 from cspace.arms.inverse import (
     Branch,
     PoseProblem,
     PoseScratch,
-    compare_pose,
     descend,
     make_pose_problem,
     make_pose_scratch,
@@ -52,10 +50,8 @@ from cspace.arms.solids import check_rigid
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.errors import InputError
 from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.support.arrays import Floats, Ints, Row, frozen
+from cspace.support.arrays import Floats, Ints, frozen
 from cspace.support.check import check_finite
-from cspace.support.compiling import kernel
-from cspace.support.vectors import add_scaled, cross, dot, minus, row_at
 
 DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""
@@ -93,78 +89,96 @@ class Line(NamedTuple):
         First position, and vector to the last one, metres.
     rotation : ndarray of float64, shape (3, 3)
         First rotation.
-    axis : ndarray of float64, shape (3,)
-        Unit vector, in the frame of the base.
-    angle : float
-        Rotation from the first pose to the last one, radians.
+    turn : ndarray of float64, shape (3,)
+        Rotation vector from the first rotation to the last one, in the frame of the base, radians.
     """
 
     origin: Floats
     direction: Floats
     rotation: Floats
-    axis: Floats
-    angle: float
+    turn: Floats
+
+    @property
+    def angle(self) -> float:
+        """Rotation from the first pose to the last one, radians."""
+        return float(np.linalg.norm(self.turn))
 
     @property
     def length(self) -> float:
         """Metres, plus half a metre for each radian."""
         return float(np.linalg.norm(self.direction)) + METRES_PER_RADIAN * self.angle
 
+    def poses(self, parameters: Floats) -> Floats:
+        """Return the poses, shape (n, 4, 4), at parameters, shape (n,)."""
+        from scipy.spatial.transform import Rotation
+
+        along = parameters[:, np.newaxis]
+        poses = np.tile(np.eye(4), (len(parameters), 1, 1))
+        poses[:, :3, :3] = Rotation.from_rotvec(along * self.turn).as_matrix() @ self.rotation
+        poses[:, :3, 3] = self.origin + along * self.direction
+        return poses
+
 
 class LineProblem(NamedTuple):
-    """A line to follow, for kernels.
+    """A line to follow.
 
     Attributes
     ----------
     line : Line
     pose : PoseProblem
-        Its ``target`` is overwritten by poses on the line.
+        Its ``target`` is not used.
+    scratch : PoseScratch
     joints : ndarray of int64, shape (k,)
         Indices of the branch's joints in configurations of the arm.
-    radius : float
-        Distance of the frame's origin from that of its body, metres.
+    tolerance : ndarray of float64, shape (2,)
+        Metres and radians.
     max_coordinate : float
         Largest coordinate of the frame and of the line, metres.
     """
 
     line: Line
     pose: PoseProblem
+    scratch: PoseScratch
     joints: Ints
-    radius: float
+    tolerance: Floats
     max_coordinate: float
 
 
-class LineScratch(NamedTuple):
-    """Scratch buffers of a motion along a line.
+class LineStep(NamedTuple):
+    """A motion along a part of a line.
 
     Attributes
     ----------
-    pose : PoseScratch
-    first, last : ndarray of float64, shape (k,)
-        Configurations of the branch at the ends of a step.
-    error : ndarray of float64, shape (6,)
+    outcome : int
+        REACHED, OUT_OF_REACH or JUMP.
+    last : ndarray of float64, shape (k,)
+        The branch's configuration at the end.
+    share : float
+        Largest deviation or angle that was seen, as a share of the tolerance.
+    bounds : ndarray of float64, shape (2,)
+        Proven bounds of both.
     """
 
-    pose: PoseScratch
-    first: Floats
+    outcome: int
     last: Floats
-    error: Floats
+    share: float
+    bounds: Floats
 
 
-class LineRows(NamedTuple):
-    """Configurations along a line.
+class Waypoint(NamedTuple):
+    """A configuration on the way along lines.
 
     Attributes
     ----------
-    joints : ndarray of float64, shape (n, dof)
-    parameters : ndarray of float64, shape (n,)
-        Places on the line, from 0 to 1.
-    bounds : ndarray of float64, shape (n, 2)
-        Proven bounds of deviation, metres, and angle, radians, on the motion from the row before.
+    joints : ndarray of float64, shape (dof,)
+    parameter : float
+        Number of the line, plus the place on it, from 0 to 1.
+    bounds : ndarray of float64, shape (2,)
+        Proven bounds of deviation, metres, and angle, radians, on the motion to it.
     """
 
     joints: Floats
-    parameters: Floats
+    parameter: float
     bounds: Floats
 
 
@@ -273,10 +287,7 @@ def make_lines(corners: Floats) -> list[Line]:
             raise InputError(
                 f"poses[{number}]", problem, rule, "pass a pose between them", value=last
             )
-        axis = vector / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
-        lines.append(
-            Line(first[:3, 3].copy(), last[:3, 3] - first[:3, 3], first[:3, :3].copy(), axis, angle)
-        )
+        lines.append(Line(first[:3, 3], last[:3, 3] - first[:3, 3], first[:3, :3], vector))
     return lines
 
 
@@ -295,56 +306,44 @@ def follow_lines(
     """
     arm, scene = snapshot.arm, snapshot.outer
     branch, tool = arm.branch_to(frame)
-    count = len(branch.joints)
-    scratch = LineScratch(make_pose_scratch(branch), np.empty(count), np.empty(count), np.empty(6))
+    scratch = make_pose_scratch(branch)
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
-    radius = float(np.linalg.norm(tool[:3, 3]))
-    size = float(branch.chain.lengths[-1, 0]) + radius + float(np.abs(corners[:, :3, 3]).max())
-    for given, rounding, unit in zip(
-        tolerance, (LINE_ROUNDING * size, LINE_ROUNDING), ("m", "rad"), strict=True
-    ):
-        if given < rounding:
-            rule = f"its proof allows for rounding errors of up to {rounding:.2g} {unit}"
-            hint = "pass a larger tolerance" + ", or nearer poses" * (unit == "m")
-            raise InputError(
-                "tolerance", f"is {given:g} {unit}", rule, hint, value=tuple(tolerance.tolist())
-            )
-    found = [LineRows(start[np.newaxis], np.zeros(1), DISTANCE_ROUNDING * np.array([[size, 1.0]]))]
-    outcome, failed = REACHED, start
-    for number, line in enumerate(lines):
-        problem = LineProblem(line, pose, branch.joints, radius, size)
-        rows, outcome, failed = _follow_line(scene, problem, found[-1].joints[-1], scratch)
-        found.append(rows._replace(parameters=number + rows.parameters))
-        if outcome != REACHED:
-            break
-    joints, parameters, bounds = (np.concatenate(column) for column in zip(*found, strict=True))
-    stopped_by, fraction = "", 1.0
+    reach = float(branch.chain.lengths[-1, 0]) + float(np.linalg.norm(tool[:3, 3]))
+    size = reach + float(np.abs(corners[:, :3, 3]).max())
+    rounding = LINE_ROUNDING * np.array([size, 1.0])
+    given = float(tolerance[0]), float(tolerance[1])
+    if (tolerance < rounding).any():
+        rule = f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad"
+        hint = "pass a larger tolerance, or nearer poses"
+        raise InputError("tolerance", f"is {given}", rule, hint, value=given)
+    waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * np.array([size, 1.0]))]
+    fraction, stopped_by = 1.0, ""
     status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
-    if outcome != REACHED:
-        lengths, parameter = np.array([line.length for line in lines]), float(parameters[-1])
-        weights = (
-            lengths / lengths.sum() if lengths.any() else np.full(len(lines), 1.0 / len(lines))
-        )
-        fraction = float(np.clip(parameter - np.arange(len(lines)), 0.0, 1.0) @ weights)
+    for number, line in enumerate(lines):
+        problem = LineProblem(line, pose, scratch, branch.joints, tolerance, size)
+        outcome, failed = _follow_line(scene, problem, waypoints)
+        if outcome == REACHED:
+            continue
+        last = waypoints[-1]
+        left = number + 1 - last.parameter
+        lengths = np.maximum([each.length for each in lines], np.finfo(float).tiny)
+        followed = np.clip(last.parameter - np.arange(len(lines)), 0.0, 1.0)
+        fraction = float(followed @ lengths / lengths.sum())
         # Only a motion that is certified has all of the line.
         fraction = min(fraction, math.nextafter(1.0, 0.0))
-        stopped_by, reason = _explain_stop(snapshot, branch, outcome, joints[-1], failed)
-        number = min(int(parameter), len(lines) - 1)
-        left, line = number + 1 - parameter, lines[number]
-        ahead = (
-            f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad before "
-            f"poses[{number}]"
-        )
-        status = f"stopped after {100.0 * fraction:.3g} %, {ahead}: {reason}"
-    deviation, angle = bounds.max(axis=0).tolist()
+        stopped_by, reason = _explain_stop(snapshot, branch, outcome, last.joints, failed)
+        ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad"
+        status = f"stopped after {100.0 * fraction:.3g} %, {ahead} before poses[{number}]: {reason}"
+        break
+    deviation, angle = np.max([each.bounds for each in waypoints], axis=0).tolist()
     return LineMotion(
         frame=frame,
         poses=frozen(corners),
-        tolerance=(float(tolerance[0]), float(tolerance[1])),
-        waypoints=frozen(joints),
-        parameters=frozen(parameters),
-        certified=outcome == REACHED,
+        tolerance=given,
+        waypoints=frozen(np.array([each.joints for each in waypoints])),
+        parameters=frozen(np.array([each.parameter for each in waypoints])),
+        certified=not stopped_by,
         fraction=fraction,
         deviation=deviation,
         angle=min(angle, math.pi),
@@ -354,31 +353,27 @@ def follow_lines(
 
 
 def _follow_line(
-    scene: Scene, problem: LineProblem, start: Floats, scratch: LineScratch
-) -> tuple[LineRows, int, Floats]:
-    """Follow one line.
+    scene: Scene, problem: LineProblem, waypoints: list[Waypoint]
+) -> tuple[int, Floats]:
+    """Follow one line from the last waypoint, and add the new ones.
 
-    Return the new rows, why they end, and the configuration of the last step, even if it failed.
+    Return why they end, and the configuration of the last step, even if it failed.
     """
-    joints, parameters, bounds = [start], [0.0], [(0.0, 0.0)]
-    step, outcome, failed = 1.0, REACHED, start
-    while parameters[-1] < 1.0:
+    begin, now, step = waypoints[-1].parameter, 0.0, 1.0
+    outcome, failed = REACHED, waypoints[-1].joints
+    while now < 1.0:
         # A step that leaves a small rest is cut in two halves or takes the rest too.
-        now = parameters[-1]
-        left = 1.0 - now
+        here, left = waypoints[-1].joints, 1.0 - now
         stop = 1.0 if step >= left else now + min(step, max(0.5 * left, MIN_LINE_STEP))
-        outcome, share, deviation, angle = try_step(problem, joints[-1], now, stop, scratch)
-        taken, failed = stop - now, joints[-1].copy()
-        failed[problem.joints] = scratch.last
-        if (
-            outcome == REACHED
-            and not are_free(scene, joints[-1][np.newaxis], failed[np.newaxis])[0]
-        ):
+        tried = try_step(problem, here[problem.joints], now, stop)
+        outcome, share = tried.outcome, tried.share
+        taken, failed = stop - now, here.copy()
+        failed[problem.joints] = tried.last
+        if outcome == REACHED and not are_free(scene, here[np.newaxis], failed[np.newaxis])[0]:
             outcome, share = COLLISION, 0.0
         if outcome == REACHED:
-            joints.append(failed)
-            parameters.append(stop)
-            bounds.append((deviation, angle))
+            now = stop
+            waypoints.append(Waypoint(failed, begin + now, tried.bounds))
             # The deviation grows with the square of the step. Steps shrink only when one fails, so
             # that their number stays bounded where the deviation approaches the tolerance slowly.
             step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
@@ -388,8 +383,7 @@ def _follow_line(
             step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
         else:
             step = max(0.5 * taken, MIN_LINE_STEP)
-    rows = LineRows(np.array(joints), np.array(parameters), np.array(bounds))
-    return LineRows(*(column[1:] for column in rows)), outcome, failed
+    return outcome, failed
 
 
 def _explain_stop(
@@ -420,108 +414,62 @@ def _explain_stop(
     return "reach", "no configuration near the last one reaches farther"
 
 
-@kernel
-def write_target(line: Line, parameter: float, target: Floats) -> None:
-    """Write a line's pose at a parameter into ``target``."""
-    value = parameter * line.angle
-    sine, versine = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
-    axis = row_at(line.axis, 0)
-    for k in range(3):
-        # Rodrigues' formula for each column of the first rotation.
-        u = line.rotation[0, k], line.rotation[1, k], line.rotation[2, k]
-        side = cross(axis, u)
-        turned = add_scaled(add_scaled(u, side, sine), cross(axis, side), versine)
-        for i in range(3):
-            target[i, k] = turned[i]
-        target[k, 3] = line.origin[k] + parameter * line.direction[k]
-
-
-@kernel
-def norm(u: Row) -> float:
-    """Return the length of a vector."""
-    return math.sqrt(dot(u, u))
-
-
-@kernel
 def bound_deviation(
-    problem: LineProblem, start: float, stop: float, parts: int, scratch: LineScratch
-) -> tuple[float, float, float, float]:
+    problem: LineProblem, ends: tuple[Floats, Floats], start: float, stop: float, parts: int
+) -> tuple[Floats, Floats]:
     """Bound a frame's deviation from a line on a motion.
 
-    The motion leads from ``scratch.first`` to ``scratch.last``, the parameter from ``start`` to
+    The motion leads between two configurations of the branch, the parameter from ``start`` to
     ``stop``. Returns the proven bounds of deviation and angle, and the largest deviation and angle
-    halfway through the parts.
+    halfway through the parts. Bounds are NaN if a value is not finite.
     """
-    pose, line, q0, q1 = problem.pose, problem.line, scratch.first, scratch.last
-    chain, poses, tip, target = pose.chain, scratch.pose.poses, scratch.pose.tip, pose.target
-    last, rate = len(chain.parents) - 1, stop - start
-    _, curvature, rotation = motion_bounds(chain, last, 0, problem.radius, q0, q1)
-    half = 0.5 / parts
-    bend = half * half * curvature / ADVANCE_FACTOR
-    twist = 0.25 * half * half * rotation * rotation / ADVANCE_FACTOR
-    direction, turning = row_at(line.direction, 0), row_at(line.axis, 0)
-    deviation = angle = sampled = sampled_angle = 0.0
-    for k in range(parts):
-        t = (2 * k + 1) * half
-        forward_kinematics(chain, q0, q1, t, poses)
-        write_target(line, start + t * rate, target)
-        apart, turned, _ = compare_pose(pose, scratch.pose, scratch.error)
-        point, spin = position_of(tip), spin_of(poses[last])
-        error = minus(point, position_of(target))
-        velocity = add_scaled(cross(spin, point), velocity_of(poses[last]), 1.0)
-        drift = add_scaled(velocity, direction, -rate)
-        spin = add_scaled(spin, turning, -rate * line.angle)
-        ends = max(norm(add_scaled(error, drift, half)), norm(add_scaled(error, drift, -half)))
-        deviation = max(deviation, ends + bend)
-        angle = max(angle, turned + half * norm(spin) / ADVANCE_FACTOR + twist)
-        sampled, sampled_angle = max(sampled, apart), max(sampled_angle, turned)
-    size = 0.0
-    for b in range(1, last + 1):
-        n = chain.joint_indices[b]
-        size += abs(chain.factors[b]) * (abs(q0[n]) + abs(q1[n])) + abs(chain.offsets[b])
+    from scipy.spatial.transform import Rotation
+
+    line, chain, tool = problem.line, problem.pose.chain, problem.pose.tool
+    last, rate, half = len(chain.parents) - 1, stop - start, 0.5 / parts
+    radius = float(np.linalg.norm(tool[:3, 3]))
+    _, curvature, rotation = motion_bounds(chain, last, 0, radius, *ends)
+    times = np.linspace(half, 1.0 - half, parts)
+    bodies = np.empty((parts, last + 1, 3, 6))
+    for time, placed in zip(times, bodies, strict=True):
+        forward_kinematics(chain, *ends, time, placed)
+    body, target = bodies[:, last], line.poses(start + times * rate)
+    tip = body[:, :, :4] @ tool
+    point, spin = tip[:, :, 3], body[:, :, SPIN]
+    error = point - target[:, :3, 3]
+    drift = np.cross(spin, point) + body[:, :, VELOCITY] - rate * line.direction
+    turned = Rotation.from_matrix(tip[:, :, :3] @ target[:, :3, :3].swapaxes(1, 2)).magnitude()
+    turning = np.linalg.norm(spin - rate * line.turn, axis=1)
+    farthest = np.linalg.norm([error + half * drift, error - half * drift], axis=2).max()
+    bend = half**2 * curvature / ADVANCE_FACTOR
+    twist = 0.25 * (half * rotation) ** 2 / ADVANCE_FACTOR
+    values = np.abs(ends).sum(axis=0)[chain.joint_indices]
+    size = (np.abs(chain.factors) * values + np.abs(chain.offsets))[1:].sum()
     rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * size
-    # The comparison is False for NaN, which then remains.
-    if deviation + angle < np.inf:
-        return (
-            deviation + rounding * problem.max_coordinate,
-            angle + rounding,
-            sampled,
-            sampled_angle,
-        )
-    return np.nan, np.nan, sampled, sampled_angle
+    deviation = farthest + bend + rounding * problem.max_coordinate
+    angle = (turned + half * turning / ADVANCE_FACTOR).max() + twist + rounding
+    seen = np.array([np.linalg.norm(error, axis=1).max(), turned.max()])
+    return np.array([deviation, angle]), seen
 
 
-@kernel
-def try_step(
-    problem: LineProblem, q: Floats, start: float, stop: float, scratch: LineScratch
-) -> tuple[int, float, float, float]:
-    """Try to move the frame from a configuration at ``start`` to ``stop``.
-
-    Returns REACHED or why it fails, the largest deviation or angle that was seen as a share of the
-    tolerance, and the proven bounds of both.
-    """
-    pose, tolerance = problem.pose, problem.pose.tolerance
-    for k in range(len(problem.joints)):
-        scratch.first[k] = scratch.last[k] = q[problem.joints[k]]
-    write_target(problem.line, stop, pose.target)
-    distance, turned, _ = descend(pose, scratch.last, scratch.pose)
+def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> LineStep:
+    """Try to move the frame from a configuration of the branch at ``start`` to ``stop``."""
+    chain, tolerance = problem.pose.chain, problem.tolerance
+    last, unproven = first.copy(), np.full(2, np.inf)
+    target = problem.line.poses(np.array([stop]))[0]
+    distance, turned, _ = descend(problem.pose._replace(target=target), last, problem.scratch)
     if not (distance <= tolerance[0] and turned <= tolerance[1]):
-        return OUT_OF_REACH, np.inf, np.inf, np.inf
-    for b in range(1, len(pose.chain.parents)):
-        k = pose.chain.joint_indices[b]
-        turned = abs(scratch.last[k] - scratch.first[k])
-        if pose.chain.kinds[b] == REVOLUTE and not turned < math.pi:
-            return JUMP, np.inf, np.inf, np.inf
-    parts, share, deviation, angle = MIN_LINE_PARTS, 0.0, np.inf, np.inf
+        return LineStep(OUT_OF_REACH, last, np.inf, unproven)
+    moved = np.abs(last - first)[chain.joint_indices]
+    if not (moved[chain.kinds == REVOLUTE] < math.pi).all():
+        return LineStep(JUMP, last, np.inf, unproven)
+    parts = MIN_LINE_PARTS
     while True:
-        deviation, angle, sampled, sampled_angle = bound_deviation(
-            problem, start, stop, parts, scratch
-        )
-        share = max(sampled / tolerance[0], sampled_angle / tolerance[1])
-        if deviation <= tolerance[0] and angle <= tolerance[1]:
-            break
+        bounds, seen = bound_deviation(problem, (first, last), start, stop, parts)
+        share = float((seen / tolerance).max())
+        if (bounds <= tolerance).all():
+            return LineStep(REACHED, last, share, bounds)
         # Smaller parts tighten the bounds, but do not help if the motion itself leaves the line.
         parts *= MAX_LINE_PARTS // MIN_LINE_PARTS
         if share > 1.0 or parts > MAX_LINE_PARTS:
-            return JUMP, share, deviation, angle
-    return REACHED, share, deviation, angle
+            return LineStep(JUMP, last, share, bounds)

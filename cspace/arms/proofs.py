@@ -20,26 +20,43 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import (
+    POSITION,
+    SPIN,
+    VELOCITY,
     Chain,
+    column,
+    columns,
     forward_kinematics,
     motion_bounds,
-    relative_motion,
     relative_pose,
 )
-from cspace.arms.solids import SurfaceTree
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace.bodies.hulls import Hulls, joint_displacement, tree_slack
-from cspace.bodies.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces
+from cspace.bodies.hulls import Hulls, RelativeMotion, tree_slack
+from cspace.bodies.triangles import (
+    MAX_PENDING_PAIRS,
+    Motion,
+    SurfaceTree,
+    Trees,
+    boxes_are_apart,
+    crosses,
+    joint_displacement,
+    next_leaves,
+    pierces,
+)
 from cspace.raster.surfaces import signed_crossing
-from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
+    THIN,
+    add_scaled,
     apply_pose,
     box_distance,
     box_extent,
+    cross,
     dot,
     minus,
     point_triangle,
+    rotate,
     row_at,
 )
 
@@ -47,12 +64,12 @@ TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
-MAX_PENDING_MOTIONS: Final = 1024
-"""Capacity of the queue of unproven parts of a motion."""
+MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
+"""Largest number of parts of a motion; each distance adds two at most."""
 
 
-NO_MOTION: Final = (0.0, 0.0, 0.0)
-"""Bounds of a pair that does not move."""
+NO_MOTION: Final = (0.0, 0.0, math.inf)
+"""Bounds of a pair that moves with the joints of a box only, or not at all."""
 
 
 class Solids(NamedTuple):
@@ -141,9 +158,9 @@ class SceneScratch(NamedTuple):
 
     Attributes
     ----------
-    parts : ndarray of float64, shape (MAX_PENDING_MOTIONS, 2)
-        Unproven parts of a motion.
-    open_pairs : ndarray of bool, shape (MAX_PENDING_MOTIONS, p)
+    parts : ndarray of float64, shape (MAX_MOTION_PARTS, 2)
+        Parts of a motion in the order in which they are tested.
+    open_pairs : ndarray of bool, shape (MAX_MOTION_PARTS, p)
         Unproven pairs of each part.
     poses : ndarray of float64, shape (b, 3, 6)
     bounds : ndarray of float64, shape (p, 3)
@@ -153,7 +170,7 @@ class SceneScratch(NamedTuple):
         Pairs known not to contain each other.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see
-        :func:`cspace.bodies.hulls.joint_displacement`.
+        :func:`cspace.bodies.triangles.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -170,8 +187,8 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
     """Allocate scratch memory for one thread."""
     bodies, pairs = len(scene.chain.parents), len(scene.pairs)
     return SceneScratch(
-        np.empty((MAX_PENDING_MOTIONS, 2)),
-        np.empty((MAX_PENDING_MOTIONS, pairs), dtype=np.bool_),
+        np.empty((MAX_MOTION_PARTS, 2)),
+        np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
         np.empty((bodies, 3, 6)),
         np.empty((pairs, 3)),
         np.empty(pairs, dtype=np.bool_),
@@ -223,22 +240,27 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     required = required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
         return False
-    longest = bound_pairs(scene, q0, q1, scratch)
+    solids, longest = scene.solids, 0.0
+    for n in range(len(scene.pairs)):
+        i, j = scene.pairs[n]
+        bounds = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        for k in range(3):
+            scratch.bounds[n, k] = bounds[k]
+        open_pairs[0, n] = open_pairs[1, n] = True
+        scratch.not_nested[n] = False
+        longest = max(longest, bounds[0])
     # Most colliding motions end in a collision, so the endpoint is tested first.
     forward_kinematics(chain, q1, q1, 0.0, scratch.poses)
     if part_state(scene, open_pairs[1], 0.0, required, scratch) != FREE:
         return False
     if longest == 0.0:
         return True
+    # The queue of unproven parts begins with the whole motion.
     parts[0, 0], parts[0, 1] = 0.0, 1.0
-    head, pending = 0, 1
-    for _ in range(MAX_DISTANCES_PER_EDGE):
-        # Take the longest part, so that collisions are found early; the shortest if the queue is
-        # nearly full.
-        pending -= 1
-        row = (head + pending) % MAX_PENDING_MOTIONS
-        if pending < MAX_PENDING_MOTIONS - 64:
-            row, head = head, (head + 1) % MAX_PENDING_MOTIONS
+    count = 1
+    for row in range(MAX_DISTANCES_PER_EDGE):
+        if row == count:
+            return True
         first, last = parts[row, 0], parts[row, 1]
         half, center = 0.5 * (last - first), 0.5 * (first + last)
         if half < MIN_ADVANCE:
@@ -248,35 +270,12 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         if state == BLOCKED:
             return False
         if state == MIXED:
-            one = (head + pending) % MAX_PENDING_MOTIONS
-            other = (one + 1) % MAX_PENDING_MOTIONS
-            parts[one, 0], parts[one, 1] = first, center
-            parts[other, 0], parts[other, 1] = center, last
-            for n in range(len(scene.pairs)):
-                open_pairs[one, n] = open_pairs[other, n] = open_pairs[row, n]
-            pending += 2
-        if pending == 0:
-            return True
+            for start, stop in ((first, center), (center, last)):
+                parts[count, 0], parts[count, 1] = start, stop
+                for n in range(len(scene.pairs)):
+                    open_pairs[count, n] = open_pairs[row, n]
+                count += 1
     return False
-
-
-@kernel
-def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
-    """Write the bounds of all pairs along a motion, and open all pairs.
-
-    They are open in the whole motion and at its endpoint. Returns the largest displacement.
-    """
-    solids, longest = scene.solids, 0.0
-    for n in range(len(scene.pairs)):
-        i, j = scene.pairs[n]
-        most, curve, turned = motion_bounds(
-            scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
-        )
-        scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2] = most, curve, turned
-        scratch.open_pairs[0, n] = scratch.open_pairs[1, n] = True
-        scratch.not_nested[n] = False
-        longest = max(longest, most)
-    return longest
 
 
 @kernel
@@ -304,7 +303,7 @@ def part_state(
             state = MIXED
         if scratch.nodes[1, 0] and not scratch.not_nested[n]:
             # While no boundaries meet, containment cannot change, so it is tested once.
-            if is_nested(scene, n, scratch, -1.0):
+            if is_nested(scene, n, scratch, 0.0):
                 return BLOCKED
             scratch.not_nested[n] = True
     return state
@@ -331,9 +330,17 @@ def pair_slack(
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         scratch.nodes[1, 0] = 0
         return np.inf
-    motion = relative_motion(
-        scratch.poses[solids.bodies[i]],
-        scratch.poses[solids.bodies[j]],
+    pose, base = scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
+    to_base = columns(base)
+    matrix, position = relative_pose(pose, base)
+    spin = minus(column(pose, SPIN), column(base, SPIN))
+    swept = cross(spin, column(base, POSITION))
+    drift = add_scaled(swept, minus(column(pose, VELOCITY), column(base, VELOCITY)), 1.0)
+    motion = RelativeMotion(
+        matrix,
+        position,
+        rotate(to_base, spin),
+        rotate(to_base, drift),
         half,
         curvature_bound,
         most,
@@ -349,33 +356,19 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
     """Return True if an anchor lies in the other solid.
 
     It must lie deeper than ``min_depth``. If no boundaries meet, an anchor decides for its
-    connected part, and ``min_depth`` is -1.
+    connected part, and ``min_depth`` is 0.
     """
     i, j = scene.pairs[n]
     solids, poses, nodes = scene.solids, scratch.poses, scratch.nodes
-    return bool(
-        anchor_lies_in(solids, i, j, poses, nodes, min_depth)
-        or anchor_lies_in(solids, j, i, poses, nodes, min_depth)
-        or (solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
-    )
-
-
-@kernel
-def anchor_lies_in(
-    solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
-) -> bool:
-    """Return True if an anchor of solid i lies in solid j.
-
-    See :func:`is_nested`.
-    """
-    matrix, shift = relative_pose(poses[solids.bodies[i]], poses[solids.bodies[j]])
-    for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
-        root = solids.surface_roots[surface]
-        for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            point = apply_pose(matrix, shift, row_at(solids.anchors[n], 0))
-            if encloses(solids.surfaces, root, point, min_depth, nodes):
-                return True
-    return False
+    for one, other in ((i, j), (j, i)):
+        matrix, shift = relative_pose(poses[solids.bodies[one]], poses[solids.bodies[other]])
+        for surface in range(solids.starts[other, 0], solids.starts[other + 1, 0]):
+            root = solids.surface_roots[surface]
+            for k in range(solids.starts[one, 1], solids.starts[one + 1, 1]):
+                point = apply_pose(matrix, shift, row_at(solids.anchors[k], 0))
+                if lies_deep(solids.surfaces, root, point, min_depth, nodes):
+                    return True
+    return bool(solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
 
 
 @kernel
@@ -405,7 +398,7 @@ def piece_lies_in(
                     continue
                 if m == 1:
                     point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
-                    if encloses(solids.surfaces, root, point, min_depth, nodes):
+                    if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                         return True
                     continue
                 nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -414,15 +407,21 @@ def piece_lies_in(
 
 
 @kernel
-def encloses(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
-    """Return True if a point lies deep in a closed surface.
+def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
+    """Return True if a point is deeper than ``min_depth`` in a closed surface.
 
-    It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the
-    distances.
+    A negative ``min_depth`` allows a point outside, nearer to the surface than that. Zero asks for
+    the winding number alone. ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
+    if min_depth < 0.0:
+        # The distance from thin triangles may be too small.
+        box = surfaces.boxes[root]
+        reach = -min_depth - THIN * 2.0 * (box[3] + box[4] + box[5])
+        if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
+            return True
     if winding_number(surfaces, root, point, nodes) == 0:
         return False
-    return min_depth < 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
+    return min_depth <= 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
 
 
 @kernel
@@ -441,9 +440,8 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
         b = nodes[top, 1]
         around, (start, count) = surfaces.boxes[b], surfaces.spans[b]
         # The ray crosses no triangle beside it or below its start.
-        if abs(x - around[0]) > around[3] + rounding or abs(y - around[1]) > around[4] + rounding:
-            continue
-        if z - around[2] > around[5] + rounding:
+        offset = x - around[0], y - around[1], max(z - around[2], 0.0)
+        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(around, 3)):
             continue
         if count == 1:
             winding += (
@@ -493,95 +491,51 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, the proof holds in a whole box of configurations; see
-    :func:`cspace.bodies.hulls.joint_displacement`.
+    :func:`cspace.bodies.triangles.joint_displacement`.
     """
     solids = scene.solids
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
+    motion = Motion(matrix, shift, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
     for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
         for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
-            roots = solids.tree_roots[one], solids.tree_roots[other]
-            if min(roots) >= 0 and parts_cross(
-                solids.trees, roots, matrix, shift, axes, required, scratch.nodes
-            ):
+            a, b = solids.tree_roots[one], solids.tree_roots[other]
+            scratch.nodes[1, 0], scratch.nodes[1, 1] = a, b
+            if min(a, b) >= 0 and parts_cross(solids.trees, motion, axes, required, scratch.nodes):
                 return True
     return False
 
 
 @kernel
-def parts_cross(
-    trees: Trees,
-    roots: tuple[int, int],
-    matrix: Matrix,
-    shift: Row,
-    axes: Floats,
-    required: float,
-    nodes: Ints,
-) -> bool:
+def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nodes: Ints) -> bool:
     """Return True if the boundary of one part provably crosses another part.
 
-    The parts are given by their roots.
-
-    The pose of the first part, and the ``axes``, are as seen from the second. ``nodes`` is scratch,
-    shape (MAX_PENDING_PAIRS, 2).
+    Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has their roots. The pose of the first part,
+    and the ``axes``, are as seen from the second.
     """
-    nodes[1, 0], nodes[1, 1], top = roots[0], roots[1], 2
-    is_filled = trees.triangles[trees.spans[roots[1], 0], 9] != 0.0
-    while top > 1:
-        top -= 1
+    matrix, shift, moved = motion.matrix, motion.position, 0.0
+    top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
+    while top > 0:
         a, b = nodes[top, 0], nodes[top, 1]
-        box, against = trees.boxes[a], trees.boxes[b]
-        (row, m), (piece, k) = trees.spans[a], trees.spans[b]
-        center, half = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
-        if boxes_are_apart(minus(center, row_at(against, 0)), half, row_at(against, 3)):
-            continue
-        size, moved = math.sqrt(dot(row_at(box, 3), row_at(box, 3))), 0.0
-        other_size = against[3] + against[4] + against[5]
+        p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
+        top = next_leaves(trees, motion, 0.0, axes, nodes, top)
         if len(axes) > 0:
-            # Triangles stay crossed only if both are larger than twice the displacement.
-            moved = joint_displacement(axes, center, size if m == 1 else -size)
-            if other_size <= moved or (size <= moved and not is_filled):
-                continue
-        if m == 1 and k == 1:
-            if rows_cross(
-                trees.triangles[row], trees.triangles[piece], matrix, shift, required, moved
-            ):
+            half = row_at(trees.boxes[a], 3)
+            center = apply_pose(matrix, shift, row_at(trees.boxes[a], 0))
+            moved = joint_displacement(axes, center, math.sqrt(dot(half, half)))
+        corners = (
+            apply_pose(matrix, shift, row_at(p, 0)),
+            apply_pose(matrix, shift, row_at(p, 3)),
+            apply_pose(matrix, shift, row_at(p, 6)),
+        )
+        if q[9] != 0.0:
+            if pierces(corners, q, required + moved):
                 return True
-        elif m == 1 or (k > 1 and other_size > half[0] + half[1] + half[2]):
-            nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
-            top += 2
-        else:
-            nodes[top, 0], nodes[top + 1, 0], nodes[top + 1, 1] = a + 1, a + 2 * (m // 2), b
-            top += 2
+        elif p[9] == 0.0:
+            other = row_at(q, 0), row_at(q, 3), row_at(q, 6)
+            if crosses(corners, other, required, moved):
+                return True
     return False
-
-
-@kernel
-def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
-    """Return True if two axis-aligned boxes at an offset are apart along an axis."""
-    if abs(offset[0]) > half[0] + other_half[0] or abs(offset[1]) > half[1] + other_half[1]:
-        return True
-    return bool(abs(offset[2]) > half[2] + other_half[2])
-
-
-@kernel
-def rows_cross(
-    p: Floats, q: Floats, matrix: Matrix, shift: Row, required: float, moved: float
-) -> bool:
-    """Return True if a placed triangle p provably crosses or enters q.
-
-    The part q is a triangle, a box or a ball.
-    """
-    corners = (
-        apply_pose(matrix, shift, row_at(p, 0)),
-        apply_pose(matrix, shift, row_at(p, 3)),
-        apply_pose(matrix, shift, row_at(p, 6)),
-    )
-    if q[9] != 0.0:
-        return pierces(corners, q, required + moved)
-    return p[9] == 0.0 and crosses(
-        corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), required, moved
-    )
 
 
 @kernel
@@ -604,7 +558,7 @@ def pair_distances(
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
-            if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, -1.0):
+            if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, 0.0):
                 slack = -1.0
             # Compare without the padding: (out - padding) + padding may round to less than out.
             if slack < enough:
@@ -625,10 +579,10 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
         out[k] = False
         for n in range(len(scene.pairs)):
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            if (
-                not out[k]
-                and pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch) < 0.0
-            ):
+            slack = 0.0
+            if not out[k]:
+                slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch)
+            if slack < 0.0:
                 out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
 from cspace.arms.chain import Chain
 from cspace.arms.proofs import Scene, Solids
-from cspace.arms.solids import PosedShape, Solid, SurfaceTree
+from cspace.arms.solids import PosedShape, Solid
 from cspace.bodies import DISTANCE_ROUNDING
 from cspace.bodies.hulls import Hulls, join_roots
-from cspace.bodies.triangles import Trees
+from cspace.bodies.triangles import NO_TREE, SurfaceTree, join_trees
 from cspace.support.arrays import Floats, Ints
 
-AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
-
-_NO_SPANS: Final = np.empty((0, 2), dtype=np.int64)
-
-_NO_TREE: Final = Trees(np.empty((0, 7)), _NO_SPANS, np.empty((0, 10)))
-
 _NO_SURFACE: Final = SurfaceTree(
-    np.empty((0, 6)), _NO_SPANS, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
+    np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
 )
 
 
@@ -79,9 +73,9 @@ def _pack(
     part_roots: Ints,
 ) -> Solids:
     """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
-    trees, tree_roots = _join_trees([part.tree for part in parts], _NO_TREE)
+    trees, tree_roots = join_trees([part.tree for part in parts], NO_TREE)
     closed = [part.surface_tree for part in parts if len(part.surface[0])]
-    surfaces, surface_roots = _join_trees(closed, _NO_SURFACE)
+    surfaces, surface_roots = join_trees(closed, _NO_SURFACE)
     filled = [
         any(part.is_filled and len(part.tree.boxes) for part in own)
         for own in _split(solids, parts)
@@ -125,18 +119,6 @@ def _pack_points(
     before_parts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
-
-
-def _join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
-    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
-    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
-    moved = [
-        tree._replace(spans=tree.spans + np.array([row, 0]))
-        for tree, row in zip(trees, rows, strict=False)
-    ]
-    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
-    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
 
 
 def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 
 from cspace.bodies.hulls import Hulls, build_hulls
 from cspace.bodies.parts import as_triangles, part_anchors
-from cspace.bodies.triangles import Trees, build_boxes, build_tree, pack_boxes, pack_triangles
+from cspace.bodies.triangles import (
+    SurfaceTree,
+    Trees,
+    build_boxes,
+    build_tree,
+    pack_boxes,
+    pack_triangles,
+)
 from cspace.errors import InputError
 from cspace.limits import check_memory
 from cspace.shapes import (
@@ -44,27 +51,6 @@ _BYTES_PER_CELL: Final = 4
 
 _BYTES_PER_BOX: Final = 1000
 """Peak memory per such box, including its trees, bytes; 640 to 900 were measured."""
-
-
-class SurfaceTree(NamedTuple):
-    """A tree of the triangles of closed surfaces.
-
-    Attributes
-    ----------
-    boxes : ndarray of float64, shape (m, 6)
-        Center and half sides of the box of each node.
-    spans : ndarray of int64, shape (m, 2)
-        First triangle of each node, and their number; children as in
-        :class:`cspace.bodies.triangles.Trees`.
-    triangles : ndarray of float64, shape (n, 3, 3)
-    windings : ndarray of int64, shape (n,)
-        Multiplicity of each triangle.
-    """
-
-    boxes: Floats
-    spans: Ints
-    triangles: Floats
-    windings: Ints
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -1,9 +1,9 @@
 """Trees of convex hulls around triangles, and proofs that two trees stay apart.
 
 Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a
-convex hull, grown by a radius: whole parts and their large pieces, with enough corners to show
-their shape; a few neighbouring triangles; and single triangles. A convex part, such as a box or a
-cylinder, is one node.
+convex hull, grown by the radius of their triangles: whole parts and their large pieces, unless they
+have too many corners; a few neighbouring triangles; and single triangles. A convex part, such as a
+box or a cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections
 onto a line along n. The projection of a hull is the projection of its corners, grown by its radius.
@@ -34,18 +34,22 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.bodies.triangles import Trees, build_boxes, node_maxima
+from cspace.bodies.triangles import (
+    Trees,
+    build_boxes,
+    half_axes,
+    joint_displacement,
+    node_maxima,
+)
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
-    THIN,
     add_scaled,
     apply_pose,
     box_extent,
     cross,
     dot,
     minus,
-    point_triangle,
     rotate_back,
     row_at,
     scale_vector,
@@ -60,18 +64,12 @@ HULL_BRANCHING: Final = 16
 """Largest ratio of the triangles of a hull to those of the hulls below it."""
 
 
-MAX_WHOLE_HULL_CORNERS: Final = 192
-"""Corners up to which the hull of a convex part stays exact; larger hulls use as many extreme
-corners."""
+MAX_HULL_CORNERS: Final = 192
+"""Largest number of corners of a hull; nodes with larger hulls are tested by their children."""
 
 
-MAX_HULL_CORNERS: Final = 48
-"""Corners up to which any other hull stays exact."""
-
-
-HULL_ROUNDING: Final = 2.0**-37
-"""Growth of a hull without some of its corners, relative to its size: the rounding of
-:func:`point_triangle`."""
+MAX_SAMPLED_POINTS: Final = 4096
+"""Approximate number of points of which the depth in their hull is measured."""
 
 
 MAX_GJK_STEPS: Final = 40
@@ -89,7 +87,7 @@ class Hulls(NamedTuple):
     ----------
     boxes : ndarray of float64, shape (m, 9)
         Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its
-        ball about that center ([6]), distance by which its hull is grown ([7]), and about how much
+        ball about that center ([6]), radius by which its hull is grown ([7]), and about how much
         the hull exceeds its contents ([8]).
     nodes : ndarray of int64, shape (m, 5)
         The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull:
@@ -144,14 +142,9 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
     starts, counts = spans.T
-    boxes = np.column_stack(
-        [
-            box,
-            np.linalg.norm(box[:, 3:], axis=1),
-            node_maxima(np.maximum(rows[:, 9], 0.0), spans),
-            0.0 * starts,
-        ]
-    )
+    balls = np.linalg.norm(box[:, 3:], axis=1)
+    radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
+    boxes = np.column_stack([box, balls, radii, np.zeros(len(box))])
     nodes, leaf = np.zeros((len(box), 5), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
     nodes[inside, 0], nodes[inside, 4] = inside + 2 * (counts[inside] // 2), inside + 1
@@ -168,22 +161,23 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     has_hull = ranks < ranks[parents]
     has_hull[0] = True
     points, which = np.unique(corners, axis=0, return_inverse=True)
-    size, is_rounded = float(np.ptp(points, axis=0).max()), bool(rows[:, 9].any())
+    is_rounded = bool(rows[:, 9].any())
     parts, stop = [corners], len(corners)
     for node in np.flatnonzero(has_hull & ~leaf).tolist():
         first, last = firsts[[starts[node], starts[node] + counts[node]]].tolist()
         hull, is_tile = points[np.unique(which.ravel()[first:last])], ranks[node] == 0
-        if is_tile and (node or is_rounded):
-            boxes[node, 8] = boxes[node, 3:6].min()
-        elif is_rounded:
+        if is_rounded and not is_tile:
             continue
-        else:
-            hull, grown, depth, is_whole = _fit_hull(hull, -1.0 if node else volume)
-            boxes[node, 7], boxes[node, 8] = grown, grown + depth
-            if is_whole and grown <= 2.0 * HULL_ROUNDING * size:
-                boxes[0, 8] = 0.0
+        depth = boxes[node, 3:6].min()
+        if not is_rounded and (node == 0 or not is_tile):
+            hull, enclosed, depth = _find_corners(hull)
+            is_convex = node == 0 and volume > (1.0 - 1e-9) * enclosed
+            if len(hull) > MAX_HULL_CORNERS:
+                continue
+            if is_convex:
                 links = np.array([[0, 0, len(hull), 1, 0]])
                 return Hulls(boxes[:1], links, np.ascontiguousarray(hull.T))
+        boxes[node, 8] = depth
         nodes[node, 1], nodes[node, 2] = stop, stop + len(hull)
         parts.append(hull)
         stop += len(hull)
@@ -192,10 +186,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
 
 def _are_balls(rows: Floats) -> Bools:
     """Return whether each row has three equal corners."""
-    are_balls = np.ones(len(rows), dtype=np.bool_)
-    for k in range(3, 9):
-        are_balls &= rows[:, k] == rows[:, k % 3]
-    return are_balls
+    return np.asarray((rows[:, 3:9] == np.tile(rows[:, :3], 2)).all(axis=1))
 
 
 def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
@@ -204,80 +195,30 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box, is_ball = rows[:, 9] < 0.0, _are_balls(rows)
-    u, v = rows[:, 3:6], rows[:, 6:9]
-    upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
-    counts = np.where(upright, 0, np.where(is_box, 8, np.where(is_ball, 1, 3)))
+    is_aligned = ~rows[:, [4, 5, 6, 8]].any(axis=1)
+    counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
     corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
-    tilted = counts == 8
-    if tilted.any():
-        w = np.cross(u[tilted], v[tilted])
-        w *= (rows[tilted, 9] / np.linalg.norm(w, axis=1))[:, None]
-        corners[tilted] = rows[tilted, None, :3] + _SIGNS @ np.stack([u[tilted], v[tilted], w], 1)
+    tilted = rows[counts == 8]
+    if len(tilted):
+        corners[counts == 8] = tilted[:, None, :3] + _SIGNS @ half_axes(tilted)
     return corners[places < counts[:, None]], np.append(0, np.cumsum(counts))
 
 
-def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
-    """Choose corners whose hull, grown, contains all points.
+def _find_corners(points: Floats) -> tuple[Floats, float, float]:
+    """Return the corners of a hull, its volume, and about the largest depth of a point in it.
 
-    Returns the corners, the growth, the depth of the deepest point in the hull, metres, and whether
-    the part is convex: whether it encloses ``volume``, which is negative for pieces. A flat set
-    keeps all points.
+    A flat set returns all points and an infinite volume.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return points, 0.0, 0.0, False
-    corners, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
-    count = (
-        MAX_WHOLE_HULL_CORNERS
-        if is_whole or (volume >= 0.0 and len(corners) == len(points))
-        else MAX_HULL_CORNERS
-    )
-    if len(corners) > count:
-        # A Fibonacci spiral spreads directions evenly over a sphere.
-        k = np.arange(count) + 0.5
-        z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
-        directions = np.stack(
-            [np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z]
-        )
-        corners = corners[np.unique((corners @ directions).argmax(axis=0))]
-        hull = ConvexHull(corners)
-    if len(corners) == len(points):
-        return corners, 0.0, 0.0, is_whole
-    parts = np.array_split(
-        points, len(points) // 4096 + 1
-    )  # their heights above all planes fit a cache
-    heights = np.concatenate(
-        [(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts]
-    )
-    size = float(np.ptp(points, axis=0).max())
-    outside = points[heights > -1e-9 * size]
-    sides = hull.points[hull.simplices]
-    # Distances from thin triangles may be too small. Without these triangles they can only be too
-    # large, which is safe.
-    edges = np.roll(sides, -1, axis=1) - sides
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    thin = areas <= 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)
-    grown = largest_distance(outside, sides[~thin]) + HULL_ROUNDING * size
-    return corners, grown, float(-heights.min()), is_whole
-
-
-@kernel
-def largest_distance(points: Floats, triangles: Floats) -> float:
-    """Return the largest distance of a point from its nearest triangle.
-
-    No triangle may be thin.
-    """
-    largest = 0.0
-    for p in range(len(points)):
-        apart = math.inf
-        for t in range(len(triangles)):
-            apart = min(apart, point_triangle(row_at(points[p], 0), triangles[t]))
-        largest = max(largest, apart)
-    return largest
+        return points, math.inf, 0.0
+    sampled = points[:: 1 + len(points) // MAX_SAMPLED_POINTS]
+    heights = (sampled @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    return points[hull.vertices], float(hull.volume), -float(heights.min())
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
@@ -291,11 +232,8 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     numbers = roots[order[spans[:, 0]]]  # of leaves; the first root of other nodes is replaced
     numbers[inner] = start + np.arange(len(inner))
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
-    nodes[:, 0], nodes[:, 3], nodes[:, 4] = (
-        numbers[inner + 2 * (spans[inner, 1] // 2)],
-        1,
-        numbers[inner + 1],
-    )
+    nodes[:, 0] = numbers[inner + 2 * (spans[inner, 1] // 2)]
+    nodes[:, 3], nodes[:, 4] = 1, numbers[inner + 1]
     rows = np.zeros((len(inner), 9))
     rows[:, :6], rows[:, 6] = box[inner], np.linalg.norm(box[inner, 3:], axis=1)
     return rows, nodes
@@ -327,11 +265,11 @@ def tree_slack(
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
     a box of configurations, ``axes`` are the joints that move the first tree
-    (:func:`joint_displacement`); a motion has none, and for a box the motion has ``half_time`` 0.
-    The result is negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not
-    apart at the central moment. That pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS,
-    2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected parts were proven
-    apart separately.
+    (:func:`cspace.bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
+    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
+    if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
+    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected
+    parts were proven apart separately.
     """
     best, partial, moves = enough, False, False
     scratch[0, 0] = scratch[0, 1] = -1
@@ -443,23 +381,6 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 
 
 @kernel
-def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
-    """Bound the displacement of a ball's points in a box of configurations.
-
-    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
-    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
-    and a translation. Move the joints one after another, beginning at the observer. Each moves the
-    ball and the axes of all later joints together, so the distances of the ball from these axes are
-    still those at the center.
-    """
-    total = 0.0
-    for k in range(len(axes)):
-        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
-        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
-    return total
-
-
-@kernel
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool]:
@@ -525,24 +446,13 @@ def slack_along(
     slack, bend = gap - required - speed, motion.curvature_bound
     # Along n the motion may be shorter than ``speed``.
     if slack <= enough and gap - required - bend > enough and motion.half_time > 0.0:
-        start = moved_gap(hulls, a, motion, n, low, -1.0)
-        end = moved_gap(hulls, a, motion, n, low, 1.0)
-        slack = max(slack, min(gap, start, end) - required - bend)
+        for step in (-motion.half_time, motion.half_time):
+            m = add_scaled(n, cross(n, motion.spin), step)
+            _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
+            end = -low - top - dot(m, motion.position) - step * dot(n, motion.velocity)
+            gap = min(gap, end)
+        slack = max(slack, gap - required - bend)
     return slack
-
-
-@kernel
-def moved_gap(
-    hulls: Hulls, a: int, motion: RelativeMotion, n: Row, low: float, sign: float
-) -> float:
-    """Return the gap along n at the end (``sign`` 1) or start (-1) of the linear motion.
-
-    ``low`` is the coordinate of the second hull along -n.
-    """
-    step = sign * motion.half_time
-    m = add_scaled(n, cross(n, motion.spin), step)
-    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
-    return -low - top - dot(m, motion.position) - step * dot(n, motion.velocity)
 
 
 @kernel
@@ -590,18 +500,11 @@ def nearest_in_simplex(
     origin = scale_vector(new, -1.0)
     to_a, to_b, to_c = minus(a, new), minus(b, new), minus(c, new)
     volume = dot(to_a, cross(to_b, to_c))
-    weight_a, weight_b, weight_c = (
-        dot(origin, cross(to_b, to_c)) / volume,
-        dot(to_a, cross(origin, to_c)) / volume,
-        dot(to_a, cross(to_b, origin)) / volume,
-    )
-    if (
-        volume != 0.0
-        and weight_a >= 0.0
-        and weight_b >= 0.0
-        and weight_c >= 0.0
-        and weight_a + weight_b + weight_c <= 1.0
-    ):
+    weight_a = dot(origin, cross(to_b, to_c)) / volume
+    weight_b = dot(to_a, cross(origin, to_c)) / volume
+    weight_c = dot(to_a, cross(to_b, origin)) / volume
+    is_inside = min(weight_a, weight_b, weight_c) >= 0.0 and weight_a + weight_b + weight_c <= 1.0
+    if volume != 0.0 and is_inside:
         return origin, a, b, c, 4
     # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is
     # on another face.

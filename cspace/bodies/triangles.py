@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -50,6 +50,7 @@ from cspace.support.vectors import (
     nearest_of_triangle,
     rotate,
     row_at,
+    scale_vector,
 )
 
 Corners = tuple[Row, Row, Row]
@@ -63,12 +64,6 @@ MIN_SQUARED_LENGTH = 2.0**-600
 MAX_PENDING_PAIRS = 128
 """Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few.
 """
-
-PAIR_SHIFT = 32
-"""Bits of a node index: a pair of nodes is one integer with the first node in its upper half."""
-
-NODE_MASK = 2**PAIR_SHIFT - 1
-"""Mask of the second node of a pair."""
 
 
 class Trees(NamedTuple):
@@ -91,6 +86,32 @@ class Trees(NamedTuple):
     boxes: Floats
     spans: Ints
     triangles: Floats
+
+
+class SurfaceTree(NamedTuple):
+    """A tree of the triangles of closed surfaces.
+
+    Attributes
+    ----------
+    boxes : ndarray of float64, shape (m, 6)
+        Center and half sides of the box of each node.
+    spans : ndarray of int64, shape (m, 2)
+        First triangle of each node, and their number; children as in :class:`Trees`.
+    triangles : ndarray of float64, shape (n, 3, 3)
+    windings : ndarray of int64, shape (n,)
+        Multiplicity of each triangle.
+    """
+
+    boxes: Floats
+    spans: Ints
+    triangles: Floats
+    windings: Ints
+
+
+AnyTree = TypeVar("AnyTree", Trees, SurfaceTree)
+
+NO_TREE: Final = Trees(np.empty((0, 7)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10)))
+"""A tree without triangles."""
 
 
 class Motion(NamedTuple):
@@ -129,9 +150,9 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
         np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1)
         for b in borders
     ]
-    return concatenate_trees(
-        [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
-    )
+    trees = [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
+    joined, roots = join_trees(trees, NO_TREE)
+    return joined, roots.tolist()
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
@@ -140,18 +161,16 @@ def build_tree(rows: Floats, levers: Floats) -> Trees:
     return Trees(np.column_stack([box, node_maxima(levers[order], spans)]), spans, rows[order])
 
 
-def concatenate_trees(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
-    """Concatenate trees; return them with their roots, -1 for an empty tree."""
-    roots, spans, nodes, rows = list[int](), list[Ints](), 0, 0
-    for tree in trees:
-        roots.append(nodes if len(tree.boxes) else -1)
-        spans.append(tree.spans + np.array([rows, 0]))
-        nodes, rows = nodes + len(tree.boxes), rows + len(tree.triangles)
-    boxes, triangles = (
-        np.concatenate(parts)
-        for parts in zip(*((t.boxes, t.triangles) for t in trees), strict=True)
-    )
-    return Trees(boxes, np.concatenate(spans), triangles), roots
+def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
+    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
+    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
+    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
+    moved = [
+        tree._replace(spans=tree.spans + np.array([row, 0]))
+        for tree, row in zip(trees, rows, strict=False)
+    ]
+    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
+    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
@@ -165,14 +184,17 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     The corners have shapes (n, 3), the pose (4, 4).
     """
     rotation, half = pose[:3, :3], 0.5 * (highs - lows)
-    rows = np.empty((len(lows), 10))
-    rows[:, :3] = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = (
-        half[:, :1] * rotation[:, 0],
-        half[:, 1:2] * rotation[:, 1],
-        -half[:, 2],
-    )
-    return rows
+    centers = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
+    first, second = half[:, :1] * rotation[:, 0], half[:, 1:2] * rotation[:, 1]
+    return np.column_stack([centers, first, second, -half[:, 2]])
+
+
+def half_axes(boxes: Floats) -> Floats:
+    """Return the half axes of box rows, shape (n, 3, 3)."""
+    first, second = boxes[:, 3:6], boxes[:, 6:9]
+    third = np.cross(first, second)
+    third *= (boxes[:, 9] / np.linalg.norm(third, axis=1))[:, None]
+    return np.stack([first, second, third], axis=1)
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
@@ -180,18 +202,11 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
     Both have shape (n, 3).
     """
-    is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
-    one, two, three = corners.transpose(1, 0, 2)  # quicker than a minimum along a short axis
-    low = np.minimum(np.minimum(one, two), three) - grown
-    high = np.maximum(np.maximum(one, two), three) + grown
-    if not is_box.any():
-        return low, high
-    center, first, second = corners[is_box].transpose(1, 0, 2)
-    third = first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
-    third *= (rows[is_box, 9] / np.linalg.norm(third, axis=1))[:, None]
-    half = np.abs(first) + np.abs(second) + np.abs(third)
-    low[is_box], high[is_box] = center - half, center + half
+    low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
+    is_box = rows[:, 9] < 0.0
+    half = np.abs(half_axes(rows[is_box])).sum(axis=1)
+    low[is_box], high[is_box] = rows[is_box, :3] - half, rows[is_box, :3] + half
     return low, high
 
 
@@ -240,69 +255,106 @@ def node_maxima(values: Floats, spans: Ints) -> Floats:
 
 @kernel
 def free_fraction(
-    trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, scratch: Ints
+    trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, nodes: Ints
 ) -> float:
     """Return the fraction of a motion proven free of contact.
 
     The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1
-    for none. The result is negative if the robot is too near at its current pose. ``scratch``,
-    shape (MAX_PENDING_PAIRS,), caches in its first entry the pair of triangles that set the last
-    bound, because the same pair often sets the next one; -1 means none.
+    for none. The result is negative if the robot is too near at its current pose. ``nodes``, shape
+    (MAX_PENDING_PAIRS, 2), keeps in its first row the pair of triangles that set the last bound,
+    because the same pair often sets the next one; -1 means none.
     """
-    best, top, spans = float(enough), 1, trees.spans
+    best, top = float(enough), 1
     for other in others:
         if other >= 0:
-            scratch[top] = robot << PAIR_SHIFT | other
+            nodes[top, 0], nodes[top, 1] = robot, other
             top += 1
-    if scratch[0] >= 0:
-        scratch[top] = scratch[0]
+    if nodes[0, 0] >= 0:
+        nodes[top, 0], nodes[top, 1] = nodes[0, 0], nodes[0, 1]
         top += 1
-    while top > 1 and best >= 0.0:
-        top -= 1
-        pair = scratch[top]
-        a, b = pair >> PAIR_SHIFT, pair & NODE_MASK
-        box_a, box_b = trees.boxes[a], trees.boxes[b]
-        center = apply_pose(motion.matrix, motion.position, row_at(box_a, 0))
-        x, y, z = box_extent(motion.matrix, row_at(box_a, 3))
-        half = x + motion.required, y + motion.required, z + motion.required
-        drift = box_a[6] * motion.angle + motion.drift
-        if boxes_stay_apart(center, half, box_b, motion.step, drift, best):
-            continue
-        n, m = spans[a, 1], spans[b, 1]
-        if n == 1 and m == 1:
-            p, q = trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]]
-            fraction = pair_free_fraction(p, q, motion, drift, best)
-            if fraction < best:
-                best, scratch[0] = fraction, pair
-        elif n == 1 or (m > 1 and box_b[3] + box_b[4] + box_b[5] > half[0] + half[1] + half[2]):
-            # Split the node with the larger box.
-            scratch[top], scratch[top + 1] = pair + 2 * (m // 2), pair + 1
-            top += 2
-        else:
-            scratch[top], scratch[top + 1] = (
-                pair + (2 * (n // 2) << PAIR_SHIFT),
-                pair + (1 << PAIR_SHIFT),
-            )
-            top += 2
+    while best >= 0.0:
+        top = next_leaves(trees, motion, best, trees.boxes[:0], nodes, top)
+        if top == 0:
+            break
+        a, b = nodes[top, 0], nodes[top, 1]
+        p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
+        drift = trees.boxes[a, 6] * motion.angle + motion.drift
+        fraction = pair_free_fraction(p, q, motion, drift, best)
+        if fraction < best:
+            best, nodes[0, 0], nodes[0, 1] = fraction, a, b
     return best
 
 
 @kernel
-def boxes_stay_apart(
-    center: Row, half: Row, box: Floats, step: Row, drift: float, fraction: float
-) -> bool:
-    """Return True if a moving box stays apart from a fixed one along one axis.
+def next_leaves(
+    trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
+) -> int:
+    """Find two leaves that may come too near on a fraction of a motion.
 
-    The box moves along a fraction of a motion.
-
-    The moving box has a center and half sides, and moves by ``step`` and by up to ``drift`` in any
-    direction.
+    With the ``axes`` of a box of configurations, skip nodes that may move past each other there.
+    ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes in the rows from 1 to
+    ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if there are none.
     """
+    step, required = motion.step, motion.required
+    while top > 1:
+        top -= 1
+        a, b = nodes[top, 0], nodes[top, 1]
+        box, other = trees.boxes[a], trees.boxes[b]
+        drift = box[6] * motion.angle + motion.drift
+        x, y, z = box_extent(motion.matrix, row_at(box, 3))
+        half = (
+            x + required + fraction * (abs(step[0]) + drift),
+            y + required + fraction * (abs(step[1]) + drift),
+            z + required + fraction * (abs(step[2]) + drift),
+        )
+        center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
+        if boxes_are_apart(minus(center, row_at(other, 0)), half, row_at(other, 3)):
+            continue
+        n, m = trees.spans[a, 1], trees.spans[b, 1]
+        if len(axes) > 0:
+            # Triangles stay crossed only if both are larger than twice the displacement.
+            side = row_at(box, 3)
+            size = math.sqrt(dot(side, side))
+            moved = joint_displacement(axes, center, size if n == 1 else -size)
+            is_filled = trees.triangles[trees.spans[b, 0], 9] != 0.0
+            if other[3] + other[4] + other[5] <= moved or (size <= moved and not is_filled):
+                continue
+        if n == 1 and m == 1:
+            return top
+        # Split the node with the larger box.
+        nodes[top + 1, 0], nodes[top + 1, 1] = a, b
+        if n == 1 or (m > 1 and other[3] + other[4] + other[5] > x + y + z):
+            nodes[top, 1], nodes[top + 1, 1] = b + 2 * (m // 2), b + 1
+        else:
+            nodes[top, 0], nodes[top + 1, 0] = a + 2 * (n // 2), a + 1
+        top += 2
+    return 0
+
+
+@kernel
+def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
+    """Bound the displacement of a ball's points in a box of configurations.
+
+    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
+    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
+    and a translation. Move the joints one after another, beginning at the observer. Each moves the
+    ball and the axes of all later joints together, so the distances of the ball from these axes are
+    still those at the center.
+    """
+    total = 0.0
+    for k in range(len(axes)):
+        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
+        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
+    return total
+
+
+@kernel
+def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
+    """Return True if two axis-aligned boxes at an offset are apart along an axis."""
+    gap = 0.0
     for k in range(3):
-        gap = abs(center[k] - box[k]) - half[k] - box[3 + k]
-        if gap > fraction * (abs(step[k]) + drift):
-            return True
-    return False
+        gap = max(gap, abs(offset[k]) - (half[k] + other_half[k]))
+    return gap > 0.0
 
 
 @kernel
@@ -312,12 +364,14 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     The first moves by up to ``drift`` in any direction.
     """
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
-    p0, matrix = row_at(p, 0), motion.matrix
-    zero, p1, p2 = read_corners(p, p0)
-    a, b = (
-        (zero, rotate(matrix, p1), rotate(matrix, p2)),
-        read_corners(q, apply_pose(matrix, motion.position, p0)),
+    first, matrix = row_at(p, 0), motion.matrix
+    origin = apply_pose(matrix, motion.position, first)
+    a = (
+        (0.0, 0.0, 0.0),
+        rotate(matrix, minus(row_at(p, 3), first)),
+        rotate(matrix, minus(row_at(p, 6), first)),
     )
+    b = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin), minus(row_at(q, 6), origin)
     u, v = edge_vectors(a), edge_vectors(b)
     step, required = motion.step, motion.required + p[9] + q[9]
     nearest, normal = math.inf, cross(v[0], v[1])
@@ -336,17 +390,6 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
                 nearest, normal = square, cross(u[k], v[m])
                 best = max(best, free_fraction_along(gap, a, b, step, drift, required))
     return min(max(best, free_fraction_along(normal, a, b, step, drift, required)), enough)
-
-
-@kernel
-def read_corners(q: Floats, origin: Row) -> Corners:
-    """Return the corners of a triangle row, relative to ``origin``."""
-    x, y, z = origin
-    return (
-        (q[0] - x, q[1] - y, q[2] - z),
-        (q[3] - x, q[4] - y, q[5] - z),
-        (q[6] - x, q[7] - y, q[8] - z),
-    )
 
 
 @kernel
@@ -369,20 +412,38 @@ def free_fraction_along(
         return -1.0
     length = math.sqrt(square)
     s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
-    above, below = min(x, min(y, z)) - max(s, max(t, 0.0)), min(s, min(t, 0.0)) - max(x, max(y, z))
-    slack = max(above, below) / length - required
+    gap = max(min(x, y, z) - max(s, t, 0.0), min(s, t, 0.0) - max(x, y, z))
+    slack = gap / length - required
     if not slack > 0.0:
         return -1.0
     return slack / (abs(dot(n, step)) / length + drift)
 
 
 @kernel
-def read_box(q: Floats, origin: Row) -> OrientedBox:
-    """Return a box row as center and half axes, relative to ``origin``."""
+def read_box(q: Floats) -> OrientedBox:
+    """Return a box row as center and half axes."""
     u, v = row_at(q, 3), row_at(q, 6)
     w = cross(u, v)
-    factor = q[9] / math.sqrt(dot(w, w))
-    return minus(row_at(q, 0), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
+    return row_at(q, 0), u, v, scale_vector(w, q[9] / math.sqrt(dot(w, w)))
+
+
+@kernel
+def piece_depth(row: Floats, point: Row) -> float:
+    """Return the depth of a point in a box or ball.
+
+    It is negative outside and for other rows.
+    """
+    away = minus(point, row_at(row, 0))
+    if row[9] >= 0.0:
+        return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
+    _, one, other, third = read_box(row)
+    depth, square = np.inf, 0.0
+    for axis in (one, other, third):
+        half = math.sqrt(dot(axis, axis))
+        inward = half - abs(dot(away, axis)) / half
+        depth = min(depth, inward)
+        square += min(inward, 0.0) ** 2
+    return -math.sqrt(square) if square > 0.0 else depth
 
 
 @kernel
@@ -391,24 +452,21 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
 
     A point of the triangle is found deeper than ``depth``.
     """
-    a0 = corners[0]
-    a1, a2, center = minus(corners[1], a0), minus(corners[2], a0), minus(row_at(q, 0), a0)
-    near = nearest_of_triangle(center, a1, a2)
-    if q[9] >= 0.0:
-        offset = minus(near, center)
-        return bool(q[9] > depth and dot(offset, offset) < (q[9] - depth) ** 2)
-    box = read_box(q, a0)
-    scale = 0.5
+    first, target, scale = corners[0], row_at(q, 0), 0.5
+    u, v = minus(corners[1], first), minus(corners[2], first)
     for _ in range(16):
-        offset, within = minus(near, box[0]), True
-        for k in range(1, 4):
-            length = math.sqrt(dot(box[k], box[k]))
-            within = within and abs(dot(offset, box[k])) < length * (length - depth)
-        if within:
+        near = add_scaled(first, nearest_of_triangle(minus(target, first), u, v), 1.0)
+        if piece_depth(q, near) > depth:
             return True
+        if q[9] > 0.0:  # no point of the triangle is deeper in a ball
+            return False
         # Alternate projections between the triangle and a shrunken box, so that they can end inside
         # the box. The shrunken box grows towards the full box.
-        near = nearest_of_triangle(nearest_in_box(near, box, scale), a1, a2)
+        target, one, two, three = read_box(q)
+        offset = minus(near, target)
+        for axis in (one, two, three):
+            t = min(max(dot(offset, axis) / dot(axis, axis), -scale), scale)
+            target = add_scaled(target, axis, t)
         scale = 0.5 + 0.5 * scale
     return False
 
@@ -421,56 +479,36 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
     off by a quarter of ``tolerance``. They still cross if all points of one triangle move by at
     most ``displacement``.
     """
-    sides_a = _sides_of_plane(a, b, tolerance)
-    if (
-        abs(sides_a[0] + sides_a[1] + sides_a[2]) == 3
-    ):  # apart, as most triangles in overlapping boxes
-        return False
-    sides_b = _sides_of_plane(b, a, tolerance)
-    if abs(sides_b[0] + sides_b[1] + sides_b[2]) == 3:
-        return False
-    return _edge_pierces(a, sides_a, b, tolerance, displacement) or _edge_pierces(
-        b, sides_b, a, tolerance, displacement
-    )
-
-
-@kernel
-def _sides_of_plane(a: Corners, b: Corners, tolerance: float) -> tuple[int, int, int]:
-    """Return the side of each corner of a by the plane of b."""
-    return (
-        _side_of_plane(a[0], b[0], b[1], b[2], tolerance),
-        _side_of_plane(a[1], b[0], b[1], b[2], tolerance),
-        _side_of_plane(a[2], b[0], b[1], b[2], tolerance),
-    )
-
-
-@kernel
-def _edge_pierces(
-    a: Corners, sides: tuple[int, int, int], b: Corners, tolerance: float, displacement: float
-) -> bool:
-    """Return True if an edge of a provably passes through b.
-
-    The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b
-    on the same side.
-    """
-    for k in range(3):
-        after = k + 1 if k < 2 else 0
-        p, q = a[k], a[after]
-        if sides[k] == 0 or sides[after] != -sides[k]:
-            continue
-        sign = _side_of_plane(p, q, b[0], b[1], tolerance)
-        if (
-            sign != 0
-            and _side_of_plane(p, q, b[1], b[2], tolerance) == sign
-            and _side_of_plane(p, q, b[2], b[0], tolerance) == sign
-            and (displacement == 0.0 or _stays_pierced(p, q, b, displacement + tolerance))
-        ):
-            return True
+    for one, other in ((a, b), (b, a)):
+        for k in range(3):
+            p, q = one[k], one[(k + 1) % 3]
+            if _passes_through(p, q, other, tolerance) and (
+                displacement == 0.0 or _stays_through(p, q, other, displacement + tolerance)
+            ):
+                return True
     return False
 
 
 @kernel
-def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
+def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
+    """Return True if a segment from p to q provably passes through b.
+
+    The ends of the segment lie on opposite sides of the plane of b, and its line passes all edges
+    of b on the same side.
+    """
+    side = _side_of_plane(p, b, tolerance)
+    if side == 0 or _side_of_plane(q, b, tolerance) != -side:
+        return False
+    turn = _side_of_plane(p, (q, b[0], b[1]), tolerance)
+    return bool(
+        turn != 0
+        and _side_of_plane(p, (q, b[1], b[2]), tolerance) == turn
+        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn
+    )
+
+
+@kernel
+def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     """Return True if a segment that passes through a triangle still does after a motion.
 
     All points of the one or the other move by at most ``displacement``. While the ends of the
@@ -479,25 +517,15 @@ def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     is bounded by projections onto a line along the nearest points.
     """
     for end in (p, q):
-        n = minus(
-            end,
-            add_scaled(
-                nearest_of_triangle(minus(end, b[0]), minus(b[1], b[0]), minus(b[2], b[0])),
-                b[0],
-                1.0,
-            ),
-        )
-        apart = min(
-            dot(n, minus(end, b[0])), min(dot(n, minus(end, b[1])), dot(n, minus(end, b[2])))
-        )
-        if not apart > displacement * math.sqrt(dot(n, n)):
+        u, v, w = minus(b[0], end), minus(b[1], end), minus(b[2], end)
+        n = add_scaled(u, nearest_of_triangle(scale_vector(u, -1.0), minus(v, u), minus(w, u)), 1.0)
+        if not min(dot(n, u), dot(n, v), dot(n, w)) > displacement * math.sqrt(dot(n, n)):
             return False
     for k in range(3):
-        c, d = b[k], b[k + 1 if k < 2 else 0]
+        c, d = b[k], b[(k + 1) % 3]
         n = gap_between(p, minus(q, p), c, minus(d, c))
         apart = min(
-            min(dot(n, minus(p, c)), dot(n, minus(p, d))),
-            min(dot(n, minus(q, c)), dot(n, minus(q, d))),
+            dot(n, minus(p, c)), dot(n, minus(p, d)), dot(n, minus(q, c)), dot(n, minus(q, d))
         )
         if not apart > displacement * math.sqrt(dot(n, n)):
             return False
@@ -505,32 +533,15 @@ def _stays_pierced(p: Row, q: Row, b: Corners, displacement: float) -> bool:
 
 
 @kernel
-def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
+def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
     """Return the side of a plane on which p lies.
 
-    The sides of the plane through a, b and c are 1 and -1. The result is 0 if rounding could change
-    it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e
-    and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
+    The sides of the plane through three corners are 1 and -1. The result is 0 if rounding could
+    change it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at
+    most e and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
-    u, v, w = minus(a, p), minus(b, p), minus(c, p)
+    u, v, w = minus(corners[0], p), minus(corners[1], p), minus(corners[2], p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))
-    volume, error = (
-        dot(u, cross(v, w)),
-        (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance),
-    )
+    volume = dot(u, cross(v, w))
+    error = (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance)
     return 1 if volume > error else -1 if volume < -error else 0
-
-
-@kernel
-def nearest_in_box(p: Row, box: OrientedBox, scale: float) -> Row:
-    """Return the point nearest to p in a scaled box.
-
-    The box is scaled by ``scale`` about its center; the result is right up to rounding.
-    """
-    x, y, z = box[0]
-    offset = minus(p, box[0])
-    for k in range(1, 4):
-        axis = box[k]
-        t = min(max(dot(offset, axis) / dot(axis, axis), -scale), scale)
-        x, y, z = x + t * axis[0], y + t * axis[1], z + t * axis[2]
-    return x, y, z

@@ -129,9 +129,8 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     if simplices.shape[1] == 1 or border.radii.any():
         # Farther pieces do not reach the grid. Without the cap, the squares of large distances
         # would overflow.
-        apart = np.sqrt(
-            (np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1)
-        )
+        outside = np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100)
+        apart = np.linalg.norm(outside, axis=1)
         near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
         return RoundedSimplices(simplices[near], border.radii[near])
     for axis in range(grid.dim):

@@ -27,7 +27,7 @@ from cspace.rotations.lookup import (
     matrix_rows,
     rotation_along,
 )
-from cspace.shapes import Box, RoundedSimplices
+from cspace.shapes import Box, ExactShape, RoundedSimplices
 from cspace.support.arrays import (
     BLOCKED,
     FREE,
@@ -179,19 +179,11 @@ class Containment(NamedTuple):
     outer, inner : ndarray of bool, shape (nx, ny, nz)
         Cells that meet obstacles, and cells inside obstacles; nz is 1 in the plane.
     anchors : ndarray of float64, shape (m, 3)
-        One point of each obstacle part that could fit into the robot, sorted by x.
+        One point of each obstacle part that could fit into the robot.
     low, high : tuple of float
         Corners of the bounding box of the robot.
-    reach : float
-        Upper bound of the distance between the reference point and any point of the robot.
     has_solids : bool
         True if some obstacles have an inside that their cells do not decide.
-    is_box : bool
-        True if the robot fills its bounding box.
-    regions : ndarray of float64, shape (m, 4)
-        Segments around the regions that a robot of the plane fills, sorted by region.
-    region_stops : ndarray of int64, shape (regions,)
-        Index after the last segment of each region.
     """
 
     corners: Floats
@@ -203,11 +195,7 @@ class Containment(NamedTuple):
     anchors: Floats
     low: Row
     high: Row
-    reach: float
     has_solids: bool
-    is_box: bool
-    regions: Floats
-    region_stops: Ints
 
 
 class BoundaryTrees(NamedTuple):
@@ -275,9 +263,8 @@ class BoundaryProofs:
         if robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
             for points, sizes in (part_anchors(as_triangles([part])) for part in pieces):
                 anchors.append(points[sizes <= 2.0 * reach])
-        small = np.concatenate(anchors)
         low, high = (np.pad(corner, missing_axis) for corner in robot.bounds)
-        cells, regions = (*grid.shape, 1)[:3], robot.regions
+        cells = (*grid.shape, 1)[:3]
         return Containment(
             corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
             exterior_blocked=problem.exterior_blocked,
@@ -285,14 +272,10 @@ class BoundaryProofs:
             spacing=grid.spacing,
             outer=workspace.outer.reshape(cells),
             inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
-            anchors=small[np.argsort(small[:, 0])],
+            anchors=np.concatenate(anchors),
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
-            reach=1.001 * reach,
             has_solids=bool(self._shapes),
-            is_box=isinstance(robot, Box),
-            regions=np.concatenate([np.empty((0, 4)), *regions]),
-            region_stops=np.cumsum([len(region) for region in regions], dtype=np.int64),
         )
 
     def edge(self, *both: float) -> bool:
@@ -314,13 +297,8 @@ class BoundaryProofs:
         free: Bools = states == FREE
         left = np.flatnonzero(states == MIXED)
         if len(left):
-            # Edges often share their start, so each start is tested once.
-            starts, which = np.unique(q0[left], axis=0, return_inverse=True)
-            nested = [
-                self._are_nested(part)
-                for part in np.array_split(starts, 1 + len(starts) // self._batch_size)
-            ]
-            free[left] = ~np.concatenate(nested)[which.reshape(-1)]
+            parts = np.array_split(q0[left], 1 + len(left) // self._batch_size)
+            free[left] = ~np.concatenate([self._are_nested(part) for part in parts])
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
@@ -350,25 +328,15 @@ class BoundaryProofs:
     def _are_nested(self, q: Floats) -> Bools:
         """Return whether a part of one side lies inside the other.
 
-        No boundaries may meet. Tests only the cases that :func:`containment_state` leaves MIXED.
+        No boundaries may meet. Tests only the cases that :func:`edge_state` leaves MIXED.
         """
-        containment, (positions, angles) = self._inputs.containment, self._place_robot(q)
-        nested = np.zeros(len(q), dtype=np.bool_)
-        if self._shapes:
-            low, high = self._bounds
-            anchors = (self._anchors @ angles.swapaxes(1, 2) + positions[:, None])[..., : self._dim]
+        small, (positions, angles) = self._inputs.containment.anchors, self._place_robot(q)
+        own = self._anchors @ angles.swapaxes(1, 2) + positions[:, None]
+        near = (small - positions[:, None]) @ angles
+        nested = _contain_any(self._robot, self._robot.bounds, near[..., : self._dim])
+        for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
-            which, points = _select_points((low <= anchors) & (anchors <= high), anchors)
-            for part in self._shapes if len(points) else ():
-                nested[which[part.contains(points)]] = True
-        # If the robot has regions of the plane, compiled code has tested the anchors already.
-        if len(containment.anchors) and not len(containment.region_stops):
-            near = (containment.anchors - positions[:, None]) @ angles
-            which, points = _select_points(
-                (near >= containment.low) & (near <= containment.high), near
-            )
-            if len(points):
-                nested[which[self._robot.contains(points)]] = True
+            nested |= _contain_any(shape, self._bounds, own[..., : self._dim])
         return nested
 
 
@@ -399,13 +367,15 @@ def _build_boundary_trees(
     )
 
 
-def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
-    """Select the points inside along every axis.
+def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Floats) -> Bools:
+    """Return whether a shape contains any of the points in its bounds.
 
-    Returns the first index of each and the points; ``points`` has shape (n, m, d).
+    The points have shape (n, m, d), the result (n,).
     """
-    chosen = np.asarray(within.all(axis=2))
-    return np.nonzero(chosen)[0], points[chosen]
+    inside: Bools = np.asarray(((bounds[0] <= points) & (points <= bounds[1])).all(axis=2))
+    if inside.any():
+        inside[inside] = shape.contains(points[inside])
+    return np.asarray(inside.any(axis=1))
 
 
 class Scratch(NamedTuple):
@@ -417,7 +387,7 @@ class Scratch(NamedTuple):
 
 def make_scratch() -> Scratch:
     """Allocate scratch memory."""
-    return Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.full(MAX_PENDING_PAIRS, -1))
+    return Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.full((MAX_PENDING_PAIRS, 2), -1))
 
 
 class EdgeArc(NamedTuple):
@@ -475,9 +445,15 @@ def edge_state(
     are equally long up to rounding, both must be proven.
     """
     map_, boundaries = inputs.map, inputs.boundaries
-    size = edge_size(map_, p0, r0, p1, r1)
-    if size < 0.0:
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
+    size = 0.0
+    for axis in range(3 - map_.dim, 3):
+        length = abs(p0[axis]) + abs(p1[axis])
+        # The negated comparison refuses NaN too.
+        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:
+            return BLOCKED
+        size += length
     scale, lever = boundaries.scale, boundaries.max_lever
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
     measured = 0
@@ -491,23 +467,11 @@ def edge_state(
     if measured == 0:
         return FREE
     # While no boundaries meet, containment cannot change, so one test is enough.
-    return containment_state(inputs.containment, reference_point(map_, p0, 1.0), matrix_rows(r0))
-
-
-@kernel
-def edge_size(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> float:
-    """Return the sum of the coordinates of an edge, for rounding, or -1 for an unusable edge."""
-    if not (is_usable(p0, r0) and is_usable(p1, r1)):
-        return -1.0
-    size = 0.0
-    for axis in range(3 - map_.dim, 3):
-        length = abs(p0[axis]) + abs(p1[axis])
-        if (
-            not length <= 2.0 * MAX_COORDINATE * map_.spacing
-        ):  # the negated comparison refuses NaN too
-            return -1.0
-        size += length
-    return size
+    place, matrix = reference_point(map_, p0, 1.0), matrix_rows(r0)
+    state = corner_state(inputs.containment, place, matrix)
+    if state == FREE and has_near_anchor(inputs.containment, place, matrix):
+        return MIXED
+    return state
 
 
 @kernel
@@ -515,36 +479,20 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int
     """Prove an arc free; return the number of distances measured, or -1 if it is not proven.
 
     The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
-    is proven first. Then pieces far apart come before those between them, because neighbours mostly
-    both collide or are both free.
+    is proven first.
     """
     boundaries = inputs.boundaries
-    scratch.node_pairs[0] = -1
     measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
     if measured < 0 or length == 0.0:
         return measured
     count = max(1, math.ceil(length / (PIECE_CELLS * boundaries.scale * inputs.map.spacing)))
-    stride = 1
-    while stride < count:
-        stride *= 2
-    first = 0
-    while stride > 0:
-        for piece in range(first, count, 2 * stride if first else count):
-            measured = prove_part(
-                inputs, arc, piece / count, (piece + 1) / count, scratch, measured
-            )
-            if measured < 0:
-                return -1
-        stride //= 2
-        first = stride
+    for piece in range(count):
+        first, last = piece / count, (piece + 1) / count
+        measured = prove_part(inputs, arc, first, last, scratch, measured)
+        if measured < 0:
+            return -1
     return measured
-
-
-@kernel
-def rotation_on(arc: EdgeArc, t: float) -> Numbers:
-    """Return the rotation at t, from 0 to 1, along an arc."""
-    return rotation_along(arc.r0, arc.r1, arc.number, t)
 
 
 @kernel
@@ -556,24 +504,33 @@ def prove_part(
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
     and leaves the remainders on both sides.
     """
-    map_, parts = inputs.map, scratch.parts
+    map_, boundaries, parts = inputs.map, inputs.boundaries, scratch.parts
+    p0, r0, p1, r1, number = arc.p0, arc.r0, arc.p1, arc.r1, arc.number
     parts[0, 0], parts[0, 1] = first, last
     pending = 1
     while pending > 0:
         pending -= 1
         first, last = parts[pending, 0], parts[pending, 1]
         if arc.angle_error == 0.0 and first < last:
-            start, end = position_along(arc.p0, arc.p1, first), position_along(arc.p0, arc.p1, last)
-            if edge_is_free(map_, start, rotation_on(arc, first), end, rotation_on(arc, last)):
+            start, end = position_along(p0, p1, first), position_along(p0, p1, last)
+            turn = rotation_along(r0, r1, number, first)
+            if edge_is_free(map_, start, turn, end, rotation_along(r0, r1, number, last)):
                 continue
         half, center = 0.5 * (last - first), 0.5 * (first + last)
-        position, rotation = position_along(arc.p0, arc.p1, center), rotation_on(arc, center)
+        position = position_along(p0, p1, center)
+        rotation = rotation_along(r0, r1, number, center)
         state = state_at(map_, position, rotation)
         if state == FREE and first == last:
             continue
         if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
             return -1
-        proven = prove_around(inputs, arc, position, rotation, half, scratch)
+        place = reference_point(map_, position, boundaries.scale)
+        motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
+        trees, robot, others = boundaries.trees, boundaries.robot, boundaries.others
+        enough = half / ADVANCE_FACTOR
+        proven = ADVANCE_FACTOR * free_fraction(
+            trees, robot, others, motion, enough, scratch.node_pairs
+        )
         measured += 1
         if proven < min(half, MIN_ADVANCE):
             return -1
@@ -582,32 +539,6 @@ def prove_part(
             parts[pending + 1, 0], parts[pending + 1, 1] = first, center - proven
             pending += 2
     return measured
-
-
-@kernel
-def prove_around(
-    inputs: ProofInputs,
-    arc: EdgeArc,
-    position: Row,
-    rotation: Numbers,
-    half: float,
-    scratch: Scratch,
-) -> float:
-    """Return the proven fraction of an arc on both sides of a configuration of it.
-
-    The fraction is at most ``half``.
-
-    The fraction is negative if the robot is too near there.
-    """
-    boundaries = inputs.boundaries
-    place = reference_point(inputs.map, position, boundaries.scale)
-    motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
-    enough = half / ADVANCE_FACTOR
-    trees, pairs = boundaries.trees, scratch.node_pairs
-    fraction: float = free_fraction(
-        trees, boundaries.robot, boundaries.others, motion, enough, pairs
-    )
-    return ADVANCE_FACTOR * fraction
 
 
 @kernel
@@ -649,20 +580,6 @@ def reference_point(map_: Map, position: Row, scale: float) -> Row:
 
 
 @kernel
-def containment_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return whether robot or obstacles contain the other.
-
-    The state is BLOCKED if a part of one side lies inside the other, MIXED if undecided, otherwise
-    FREE. The robot's reference point is at ``position``; no boundaries of robot and obstacles may
-    meet.
-    """
-    corners = corner_state(containment, position, matrix)
-    if corners == BLOCKED:
-        return BLOCKED
-    return max(corners, anchor_state(containment, position, matrix))
-
-
-@kernel
 def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
     """Return BLOCKED if a part of the robot lies inside an obstacle.
 
@@ -693,46 +610,12 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
 
 
 @kernel
-def anchor_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return BLOCKED if a part of the obstacles lies inside the robot.
-
-    Return MIXED if that is undecided, otherwise FREE.
-    """
-    anchors, low, high, state = containment.anchors, containment.low, containment.high, FREE
-    first, last = 0, len(anchors)
-    while first < last:
-        center = (first + last) // 2
-        if anchors[center, 0] < position[0] - containment.reach:
-            first = center + 1
-        else:
-            last = center
-    for k in range(first, len(anchors)):
-        x, y, z = minus(row_at(anchors[k], 0), position)
-        if x > containment.reach:
-            break
-        x, y, z = rotate_back(matrix, (x, y, z))
+def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
+    """Return True if a point of a small obstacle part lies in the robot's bounding box."""
+    low, high = containment.low, containment.high
+    for k in range(len(containment.anchors)):
+        offset = minus(row_at(containment.anchors[k], 0), position)
+        x, y, z = rotate_back(matrix, offset)
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
-            if containment.is_box or is_in_region(containment, x, y):
-                return BLOCKED
-            if not len(containment.region_stops):
-                state = MIXED
-    return state
-
-
-@kernel
-def is_in_region(containment: Containment, x: float, y: float) -> bool:
-    """Return True if a point lies in a region of the robot.
-
-    Uses ray parity; the point must not lie on the boundary.
-    """
-    first = 0
-    for stop in containment.region_stops:
-        inside = False
-        for k in range(first, stop):
-            ax, ay, bx, by = containment.regions[k]
-            if (ay <= y) != (by <= y) and ax + (y - ay) / (by - ay) * (bx - ax) > x:
-                inside = not inside
-        if inside:
             return True
-        first = stop
     return False

@@ -12,8 +12,8 @@ Two kinds of geometric functions are separate, because proofs use them in differ
   u times the square of the longest side, which is below 2^-38 of its length for triangles that are
   not thin, and so has the distance from the plane relative to L. Callers allow for that: rasters by
   ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
-  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.bodies.hulls.HULL_ROUNDING`
-  for FREE and by ``required`` of :func:`cspace.arms.scenes.make_inner_scene` for BLOCKED.
+  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by ``required`` of
+  :func:`cspace.arms.scenes.make_inner_scene` for BLOCKED.
 """
 
 from __future__ import annotations

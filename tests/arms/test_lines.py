@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms.inverse import make_pose_problem, make_pose_scratch
-from cspace.arms.lines import LineProblem, LineScratch, bound_deviation, make_lines
+from cspace.arms.lines import LineProblem, bound_deviation, make_lines
 from tests.helpers.refusals import refusals
 from tests.helpers.solids import ArmOracle, box
 from tests.helpers.urdfs import (
@@ -204,9 +204,11 @@ def bound_line(
     (line,) = make_lines(ends)
     branch, tool = arm.branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
-    scratch = LineScratch(make_pose_scratch(branch), *waypoints.copy(), np.empty(6))
-    problem = LineProblem(line, pose, branch.joints, float(np.linalg.norm(tool[:3, 3])), 10.0)
-    return np.array(bound_deviation(problem, *parameters.tolist(), parts, scratch))
+    scratch = make_pose_scratch(branch)
+    problem = LineProblem(line, pose, scratch, branch.joints, np.ones(2), 10.0)
+    return np.concatenate(
+        bound_deviation(problem, (waypoints[0], waypoints[1]), *parameters.tolist(), parts)
+    )
 
 
 @settings(max_examples=100)
@@ -551,12 +553,15 @@ def test_motions_are_read_only_and_can_be_pickled(tmp_path: Path) -> None:
     ({"tolerance": (0.0, 1.0)}, r"tolerance is \(0.0, 1.0\); it must be two numbers above zero"),
     (
         {"tolerance": (1e-15, 1.0)},
-        "tolerance is 1e-15 m; .* rounding errors of up to .* m; pass a larger tolerance",
+        r"tolerance is \(1e-15, 1.0\); rounding errors reach .* m and 4e-12 rad; pass a larger",
     ),
-    ({"tolerance": (1.0, 1e-15)}, "tolerance is 1e-15 rad; .* rounding errors of up to 4e-12 rad"),
+    (
+        {"tolerance": (1.0, 1e-15)},
+        r"tolerance is \(1.0, 1e-15\); rounding errors reach .* 4e-12 rad",
+    ),
     (
         {"poses": pose_at(1e10, 0)},
-        r"tolerance is 0.001 m; .* rounding errors of up to 0.04 m; .* or nearer poses",
+        r"tolerance is \(0.001, .*\); rounding errors reach 0.04 m and .*, or nearer poses",
     ),
     (
         {"poses": [np.eye(4), pose_at(1e300, 0)]},

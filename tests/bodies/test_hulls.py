@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from numba import njit
 
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
@@ -99,13 +98,6 @@ def test_hulls_of_solids_contain_all_parts() -> None:
     assert found == set(packed.part_roots[:3].tolist())
 
 
-@njit
-def compute_bounds(
-    chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any
-) -> tuple[float, float, float]:
-    return motion_bounds(chain, a, b, radius, q0, q1)
-
-
 def write_chain(folder: Path, last: str) -> Path:
     """Write three links of 1 m."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
@@ -150,9 +142,7 @@ def test_motion_bounds_agree_with_differences(
         for other in arm.links:
             if one.body == other.body:
                 continue
-            far, curvature_bound, _ = compute_bounds(
-                arm.chain, one.body, other.body, radius, q0, q1
-            )
+            far, curvature_bound, _ = motion_bounds(arm.chain, one.body, other.body, radius, q0, q1)
             seen = np.stack(
                 [
                     (corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3]

@@ -154,7 +154,7 @@ class Pair:
 
     def __init__(self, robot, obstacles):
         self.trees, roots = build_trees([robot, obstacles], False)
-        self.roots, self.work = tuple(roots), np.full(MAX_PENDING_PAIRS, -1)
+        self.roots, self.work = tuple(roots), np.full((MAX_PENDING_PAIRS, 2), -1)
 
     def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, required=0.0, enough=np.inf):
         matrix = tuple(tuple(row) for row in turn.tolist())
