@@ -338,7 +338,7 @@ def test_an_update_without_memory_for_its_window_changes_nothing(
 ) -> None:
     space = build_empty_room()
 
-    def fail(*args: Any) -> str:
+    def fail(*args: Any, **options: Any) -> None:
         raise MemoryError
 
     with monkeypatch.context() as patched:
