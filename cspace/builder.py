@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.engines import ENGINES, METHODS
+from cspace.engines import ENGINES, METHODS, choose_engine
 from cspace.engines.slices import (
-    Correlation,
     Progress,
+    RasterPair,
+    fill_states,
     group_rasters,
     raster_bytes,
     slice_rasters,
@@ -200,7 +201,7 @@ def build(
             robot,
             store,
             tile,
-            build=build_in_memory,
+            build=build_contents,
             method=method,
             inner=inner,
             client=client,
@@ -216,7 +217,7 @@ def build(
         raise InputError(
             "client", "is given without a store", "its workers make tiles", hint, value=client
         )
-    return build_in_memory(
+    made = build_contents(
         load_workspace(workspace),
         robot,
         cells,
@@ -228,9 +229,10 @@ def build(
         workers=workers,
         progress=progress,
     )
+    return CSpace(*made)
 
 
-def build_in_memory(
+def build_contents(
     workspace: Workspace,
     robot: Robot,
     rotations: Rotations,
@@ -242,8 +244,8 @@ def build_in_memory(
     margin: float,
     workers: int | None,
     progress: Progress | None = None,
-) -> CSpace:
-    """Build a map of checked arguments; see :func:`build`."""
+) -> tuple[Contents, list[RasterPair]]:
+    """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
     grid = workspace.grid
     slice_of = rotations.assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
@@ -253,10 +255,11 @@ def build_in_memory(
     check_memory(needed, "the map", grid, slices=slices)
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
-    correlation = Correlation.create(method, groups, outside, workers, progress, counts)
+    name = choose_engine(groups[0], counts=counts) if method == "auto" else method
     states = np.empty((slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
-    correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
+    cells = workspace.outer, workspace.inner
+    fill_states(ENGINES[name], outside, cells, groups, states, overlaps, workers, progress)
     contents = Contents(
         workspace,
         robot,
@@ -268,7 +271,7 @@ def build_in_memory(
         overlaps,
         proves_blocked=inner,
     )
-    return CSpace(contents, rasters)
+    return contents, rasters
 
 
 def _check_types(workspace: object, robot: object) -> None:

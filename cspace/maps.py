@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +27,7 @@ from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floa
 from cspace.support.check import check_not_negative, check_rows
 
 if TYPE_CHECKING:
-    from cspace.exact.proofs import ExactQueries
     from cspace.record.contents import Contents
-
-
-Result = TypeVar("Result")
 
 
 class Components(Protocol):
@@ -194,12 +190,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
-        if isinstance(q0, tuple) and isinstance(q1, tuple):
-            known = self._connection_of_one(q0, q1)
-            if known is not None:
-                return known[0]
-        write = partial(self._write_connections, False)
-        joined: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        joined: bool | Bools = self._relate(q0, q1, apart=False)
         return joined
 
     @overload
@@ -222,18 +213,22 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
-        if isinstance(q0, tuple) and isinstance(q1, tuple):
-            known = self._connection_of_one(q0, q1)
-            if known is not None:
-                return known[1]
-        write = partial(self._write_connections, True)
-        apart: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        apart: bool | Bools = self._relate(q0, q1, apart=True)
         return apart
 
+    def _relate(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
+        """Return whether configurations are proven connected, or with ``apart`` disconnected."""
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1, apart)
+            if known is not None:
+                return known
+        write = partial(self._write_connections, apart)
+        return evaluate_edges(q0, q1, self.size, write, self._angles)
+
     def _connection_of_one(
-        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
-    ) -> tuple[bool, bool] | None:
-        """Return whether two configurations are proven connected, or disconnected.
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
+    ) -> bool | None:
+        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
 
         None if only the look-up of arrays can answer or refuse.
         """
@@ -244,7 +239,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         Returns the index of the first unusable pair, or -1.
         """
-        return self._at_one_moment(partial(self._find_connections, apart, starts, ends, out))
+        with self._at_one_moment():
+            return self._find_connections(apart, starts, ends, out)
 
     def _find_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         """Do the work of :meth:`_write_connections` while no update changes the cells."""
@@ -408,8 +404,12 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Plain values by name that describe the map, except its grid."""
 
     @abstractmethod
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` on a consistent state of the map."""
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return a lock that is held while an update changes the map."""
+
+    @abstractmethod
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration of rows (n, size), or -1."""
 
     @abstractmethod
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
@@ -424,11 +424,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)
         return bad
-
-    @property
-    @abstractmethod
-    def _exact(self) -> ExactQueries:
-        """Queries that decide MIXED cells by the geometry."""
 
     @property
     @abstractmethod

@@ -18,7 +18,7 @@ from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.interface import Endpoint, SearchOptions
 from cspace.limits import check_memory
-from cspace.maps import ConfigurationMap, Result
+from cspace.maps import ConfigurationMap
 from cspace.methods import MapExport
 from cspace.queries.batches import (
     MIN_EDGES_PER_THREAD,
@@ -27,13 +27,12 @@ from cspace.queries.batches import (
     evaluate,
     write_in_threads,
 )
-from cspace.queries.callbacks import NOT_USABLE
+from cspace.queries.points import NOT_USABLE
 from cspace.raster import Raster
 from cspace.record.cells import Map, make_record
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.record.states import (
-    check_bytes,
     count_states,
     read_only,
 )
@@ -306,11 +305,7 @@ class CSpace(ConfigurationMap, MapExport):
                     name, f"is {given!r}", "it must be zero or above", hint, value=given
                 )
             spans.append(np.full(points.shape[:-1], along).ravel())
-        states = np.empty(len(rows), dtype=np.uint8)
-        if self._write_states(rows, states) >= 0:
-            self._check_configurations(points)  # raises
-        left = rows[states != FREE]
-        if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
+        if not np.all(self.is_free(points, exact=True)):
             return 0.0
         return self._exact.distance(rows, *spans)
 
@@ -318,7 +313,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the state of one configuration; see the base class."""
         try:
             state = self._look_up_state(*q)
-        except TypeError:  # another number of entries, or none that are numbers
+        except (TypeError, ValueError):  # another number of entries, or none that are numbers
             return None
         return None if state == NOT_USABLE or self._is_suspect(q) else state
 
@@ -326,39 +321,32 @@ class CSpace(ConfigurationMap, MapExport):
         """Return whether one motion is proven free; see the base class."""
         try:
             state = self._look_up_motion(*q0, *q1)
-        except TypeError:
+        except (TypeError, ValueError):
             return None
-        if (
-            state == NOT_USABLE
-            or len(q0) != len(q1)
-            or self._is_suspect(q0)
-            or self._is_suspect(q1)
-        ):
-            return None
-        return state
+        is_usable = state != NOT_USABLE and len(q0) == len(q1)
+        return None if not is_usable or self._is_suspect(q0) or self._is_suspect(q1) else state
 
     def _connection_of_one(
-        self, q0: tuple[Any, ...], q1: tuple[Any, ...]
-    ) -> tuple[bool, bool] | None:
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
+    ) -> bool | None:
         """Return whether two configurations are connected or disconnected; see the base class."""
         with self.lock:  # an update changes the components
             try:
                 places = self._look_up_place(*q0), self._look_up_place(*q1)
-            except TypeError:
+            except (TypeError, ValueError):
                 return None
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
-            if self._components.are_joined(*places):
-                return True, False
-            return False, not self._components.are_joined(*places, mixed=True)
+            joined = self._components.are_joined(*places)
+            if not apart:
+                return joined
+            return not joined and not self._components.are_joined(*places, mixed=True)
 
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
         """Return True if an angle seems to be in degrees, so that a warning is due."""
-        return (
-            any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
-            if self._angles
-            else False
-        )
+        if not self._angles:
+            return False
+        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
@@ -376,7 +364,12 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
             infinite input.
         """
-        return self._exact.point_checker(self._point_checker) if exact else self._point_checker
+        look_up = self._look_up_state
+
+        def check(*q: float) -> bool:
+            return look_up(*q) == FREE
+
+        return self._exact.point_checker(check) if exact else check
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, for callbacks.
@@ -392,7 +385,12 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
             returns False for NaN or infinite input.
         """
-        return self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
+        look_up = self._look_up_motion
+
+        def check(*both: float) -> bool:
+            return look_up(*both) == FREE
+
+        return self._exact.edge_checker(check) if exact else check
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
@@ -406,19 +404,9 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.distance import clearance_checker
 
-        return clearance_checker(self._kernel_map, self._distances, self.size)
+        return clearance_checker(self.kernel_map, self.distances, self.size)
 
     # ---- for planners ----------------------------------------------------------------------------
-
-    @property
-    def kernel_map(self) -> Map:
-        """The map as input of compiled functions; it follows updates."""
-        return self._kernel_map
-
-    @property
-    def distances(self) -> DistanceMap:
-        """Distances of cells to those that are not FREE; they follow updates."""
-        return self._distances
 
     def find_cheap_path(
         self,
@@ -552,9 +540,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         dim = self.grid.dim
         if not self.rotations.steps_between(*endpoints)[dim:].any():
             endpoints[1, dim:] = endpoints[
@@ -571,9 +557,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.paths import in_time, path_length, pulled_straight
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True, exact=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True, exact=True)
         until, rotations = clock() + seconds, self.rotations
         check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
@@ -595,7 +579,8 @@ class CSpace(ConfigurationMap, MapExport):
         """Return the path of :class:`cspace.queries.undecided.Undecided`; edges pass ``check``."""
         from cspace.queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
-        check_bytes(UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations))
+        needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
+        check_memory(needed, "the map, to search its MIXED cells,", self.grid)
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
         search = Undecided(
@@ -658,9 +643,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_cheap_path`; raise TimeoutError if time runs out."""
         from cspace.queries.paths import edge_costs, in_time, pulled_straight
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
         until = clock() + seconds
         paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
@@ -704,17 +687,11 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.queries.lower_bound import min_length
 
-        grid, endpoints = (
-            self.grid,
-            np.stack([self._in_grid(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]),
-        )
-        passable = np.zeros(grid.shape, dtype=np.bool_)
-        for states in self._seen:
-            passable |= states != BLOCKED
+        grid = self.grid
+        start, goal = (self._ends(q0, q1)[:, : grid.dim] - grid.lower) / grid.spacing
+        passable = self._seen.min(axis=0) < BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(
-            passable, is_open, *((endpoints[:, : grid.dim] - grid.lower) / grid.spacing)
-        )
+        return grid.spacing * min_length(passable, is_open, start, goal)
 
     def find_widest_path(
         self,
@@ -767,15 +744,13 @@ class CSpace(ConfigurationMap, MapExport):
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
         from cspace.queries.widest import WidthMap, find_widest_path
 
-        endpoints = np.stack(
-            [self._in_grid(q, name, free=True) for q, name in ((q0, "q0"), (q1, "q1"))]
-        )
+        endpoints = self._ends(q0, q1, free=True)
         widths = WidthMap(
             self._search_distances(), self._slice_of, self.rotations, self._turn_costs
         )
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
-        path = find_widest_path(widths, self._kernel_map, self.grid, both, straight, until)
+        path = find_widest_path(widths, self.kernel_map, self.grid, both, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
     def _search_distances(self) -> Distances:
@@ -787,7 +762,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search it by clearance,", self.grid)
-        return self._distances.array()
+        return self.distances.array()
 
     # ---- the set of FREE configurations ----------------------------------------------------------
 
@@ -1071,7 +1046,7 @@ class CSpace(ConfigurationMap, MapExport):
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)
         derived.drop(self)
         # Checkers of planners hold these two objects.
-        for part in ("_distances", "_exact"):
+        for part in ("distances", "_exact"):
             if part in vars(self):
                 vars(self)[part].drop()
 
@@ -1093,9 +1068,9 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.distance import ROUNDING_FACTOR
 
         if number is None:
-            cells: Distances = self._distances.array().max(axis=0)
+            cells: Distances = self.distances.array().max(axis=0)
         else:
-            cells = self._distances.array_of(number)
+            cells = self.distances.array_of(number)
         return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
 
     # ---- caches ----------------------------------------------------------------------------------
@@ -1111,7 +1086,7 @@ class CSpace(ConfigurationMap, MapExport):
         )
 
     @lazy
-    def _kernel_map(self) -> Map:
+    def kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
         return make_record(
             self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
@@ -1130,7 +1105,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         exterior_blocked = self.outside != "free"
         return Problem(
-            self._kernel_map,
+            self.kernel_map,
             self.rotations,
             self.workspace,
             self.robot,
@@ -1147,7 +1122,7 @@ class CSpace(ConfigurationMap, MapExport):
         return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
 
     @lazy
-    def _distances(self) -> DistanceMap:
+    def distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace.queries.distance import BYTES_PER_CELL, DistanceMap
 
@@ -1195,76 +1170,67 @@ class CSpace(ConfigurationMap, MapExport):
         """Look-up of one configuration's state."""
         from cspace.queries.callbacks import state_lookup
 
-        return state_lookup(self._kernel_map, self.size)
+        return state_lookup(self.kernel_map, self.size)
 
     @lazy
     def _look_up_place(self) -> Callable[..., int]:
         """Look-up of the cell of one configuration."""
         from cspace.queries.callbacks import place_lookup
 
-        return place_lookup(self._kernel_map, self.size)
+        return place_lookup(self.kernel_map, self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
         """Look-up of one motion."""
         from cspace.queries.callbacks import motion_lookup
 
-        return motion_lookup(self._kernel_map, self.size)
-
-    @lazy
-    def _point_checker(self) -> Callable[..., bool]:
-        """Fast test of configurations."""
-        look_up = self._look_up_state
-        return lambda *q: look_up(*q) == FREE
-
-    @lazy
-    def _edge_checker(self) -> Callable[..., bool]:
-        """Fast test of edges."""
-        look_up = self._look_up_motion
-        return lambda *both: look_up(*both) == FREE
+        return motion_lookup(self.kernel_map, self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        with self.lock:
-            return work()
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        return self.lock
+
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
         from cspace.queries.points import classify
 
-        return write_in_threads(partial(classify, self._kernel_map), rows, out)
+        return write_in_threads(partial(classify, self.kernel_map), rows, out)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         if exact:
-            return write_in_threads(partial(self._exact.points, self._kernel_map), rows, out)
+            return write_in_threads(partial(self._exact.points, self.kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         from cspace.queries.edges import edges_are_free
 
         kernel = self._exact.edges if exact else edges_are_free
-        write = partial(kernel, self._kernel_map)
+        write = partial(kernel, self.kernel_map)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
         from cspace.queries.points import boxes_are_free
 
         return write_in_threads(
-            partial(boxes_are_free, self._kernel_map, distance, angle), rows, out
+            partial(boxes_are_free, self.kernel_map, distance, angle), rows, out
         )
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         """Write clearances; compute the distances of the slices of the rows first."""
         from cspace.queries.distance import clearances
 
-        table = self._distances.known
+        table = self.distances.known
         if table is None:
-            bad = self._write_states(rows, np.empty(len(out), dtype=np.uint8))
+            bad = self.find_unusable(rows)
             if bad >= 0:
                 return bad
             slices = np.unique(self._slice_of[self.rotations.find_cells(rows)])
-            table = self._distances.of_slices(slices.tolist())
-        return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
+            table = self.distances.of_slices(slices.tolist())
+        return write_in_threads(partial(clearances, self.kernel_map, table), rows, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the overlaps of the robot with outer or inner cells."""
@@ -1274,10 +1240,14 @@ class CSpace(ConfigurationMap, MapExport):
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         has_one_side = self.workspace.inner is self.workspace.outer
         sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
-        fixed = self._kernel_map, sums, self._robot_rows, int(exterior_blocked)
+        fixed = self.kernel_map, sums, self._robot_rows, int(exterior_blocked)
         write = partial(write_in_threads, partial(count_overlaps, *fixed))
         counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
         return counts
+
+    def _ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
+        """Return two configurations in the grid, shape (2, size); see :meth:`_in_grid`."""
+        return np.stack([self._in_grid(q0, "q0", **options), self._in_grid(q1, "q1", **options)])
 
     def _in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
@@ -1293,7 +1263,7 @@ class CSpace(ConfigurationMap, MapExport):
         point = self.rotations.make_canonical(given, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         if is_valid and free:
-            is_valid = bool(self.is_free(point, exact=True)) if exact else self._is_in_free(point)
+            is_valid = bool(self.is_free(point, exact=exact))
         if not is_valid:
             kind = ("free " if exact else "FREE ") if free else ""
             hint = "ask nearest_free for one" if free else "ask grid.lower and grid.upper"
@@ -1301,10 +1271,3 @@ class CSpace(ConfigurationMap, MapExport):
                 name, f"is {q!r}", f"it must be one {kind}configuration in the grid", hint, value=q
             )
         return point
-
-    def _is_in_free(self, point: Floats) -> bool:
-        """Return True if a configuration in the grid lies in a FREE cell."""
-        rotation, *cell = self._cells_of(point).tolist()
-        last = np.subtract(self.grid.shape, 1)  # the upper border belongs to the last cell
-        index = (self._slice_of[rotation], *np.minimum(cell, last))
-        return bool(self._seen[index] == FREE)

@@ -44,7 +44,6 @@ from cspace.bodies.triangles import (
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.support.compiling import kernel
 from cspace.support.vectors import (
-    THIN,
     add_scaled,
     apply_pose,
     box_extent,
@@ -69,9 +68,9 @@ MAX_HULL_CORNERS: Final = 192
 """Largest number of corners of a hull; nodes with larger hulls are tested by their children."""
 
 
-HULL_ROUNDING: Final = 2.0**-37
-"""Growth of a hull with points beside its corners, relative to its size: the rounding of distances
-from triangles that are not thin."""
+HULL_ROUNDING: Final = 2.0**-48
+"""Growth of a hull with points beside its corners, relative to the largest coordinate: the rounding
+of distances from triangles."""
 
 
 MAX_PAIRS_PER_BLOCK: Final = 2**18
@@ -228,32 +227,32 @@ def _find_corners(points: Floats) -> tuple[Floats, float, float, float]:
         [(part @ normals.T + offsets).max(axis=1) for part in _in_blocks(points, len(normals))]
     )
     # Qhull leaves out points on faces and edges; by rounding, they may lie beside the hull.
-    size = float(np.ptp(points, axis=0).max())
     left_out = np.ones(len(points), dtype=np.bool_)
     left_out[hull.vertices] = False
-    beside = points[left_out & (heights > -1e-9 * size)]
+    beside = points[left_out & (heights > -1e-9 * np.ptp(points, axis=0).max())]
     growth = _largest_gap(beside, hull.points[hull.simplices])
     if len(beside):
-        growth += HULL_ROUNDING * size
+        growth += HULL_ROUNDING * float(np.abs(points).max())
     return points[hull.vertices], float(hull.volume), -float(heights.min()), growth
 
 
 def _largest_gap(points: Floats, triangles: Floats) -> float:
     """Return an upper bound of the points' distances from their nearest triangles.
 
-    The nearest points of thin triangles are not exact, so thin triangles are left out.
+    Each point is compared with one point of each triangle: the nearest one if that is not on the
+    border, and otherwise one near it.
     """
-    from trimesh.triangles import closest_point
-
-    edges = np.roll(triangles, -1, axis=1) - triangles
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    sides = triangles[areas > 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)]
+    origins = triangles[:, 0]
+    inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
     largest = 0.0
-    for part in _in_blocks(points, len(sides)):
-        pairs = np.repeat(part, len(sides), axis=0)
-        nearest = closest_point(np.tile(sides, (len(part), 1, 1)), pairs)
-        gaps = np.linalg.norm(nearest - pairs, axis=1).reshape(len(part), len(sides))
-        largest = max(largest, float(gaps.min(axis=1, initial=np.inf).max(initial=0.0)))
+    for part in _in_blocks(points, len(triangles)):
+        coordinates = np.einsum("pni,nij->pnj", part[:, np.newaxis] - origins, inverses)
+        first = 1.0 - coordinates.sum(axis=2, keepdims=True)
+        weights = np.maximum(np.concatenate([first, coordinates], axis=2), 0.0)
+        weights /= weights.sum(axis=2, keepdims=True)
+        members = np.einsum("pnk,nki->pni", weights, triangles)
+        gaps = np.linalg.norm(members - part[:, np.newaxis], axis=2)
+        largest = max(largest, float(gaps.min(axis=1).max(initial=0.0)))
     return largest
 
 

@@ -96,7 +96,6 @@ def plan(
     import planners
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
-    from cspace.plot import animate as save_animation
 
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
@@ -126,7 +125,7 @@ def plan(
             save_plot(space, picture, overwrite, path=planned)
     if animate and planned.solved:
         with clock.step("animate") as progress:
-            save_animation(space.drawable(), planned.path, animate, overwrite, progress=progress)
+            planned.animate(animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = name_options(planned.hint, option_names(context.command))

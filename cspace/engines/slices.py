@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines import ENGINES, Engine, choose_engine
+from cspace.engines import Engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.support.arrays import Bools
+from cspace.support.arrays import Bools, States
 from cspace.support.threads import cores, in_threads
-from cspace.support.words import Method
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -110,93 +109,54 @@ def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
     return [list(group) for group in zip(*pairs, strict=True)][: 2 if inner else 1]
 
 
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """Settings and engine of the correlations of one build.
+def fill_states(
+    engine: Engine,
+    outside: str,
+    cells: tuple[Bools, Bools],
+    groups: RasterGroups,
+    states: States,
+    overlaps: NDArray[np.int32] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Correlate the cells of a workspace with the rasters of all slices.
 
-    Attributes
+    Parameters
     ----------
     engine : Engine
     outside : str
-        State outside the cells passed to :meth:`fill`: "blocked" or "free".
-    workers : int or None
+        State of space outside the cells: "blocked" or "free".
+    cells : tuple of ndarray of bool
+        Cells that touch an obstacle, and cells inside one.
+    groups : sequence of sequence of Raster
+    states : ndarray of uint8, shape (slices, ...)
+        Receives the states. Slices smaller than the workspace get its first cells.
+    overlaps : ndarray of int32, the shape of states, optional
+        Receives the overlap counts.
+    workers : int, optional
         Threads.
-    progress : callable or None
+    progress : callable, optional
     """
-
-    engine: Engine
-    outside: str
-    workers: int | None
-    progress: Progress | None = None
-
-    @classmethod
-    def create(
-        cls,
-        method: Method,
-        groups: RasterGroups,
-        outside: str,
-        workers: int | None,
-        progress: Progress | None = None,
-        counts: bool = False,
-    ) -> Correlation:
-        """Create the settings of a build.
-
-        ``method`` is the name of an engine, or "auto" for the faster engine.
-        """
-        engine = ENGINES[choose_engine(groups[0], counts=counts) if method == "auto" else method]
-        return cls(engine, outside, workers, progress)
-
-    def fill(
-        self,
-        outer: Bools,
-        inner: Bools,
-        groups: RasterGroups,
-        state: NDArray[np.uint8],
-        overlaps: NDArray[np.int32] | None,
-    ) -> None:
-        """Fill all slices.
-
-        ``outer`` has the cells that touch an obstacle, ``inner`` the cells inside one. ``state``,
-        shape (slices, ...), receives the states, and ``overlaps``, if any, the overlap counts.
-        Slices smaller than the workspace get its first cells.
-        """
-        collides = state.view(np.bool_)
-        counts = collides if overlaps is None else overlaps
-        self._collide(outer, groups[0], list(counts), share=(0, len(groups)))
-        if overlaps is not None:
-            np.not_equal(overlaps, 0, out=collides)
-        if len(groups) > 1:
-            self._collide(inner, groups[1], list(state), share=(1, 2), add=True)
-
-    def _collide(
-        self,
-        occupied: Bools,
-        rasters: Sequence[Raster],
-        out: Sequence[NDArray[Any]],
-        share: tuple[int, int],
-        add: bool = False,
-    ) -> None:
-        """Run one correlation.
-
-        ``share`` is its index and the number of correlations, for the progress.
-        """
-        index, count = share
-
-        def advance(done: int, total: int) -> None:
-            if self.progress is not None:
-                step = STEPS_PER_CORRELATION * done // total
-                self.progress(
-                    STEPS_PER_CORRELATION * index + step,
-                    STEPS_PER_CORRELATION * count,
-                )
-
-        self.engine.collide(
+    hits = states.view(np.bool_)
+    outputs = [hits if overlaps is None else overlaps, states]
+    for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
+        advance = partial(_advance, progress, index, len(groups))
+        engine.collide(
             occupied,
             rasters,
-            out,
-            outside=self.outside == "blocked",
-            add=add,
-            workers=self.workers,
+            list(out),
+            outside=outside == "blocked",
+            add=index == 1,
+            workers=workers,
             progress=advance,
         )
         advance(1, 1)  # even if there was nothing to do
+        if overlaps is not None and index == 0:
+            np.not_equal(overlaps, 0, out=hits)
+
+
+def _advance(progress: Progress | None, index: int, count: int, done: int, total: int) -> None:
+    """Report the progress of one of several correlations."""
+    if progress is not None:
+        steps = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
+        progress(steps, STEPS_PER_CORRELATION * count)

@@ -55,7 +55,7 @@ class AnimationOptions(TypedDict, total=False):
     rate: float
     title: str
     camera: ArrayLike
-    progress: Callable[[int, int], None]
+    progress: Callable[[int, int], None] | None
 
 
 def animate(

@@ -14,6 +14,7 @@ from cspace.plot.route import HasPath, MapLike, WorkspaceView, make_scene
 from cspace.plot.sections import draw_plane, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.support.check import check_positive
+from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -154,7 +155,11 @@ def plot(
     if given is not None and not isinstance(given, Axes):
         problem, hint = f"is a {type(given).__name__}", "pass figure.add_subplot()"
         raise InputError("ax", problem, "it must be matplotlib axes", hint, value=ax)
-    drawn: Any = WorkspaceView(space) if isinstance(space, Workspace) else space.drawable()
+    drawn: Any = space
+    if isinstance(space, Workspace):
+        drawn = WorkspaceView(space)
+    elif isinstance(space, TiledCSpace):
+        drawn = space.overview()
     options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
     options |= {"ax": ax, "center": center, "zoom": zoom}
     kind = _choose_view(drawn, view, options)

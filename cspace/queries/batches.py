@@ -101,10 +101,7 @@ def evaluate_edges(
         raise InputError("q0", problem, "they must broadcast", hint, value=q0) from error
     first = as_contiguous(np.broadcast_to(starts, shape).reshape(-1, size))
     second = as_contiguous(np.broadcast_to(ends, shape).reshape(-1, size))
-    out = np.empty(len(first), dtype=np.bool_)
-    bad = write(first, second, out)
-    if bad >= 0:
-        raise _unusable_error(np.concatenate([first[bad], second[bad]]), "edge", bad)
+    out = evaluate_rows(first, second, write)
     for rows, name in ((starts, "q0"), (ends, "q1")):
         if angles and rows.ndim == 1:
             warn_of_degrees(rows, angles, name)

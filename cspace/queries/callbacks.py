@@ -9,14 +9,11 @@ from typing import Any, Final
 import numba
 
 from cspace.queries.edges import edge_is_free
-from cspace.queries.points import cell_of, is_in_grid, is_usable, position_in_plane, state_at
+from cspace.queries.points import NOT_USABLE, cell_of, is_usable, position_in_plane, state_at
 from cspace.record.cells import Map
-from cspace.rotations.lookup import rotation_cell
+from cspace.rotations.lookup import is_rotation, rotation_cell
 from cspace.support.arrays import FREE, MIXED, Floats, Numbers, Row
 from cspace.support.compiling import inlined, kernel
-
-NOT_USABLE: Final = 255
-"""Answer for numbers that are not finite, or no rotation."""
 
 MAX_SIZE: Final = 7
 """Largest length of a configuration, in SE(3)."""
@@ -59,23 +56,24 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[.
 def bind_numbers(
     kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
 ) -> Callable[..., Any]:
-    """Bind a kernel of ``fixed`` and ``total`` numbers; calls give the last ``given``."""
-    look_up = bind_kernel(kernel, fixed, *[0.0] * total)
-    return partial(look_up, *[0.0] * (total - given))
+    """Bind a kernel of ``fixed`` and a tuple of ``total`` numbers; calls give the last ``given``.
+
+    So a kernel is compiled once for configurations of all sizes.
+    """
+    look_up, before = bind_kernel(kernel, fixed, (0.0,) * total), (0.0,) * (total - given)
+    return lambda *numbers: look_up((*before, *numbers))
 
 
 @inlined
-def position_before(map_: Map, numbers: Numbers, end: int) -> Row:
-    """Return the position of the configuration whose numbers end before ``end``."""
+def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of the configuration whose numbers end before ``end``."""
     borders = map_.rotations.borders
-    first = end - map_.dim
-    if borders.ndim == 2:
-        first -= 4
-    elif borders.shape[0] > 0:
-        first -= 1
+    rotation = rotation_before(borders, numbers, end)
+    turns = len(rotation) if borders.shape[0] > 0 else 0
+    first = end - turns - map_.dim
     if map_.dim == 2:
-        return position_in_plane(map_, numbers[first], numbers[first + 1])
-    return numbers[first], numbers[first + 1], numbers[first + 2]
+        return position_in_plane(map_, numbers[first], numbers[first + 1]), rotation
+    return (numbers[first], numbers[first + 1], numbers[first + 2]), rotation
 
 
 @inlined
@@ -86,64 +84,31 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     return (numbers[end - 1] if borders.shape[0] > 0 else 0.0,)
 
 
-@inlined
-def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
-    """Return position and rotation of the configuration whose numbers end before ``end``."""
-    rotation = rotation_before(map_.rotations.borders, numbers, end)
-    return position_before(map_, numbers, end), rotation
-
-
 @kernel
-def state_of(
-    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
-) -> int:
+def state_of(map_: Map, numbers: Numbers) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
-    return state_at(map_, position, rotation) if is_usable(position, rotation) else NOT_USABLE
+    return state_at(map_, position, rotation) if is_rotation(rotation) else NOT_USABLE
 
 
 @kernel
-def place_of(
-    map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float
-) -> int:
+def place_of(map_: Map, numbers: Numbers) -> int:
     """Return the index of the cell over all rotation cells, or -1."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
-    cell = cell_of(map_, position)
-    if not (is_usable(position, rotation) and is_in_grid(map_, cell)):
-        return -1
+    i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape
-    return int(
-        ((rotation_cell(map_.rotations.borders, rotation) * nx + cell[0]) * ny + cell[1]) * nz
-        + cell[2]
-    )
+    is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
+    if not (is_inside and is_usable(position, rotation)):
+        return -1
+    r = rotation_cell(map_.rotations.borders, rotation)
+    return int(((r * nx + i) * ny + j) * nz + k)
 
 
 @kernel
-def motion_of(
-    map_: Map,
-    size: int,
-    a: float,
-    b: float,
-    c: float,
-    d: float,
-    e: float,
-    f: float,
-    g: float,
-    h: float,
-    i: float,
-    j: float,
-    k: float,
-    m: float,
-    n: float,
-    o: float,
-) -> int:
+def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
     """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
-    numbers = a, b, c, d, e, f, g, h, i, j, k, m, n, o
-    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
-    p0, r0 = configuration_before(map_, numbers, middle)
-    p1, r1 = configuration_before(map_, numbers, end)
+    p0, r0 = configuration_before(map_, numbers, 2 * MAX_SIZE - size)
+    p1, r1 = configuration_before(map_, numbers, 2 * MAX_SIZE)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
     return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

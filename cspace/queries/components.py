@@ -147,11 +147,14 @@ class LabelledCells:
 
         -1 without one.
         """
-        rotation, position = divmod(place, self.labels[0].size)
-        label = int(
-            self.labels.reshape(-1)[self.slice_of[rotation] * self.labels[0].size + position]
-        )
+        rotation, position = divmod(place, self._rows.shape[1])
+        label = int(self._rows[self.slice_of[rotation], position])
         return int(self.components[self.first_node[rotation] + label]) if label else -1
+
+    @cached_property
+    def _rows(self) -> Labels:
+        """Labels, a row of cells for each slice."""
+        return self.labels.reshape(len(self.labels), -1)
 
     def component_of(self, cells: Ints) -> Ints:
         """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
@@ -169,11 +172,10 @@ class LabelledCells:
         """First and last cell of each component, shape (components, 2, d)."""
         dim = self.labels.ndim - 1
         boxes = np.empty((int(self.components.max(initial=-1)) + 1, 2, dim), dtype=np.int64)
-        boxes[:, 0] = max(self.labels.shape)
-        boxes[:, 1] = -1
+        boxes[:] = [[max(self.labels.shape)] * dim, [-1] * dim]
         corners = [_label_corners(part) for part in self.labels]
         for number, first in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
-            low, high = corners[number]
+            low, high = np.moveaxis(corners[number], -1, 0)
             components = self.components[first + 1 : first + 1 + len(low)]
             np.minimum.at(boxes[:, 0], components, low)
             np.maximum.at(boxes[:, 1], components, high)
@@ -192,13 +194,11 @@ def _label_slices(members: Bools) -> tuple[Labels, Ints]:
     return labels, counts
 
 
-def _label_corners(labels: Labels) -> tuple[Ints, Ints]:
-    """Return the first and the last cell of each label's box, shape (labels, d) each."""
+def _label_corners(labels: Labels) -> Ints:
+    """Return the first and the last cell along each axis of each label, shape (labels, d, 2)."""
     boxes = ndimage.find_objects(labels)
-    low = [[side.start for side in box] for box in boxes]
-    high = [[side.stop - 1 for side in box] for box in boxes]
-    shape = len(boxes), labels.ndim
-    return np.array(low, dtype=np.int64).reshape(shape), np.array(high, np.int64).reshape(shape)
+    corners = [[(side.start, side.stop - 1) for side in box] for box in boxes]
+    return np.array(corners, dtype=np.int64).reshape(-1, labels.ndim, 2)
 
 
 def _labels_at_border(labels: Labels) -> Ints:

@@ -38,6 +38,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from cspace.grid import SLACK
 from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
@@ -152,13 +153,11 @@ def find_box(states: States, exterior: Ints) -> Floats:
     first, last = exterior[:dim], exterior[dim:-1]
     if (first <= last).all():
         box[:] = first, last + 1.0
-    taken = states != FREE
-    for axis in range(dim):
-        others = tuple(other for other in range(dim) if other != axis)
-        layers = np.flatnonzero(taken.any(axis=others))
-        if len(layers):
-            box[0, axis] = min(box[0, axis], layers[0])
-            box[1, axis] = max(box[1, axis], layers[-1] + 1.0)
+    taken = ndimage.find_objects((states != FREE).view(np.uint8))
+    if taken:
+        cells = np.array([(side.start, side.stop) for side in taken[0]]).T
+        box[0] = np.minimum(box[0], cells[0])
+        box[1] = np.maximum(box[1], cells[1])
     return box
 
 
@@ -283,7 +282,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     s, skipped = slice_of(map_, rotation), 3 - map_.dim
     box_square = beyond_square = spread = 0.0
     for axis in range(skipped, 3):
-        u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+        u, v = coordinates(map_, position, axis)
         low, high = table.boxes[s, 0, axis - skipped], table.boxes[s, 1, axis - skipped]
         box_gap = max(0.0, low - u, u - high)
         box_square += box_gap * box_gap
@@ -296,7 +295,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     for corner in range(1 << map_.dim):
         cell, weight, gap_square = s, 1.0, 0.0
         for axis in range(skipped, 3):
-            u, v = coordinate(map_, position, axis), coordinate_among_centers(map_, position, axis)
+            u, v = coordinates(map_, position, axis)
             k, count = math.floor(v), map_.states.shape[axis + 1]
             share = v - k
             if (corner >> (axis - skipped)) & 1:
@@ -317,16 +316,15 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
 
 
 @kernel
-def coordinate(map_: Map, position: Row, axis: int) -> float:
-    """Return a coordinate in cells; farther ones than MAX_CELL are as far from everything."""
-    return min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+def coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
+    """Return a coordinate in cells from the grid's corner, and among the centers of cells.
 
-
-@kernel
-def coordinate_among_centers(map_: Map, position: Row, axis: int) -> float:
-    """Return a coordinate in cells from the first center, at most at the last one."""
+    Coordinates farther than MAX_CELL are as far from everything. The second one counts from the
+    first center, and is at most at the last one.
+    """
+    place = min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
     last = float(map_.states.shape[axis + 1] - 1)
-    return min(max(coordinate(map_, position, axis) - 0.5, 0.0), last)
+    return place, min(max(place - 0.5, 0.0), last)
 
 
 @kernel
@@ -344,19 +342,8 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 
 @kernel
-def clearance_of(
-    map_: Map,
-    table: DistanceTable,
-    a: float,
-    b: float,
-    c: float,
-    d: float,
-    e: float,
-    f: float,
-    g: float,
-) -> float:
+def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
     """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
-    numbers = a, b, c, d, e, f, g
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     return clearance_at(map_, table, position, rotation)
 
@@ -366,6 +353,6 @@ def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[
 
     It follows all changes of the map.
     """
-    padding = (0.0,) * (MAX_SIZE - size)
-    evaluate = bind_kernel(clearance_of, (map_,), distances.whole(), *[0.0] * MAX_SIZE)
-    return lambda *q: evaluate(distances.whole(), *padding, *q)
+    before = (0.0,) * (MAX_SIZE - size)
+    measure = bind_kernel(clearance_of, (map_,), distances.whole(), (0.0,) * MAX_SIZE)
+    return lambda *q: measure(distances.whole(), (*before, *q))

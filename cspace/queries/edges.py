@@ -6,18 +6,18 @@ walked slab by slab. Positions and rotations are as in :mod:`cspace.queries.poin
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from cspace.grid import SLACK
 from cspace.queries.points import (
     MAX_POSITION,
+    box_to_test,
+    closed_cells,
     configuration_in,
-    grid_box,
+    in_cells,
     is_usable,
-    outer_box,
-    run_in_grid_is_free,
     run_is_free,
+    state_at,
 )
 from cspace.record.cells import Map
 from cspace.rotations.lookup import (
@@ -53,7 +53,7 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     return -1
 
 
-@kernel
+@inlined
 def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge is FREE.
 
@@ -63,6 +63,8 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """
     if len(r0) == 4:
         return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+    if state_at(map_, p1, r1) != FREE:  # most edges of a planner that collide do so at their end
+        return False
     borders, yaw0, yaw1 = map_.rotations.borders, r0[0], r1[0]
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
@@ -134,17 +136,7 @@ def between(first: float, second: float, t: float) -> float:
 @kernel
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
-    lower, upper, spacing = map_.lower, map_.upper, map_.spacing
-    p = (
-        (first[0] - lower[0]) / spacing,
-        (first[1] - lower[1]) / spacing,
-        (first[2] - lower[2]) / spacing,
-    )
-    q = (
-        (last[0] - lower[0]) / spacing,
-        (last[1] - lower[1]) / spacing,
-        (last[2] - lower[2]) / spacing,
-    )
+    lower, upper, p, q = map_.lower, map_.upper, in_cells(map_, first), in_cells(map_, last)
     inside, total = True, 0.0
     for axis in range(3):
         inside &= (
@@ -154,60 +146,40 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
         total += abs(p[axis]) + abs(q[axis])
     if not total <= MAX_POSITION:  # True for NaN
         return False
-    if inside:  # then the closed cells of the grid contain all of it
-        return walk_is_free(map_, s, p, q, True)
-    # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
-    return bool(map_.exterior[s, 2 * map_.dim] == FREE and walk_is_free(map_, s, p, q, False))
-
-
-@inlined
-def walk_is_free(map_: Map, s: int, p: Row, q: Row, inside: bool) -> bool:
-    """Return True if a segment from `p` to `q`, in cells, touches only FREE cells.
-
-    It lies in the grid if it is `inside`. Otherwise all cells beyond the grid, except those of the
-    exterior box, must be known to be FREE.
-    """
-    low, high = grid_box(map_) if inside else outer_box(map_, s)
+    # The closed cells of the grid contain all of a segment inside. Any other segment is proven only
+    # if all cells outside both grid and exterior box are FREE.
+    if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
+        return False
+    low, high = box_to_test(map_, s, inside)
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
     # along z.
-    x_rate, y_rate = time_per_cell(p[0], q[0]), time_per_cell(p[1], q[1])
-    first, last = cells_between(p[0], q[0], 0.0, 1.0)
-    for i in range(max(low[0], first), min(high[0], last) + 1):
-        start, stop = slab_times(p[0], x_rate, i)
+    west, east = cells_between(p[0], q[0], 0.0, 1.0)
+    for i in range(max(low[0], west), min(high[0], east) + 1):
+        start, stop = slab_times(p[0], q[0], i)
         if start > stop:
             continue
         left, right = cells_between(p[1], q[1], start, stop)
         for j in range(max(low[1], left), min(high[1], right) + 1):
-            enter, leave = slab_times(p[1], y_rate, j)
+            enter, leave = slab_times(p[1], q[1], j)
             enter, leave = max(enter, start), min(leave, stop)
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            bottom, top = max(low[2], bottom), min(high[2], top)
-            if inside:
-                if not run_in_grid_is_free(map_, s, i, j, bottom, top):
-                    return False
-            elif not run_is_free(map_, s, i, j, bottom, top):
+            if not run_is_free(map_, s, i, j, max(low[2], bottom), min(high[2], top)):
                 return False
     return True
 
 
 @inlined
-def time_per_cell(p: float, q: float) -> float:
-    """Return the change of t for a cell of p + t (q - p), or 0 if that hardly changes."""
-    return 0.0 if abs(q - p) < MIN_EXTENT_CELLS else 1.0 / (q - p)
+def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
+    """Return the range of t in which p + t (q - p), in cells, is in a slab of cells.
 
-
-@inlined
-def slab_times(p: float, rate: float, cell: int) -> tuple[float, float]:
-    """Return the range of t in a slab of cells.
-
-    A segment has the coordinates p + t / rate, in cells; all of it is in the slab if the rate is 0.
     The range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab.
     SLACK covers rounding, which grows with the length of the segment.
     """
-    if rate == 0.0:
+    if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
+    rate = 1.0 / (q - p)
     enter, leave = (cell - SLACK - p) * rate, (cell + 1 + SLACK - p) * rate
     return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
 
@@ -220,4 +192,4 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
     cells, for t from ``start`` to ``stop``.
     """
     begin, end = p + start * (q - p), p + stop * (q - p)
-    return math.ceil(min(begin, end) - SLACK) - 1, math.floor(max(begin, end) + SLACK)
+    return closed_cells(min(begin, end) - SLACK, max(begin, end) + SLACK)

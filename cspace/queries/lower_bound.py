@@ -39,7 +39,7 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from cspace.queries.search import NO_FACTORS, Estimate, Graph, Moves, search
+from cspace.queries.search import NO_FACTORS, Estimate, Graph, Moves, search, times_in_box
 from cspace.record.states import read_only
 from cspace.support.arrays import BLOCKED, FREE, Bools, Floats, Ints
 
@@ -135,7 +135,6 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
         no_rotations,
         no_rotations.astype(np.float64),
         _list_moves(),
-        math.inf,
         NO_FACTORS,
     )
     x, y = np.ogrid[: shape[0], : shape[1]]
@@ -169,12 +168,5 @@ def _crosses(step: tuple[int, ...], cell: tuple[int, ...]) -> bool:
 
     The segment leads from corner (0, 0) to ``step``.
     """
-    enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the closed cell
-    for along, low in zip(step, cell, strict=True):
-        if along == 0:
-            if low not in (-1, 0):
-                return False
-        else:
-            sides = low / along, (low + 1) / along
-            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+    enter, leave = times_in_box(step, cell)
     return enter < leave

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace.queries.points import cell_of, configuration_in, is_usable, slice_of
 from cspace.raster import Raster, extract_runs
 from cspace.record.cells import Map
-from cspace.support.arrays import Bools, Floats, Ints, Numbers, Row
+from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import kernel
 
 
@@ -62,39 +62,22 @@ def count_overlaps(
 
     ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
-    for k in range(points.shape[0]):
-        position, rotation = configuration_in(map_, points, k)
-        if not is_usable(position, rotation):
-            return k
-        out[k] = overlap_at(map_, counts, robot, outside, position, rotation)
-    return -1
-
-
-@kernel
-def overlap_at(
-    map_: Map,
-    counts: NDArray[np.int32],
-    robot: RobotRows,
-    outside: int,
-    position: Row,
-    rotation: Numbers,
-) -> int:
-    """Return the overlap at one configuration."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
-    i, j, k = cell_of(map_, position)
-    slice_index = slice_of(map_, rotation)
-    start = robot.stops[slice_index - 1] if slice_index > 0 else 0
-    total = 0
-    for row in range(start, robot.stops[slice_index]):
-        x = i + robot.rows[row, 0]
-        y = j + robot.rows[row, 1]
-        first = k + robot.rows[row, 2]
-        length = robot.rows[row, 3]
-        inside = 0
-        if 0 <= x < nx and 0 <= y < ny:
-            begin = min(max(first, 0), nz)
-            end = min(max(first + length, 0), nz)
-            total += counts[x, y, end] - counts[x, y, begin]
-            inside = end - begin
-        total += (length - inside) * outside
-    return total
+    for n in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, n)
+        if not is_usable(position, rotation):
+            return n
+        i, j, k = cell_of(map_, position)
+        s, total = slice_of(map_, rotation), 0
+        for row in range(robot.stops[s - 1] if s > 0 else 0, robot.stops[s]):
+            x, y = i + robot.rows[row, 0], j + robot.rows[row, 1]
+            first, length = k + robot.rows[row, 2], robot.rows[row, 3]
+            inside = 0
+            if 0 <= x < nx and 0 <= y < ny:
+                begin = min(max(first, 0), nz)
+                end = min(max(first + length, 0), nz)
+                total += counts[x, y, end] - counts[x, y, begin]
+                inside = end - begin
+            total += (length - inside) * outside
+        out[n] = total
+    return -1

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.record.cells import Map
 from cspace.rotations.lookup import (
@@ -31,6 +33,9 @@ from cspace.support.compiling import inlined, kernel
 Cell = tuple[int, int, int]
 """A cell along three axes."""
 
+NOT_USABLE: Final = 255
+"""Answer for numbers that are not finite, or no rotation."""
+
 MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
 
@@ -48,17 +53,12 @@ def position_in_plane(map_: Map, x: float, y: float) -> Row:
 
 
 @inlined
-def position_in(map_: Map, points: Floats, k: int) -> Row:
-    """Return the position of row k of an array of configurations."""
-    if map_.dim == 2:
-        return position_in_plane(map_, points[k, 0], points[k, 1])
-    return points[k, 0], points[k, 1], points[k, 2]
-
-
-@inlined
 def configuration_in(map_: Map, points: Floats, k: int) -> tuple[Row, Numbers]:
     """Return position and rotation of row k of an array of configurations."""
-    return position_in(map_, points, k), rotation_in(map_.rotations.borders, points[k])
+    rotation = rotation_in(map_.rotations.borders, points[k])
+    if map_.dim == 2:
+        return position_in_plane(map_, points[k, 0], points[k, 1]), rotation
+    return (points[k, 0], points[k, 1], points[k, 2]), rotation
 
 
 @inlined
@@ -68,34 +68,33 @@ def is_usable(position: Row, rotation: Numbers) -> bool:
     return math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and is_rotation(rotation)
 
 
+@inlined
+def in_cells(map_: Map, position: Row) -> Row:
+    """Return a position in cells from the lower corner of the grid."""
+    (a, b, c), h = map_.lower, map_.spacing
+    return (position[0] - a) / h, (position[1] - b) / h, (position[2] - c) / h
+
+
 # ---- states --------------------------------------------------------------------------------------
 
 
 @inlined
-def cell_along(coordinate: float, lower: float, upper: float, spacing: float, count: int) -> int:
+def cell_along(place: float, coordinate: float, upper: float, count: int) -> int:
     """Return the cell of a coordinate, as ``Grid.cell_of``; it may be outside the grid."""
-    cell = math.floor(min(max((coordinate - lower) / spacing, -MAX_CELL), MAX_CELL))
+    cell = math.floor(min(max(place, -MAX_CELL), MAX_CELL))
     return count - 1 if cell == count and coordinate <= upper else cell
 
 
 @inlined
 def cell_of(map_: Map, position: Row) -> Cell:
     """Return the cell of a position, which may be outside the grid."""
-    (a, b, c), (x, y, z), h = map_.lower, map_.upper, map_.spacing
+    (u, v, w), (x, y, z) = in_cells(map_, position), map_.upper
     _, nx, ny, nz = map_.states.shape
     return (
-        cell_along(position[0], a, x, h, nx),
-        cell_along(position[1], b, y, h, ny),
-        cell_along(position[2], c, z, h, nz),
+        cell_along(u, position[0], x, nx),
+        cell_along(v, position[1], y, ny),
+        cell_along(w, position[2], z, nz),
     )
-
-
-@inlined
-def is_in_grid(map_: Map, cell: Cell) -> bool:
-    """Return True if a cell is in the grid."""
-    _, nx, ny, nz = map_.states.shape
-    i, j, k = cell
-    return bool(0 <= i < nx and 0 <= j < ny and 0 <= k < nz)
 
 
 @inlined
@@ -106,16 +105,29 @@ def slice_of(map_: Map, rotation: Numbers) -> int:
 
 @inlined
 def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
-    """Return the state of a configuration."""
-    s, cell = slice_of(map_, rotation), cell_of(map_, position)
-    if is_in_grid(map_, cell):
-        return int(map_.states[s, cell[0], cell[1], cell[2]])
-    first, last = exterior_box(map_, s)
-    in_box, finite = True, True
-    for axis in range(3):
-        in_box &= first[axis] <= cell[axis] <= last[axis]
-        finite &= math.isfinite(position[axis])
-    return MIXED if in_box or not finite else int(map_.exterior[s, 2 * map_.dim])
+    """Return the state of a configuration; NOT_USABLE if its position is not finite."""
+    s, (u, v, w) = slice_of(map_, rotation), in_cells(map_, position)
+    _, nx, ny, nz = map_.states.shape
+    # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
+    # test for negative ones.
+    if (u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz):
+        return int(map_.states[s, np.uint32(u), np.uint32(v), np.uint32(w)])
+    return state_outside(map_, s, position)
+
+
+@kernel
+def state_outside(map_: Map, s: int, position: Row) -> int:
+    """Return the state of a position outside the grid, or on its upper border."""
+    i, j, k = cell_of(map_, position)
+    _, nx, ny, nz = map_.states.shape
+    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
+        return int(map_.states[s, i, j, k])
+    x, y, z = position
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        return NOT_USABLE
+    (a, b, c), (d, e, f) = exterior_box(map_, s)
+    in_box = a <= i <= d and b <= j <= e and c <= k <= f
+    return MIXED if in_box else int(map_.exterior[s, 2 * map_.dim])
 
 
 @kernel
@@ -132,9 +144,11 @@ def classify(map_: Map, points: Floats, out: States) -> int:
     """Write states; return the index of the first unusable configuration, or -1."""
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
-        if not is_usable(position, rotation):
+        if not is_rotation(rotation):
             return k
         out[k] = state_at(map_, position, rotation)
+        if out[k] == NOT_USABLE:
+            return k
     return -1
 
 
@@ -150,7 +164,12 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     _, nx, ny, nz = map_.states.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
-        if not run_in_grid_is_free(map_, s, i, j, max(first, 0), min(last, nz - 1)):
+        start, stop = max(first, 0), min(last, nz - 1)
+        # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
+        for k in range(start + 1, stop):
+            if map_.states[s, i, j, k] != FREE:
+                return False
+        if start <= stop and (map_.states[s, i, j, start] | map_.states[s, i, j, stop]) != FREE:
             return False
         if first >= 0 and last < nz:
             return True
@@ -161,36 +180,23 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     return begin > end or (in_grid and begin >= 0 and end < nz)
 
 
-@inlined
-def run_in_grid_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
-    """Return True if cells ``first`` to ``last`` along the last axis, all in the grid, are FREE."""
-    # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
-    for k in range(first + 1, last):
-        if map_.states[s, i, j, k] != FREE:
-            return False
-    return bool(first > last or (map_.states[s, i, j, first] | map_.states[s, i, j, last]) == FREE)
-
-
 @kernel
-def grid_box(map_: Map) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the grid."""
+def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the grid, if `inside`, or around grid and exterior box.
+
+    All cells beyond the second box have one state.
+    """
     _, nx, ny, nz = map_.states.shape
-    return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
-
-
-@kernel
-def outer_box(map_: Map, s: int) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the box around the grid and the exterior box."""
+    if inside:
+        return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
     (a, b, c), (x, y, z) = exterior_box(map_, s)
-    _, nx, ny, nz = map_.states.shape
     return (min(a, 0), min(b, 0), min(c, 0)), (max(x, nx - 1), max(y, ny - 1), max(z, nz - 1))
 
 
 @inlined
-def near_cells(map_: Map, position: Row, reach: float, axis: int) -> tuple[int, int]:
-    """Return the first and the last closed cell along an axis within ``reach`` cells."""
-    place = (position[axis] - map_.lower[axis]) / map_.spacing
-    return math.ceil(place - reach) - 1, math.floor(place + reach)
+def closed_cells(low: float, high: float) -> tuple[int, int]:
+    """Return the first and the last closed cell between two coordinates, in cells."""
+    return math.ceil(low) - 1, math.floor(high)
 
 
 @kernel
@@ -200,27 +206,19 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the
     layer.
     """
-    reach, total = distance / map_.spacing + SLACK, 0.0
-    for axis in range(3):
-        total += abs(position[axis] - map_.lower[axis]) / map_.spacing
-    if not total + reach <= MAX_POSITION:  # True for NaN
+    u, v, w = in_cells(map_, position)
+    reach = distance / map_.spacing + SLACK
+    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # True for NaN
         return False
-    i0, i1 = near_cells(map_, position, reach if map_.dim == 3 else 0.0, 0)
-    j0, j1 = near_cells(map_, position, reach, 1)
-    k0, k1 = near_cells(map_, position, reach, 2)
-    low, high = grid_box(map_)
-    inside = (
-        low[0] <= i0
-        and low[1] <= j0
-        and low[2] <= k0
-        and i1 <= high[0]
-        and j1 <= high[1]
-        and k1 <= high[2]
-    )
-    if not inside:
-        if map_.exterior[s, 2 * map_.dim] != FREE:
-            return False
-        low, high = outer_box(map_, s)
+    across = reach if map_.dim == 3 else 0.0
+    i0, i1 = closed_cells(u - across, u + across)
+    j0, j1 = closed_cells(v - reach, v + reach)
+    k0, k1 = closed_cells(w - reach, w + reach)
+    _, nx, ny, nz = map_.states.shape
+    inside = min(i0, j0, k0) >= 0 and i1 < nx and j1 < ny and k1 < nz
+    if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
+        return False
+    low, high = box_to_test(map_, s, inside)
     for i in range(max(i0, low[0]), min(i1, high[0]) + 1):
         for j in range(max(j0, low[1]), min(j1, high[1]) + 1):
             if not run_is_free(map_, s, i, j, max(k0, low[2]), min(k1, high[2])):

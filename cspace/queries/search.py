@@ -14,6 +14,7 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from cspace.record.states import read_only
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints, States
+from cspace.support.arrays import FREE, Bools, Floats, Ints, States
 from cspace.support.compiling import clock, kernel
 
 Costs = NDArray[np.float32]
@@ -40,6 +41,9 @@ POPS_PER_CLOCK_CHECK: Final = 2**14
 
 INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of a search can hold at first; the length doubles as needed."""
+
+MAX_OFFSET_SUM: Final = 3
+"""Largest sum of the offsets of a move along all axes, in cells."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
@@ -81,8 +85,6 @@ class Graph(NamedTuple):
     turns : ndarray of float64, shape (rotations, n)
         Cost of rotating to each neighbor, in cells.
     moves : Moves
-    mixed_cost : float
-        Cost of entering a MIXED cell, in cells; infinite if only FREE cells are passable.
     factors : ndarray of float32, shape (slices, nx, ny, nz), or empty
         Factor of the cost of moves in each cell.
     """
@@ -92,7 +94,6 @@ class Graph(NamedTuple):
     neighbors: Ints
     turns: Floats
     moves: Moves
-    mixed_cost: float
     factors: Costs
 
 
@@ -147,9 +148,7 @@ def find_chain(
     until: float,
     *,
     weight: float = SHORT_WEIGHT,
-    mixed_cost: float = math.inf,
     factors: Costs = NO_FACTORS,
-    by_sides: bool = False,
 ) -> Ints:
     """Find a short chain of passable cells from start to goal.
 
@@ -167,12 +166,8 @@ def find_chain(
     weight : float
         Weight of the estimated cost; at 1, the chain is a shortest one, above 1 the search is
         faster.
-    mixed_cost : float
-        Cost of entering a MIXED cell, in cells; by default, only FREE cells are passable.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
-    by_sides : bool
-        Whether each cell of the chain shares a side with the next.
 
     Returns
     -------
@@ -192,15 +187,13 @@ def find_chain(
         slice_of,
         neighbors,
         turns,
-        _list_moves(_reach(dim, by_sides)),
-        mixed_cost,
+        _list_moves(dim),
         factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
     )
-    size = math.prod(shape)
-    start_cell = int(start[0]) * size + int(
-        np.ravel_multi_index(tuple(start[1:]), states.shape[1:])
+    cells_shape = (len(slice_of), *states.shape[1:])
+    start_cell, goal_cell = (
+        int(np.ravel_multi_index(tuple(cell), cells_shape)) for cell in (start, goal)
     )
-    goal_cell = int(goal[0]) * size + int(np.ravel_multi_index(tuple(goal[1:]), states.shape[1:]))
     estimate = _estimate_cost(graph, start_cell, goal_cell, weight, until)
     progress = search(graph, estimate, start_cell, goal_cell, until)
     if not progress.closed[goal_cell]:
@@ -208,7 +201,7 @@ def find_chain(
     cells = [goal_cell]
     while cells[-1] != start_cell:
         cells.append(int(progress.previous[cells[-1]]) - 1)
-    return np.stack(np.unravel_index(cells[::-1], (len(slice_of), *states.shape[1:])), axis=1)
+    return np.stack(np.unravel_index(cells[::-1], cells_shape), axis=1)
 
 
 def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
@@ -228,24 +221,16 @@ def check_deadline(until: float) -> None:
         raise TimeoutError
 
 
-def _reach(dim: int, by_sides: bool) -> tuple[int, int, int, int]:
-    """Return the largest offset of moves along each of three axes, and their largest sum."""
-    if by_sides:
-        return (0, 1, 1, 1) if dim == 2 else (1, 1, 1, 1)
-    return (0, 2, 2, 3) if dim == 2 else (1, 1, 1, 3)
-
-
 @cache
-def _list_moves(reach: tuple[int, int, int, int]) -> Moves:
-    """List the moves between centers of cells, shortest first.
+def _list_moves(dim: int) -> Moves:
+    """List the moves between centers of cells in the plane or in space, shortest first.
 
-    ``reach`` are the largest offset along each axis, and the largest sum of offsets. The offsets of
-    a move have no common divisor.
+    The offsets of a move have no common divisor.
     """
-    *largest, largest_sum = reach
+    largest = (0, 2, 2) if dim == 2 else (1, 1, 1)
     offsets = product(*(range(-each, each + 1) for each in largest))
     steps = [
-        each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= largest_sum
+        each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= MAX_OFFSET_SUM
     ]
     steps.sort(key=lambda step: math.hypot(*step))
     needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
@@ -258,15 +243,24 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
     The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
     cell is closed.
     """
-    enter, leave = 0.0, 1.0  # fractions of the segment between which it is in the cell
-    for step, offset in zip(move, cell, strict=True):
-        if step == 0 and offset != 0:
-            return False
-        if step != 0:
-            sides = (offset - 0.5) / step, (offset + 0.5) / step
-            enter = max(enter, min(sides))
-            leave = min(leave, max(sides))
+    enter, leave = times_in_box(move, [each - 0.5 for each in cell])
     return enter <= leave
+
+
+def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, float]:
+    """Return the fractions between which the segment from zero to ``step`` is in a closed box.
+
+    The box is a cell with the corner ``lower``. The first fraction is above the second one if the
+    segment misses the box.
+    """
+    enter, leave = 0.0, 1.0
+    for along, low in zip(step, lower, strict=True):
+        if along != 0:
+            sides = low / along, (low + 1) / along
+            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+        elif not low <= 0.0 <= low + 1.0:
+            return 1.0, 0.0
+    return enter, leave
 
 
 def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:
@@ -367,6 +361,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
         i = cell // (nz * ny) % nx
         rotation = cell // (nz * ny * nx)
         here = graph.slice_of[rotation]
+        factor = factor_at(graph, here, i, j, k)
         passable = 0
         for near in range(near_cells.shape[0]):
             u, v, w = i + near_cells[near, 0], j + near_cells[near, 1], k + near_cells[near, 2]
@@ -375,13 +370,14 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
             needed = graph.moves.needed[move]
             if passable & needed == needed:
                 u, v, w = i + steps[move, 0], j + steps[move, 1], k + steps[move, 2]
-                cost = step_cost(graph, graph.moves.lengths[move], here, i, j, k, here, u, v, w)
+                mean = 0.5 * (factor + factor_at(graph, here, u, v, w))
+                cost = mean * graph.moves.lengths[move]
                 reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
         for column in range(n_neighbors):
             other = graph.neighbors[rotation, column]
             if other >= 0 and is_passable(graph, graph.slice_of[other], i, j, k):
-                there, turn = graph.slice_of[other], graph.turns[rotation, column]
-                cost = step_cost(graph, turn, here, i, j, k, there, i, j, k)
+                mean = 0.5 * (factor + factor_at(graph, graph.slice_of[other], i, j, k))
+                cost = mean * graph.turns[rotation, column]
                 reach_cell(estimate, progress, cell, other, i, j, k, cost)
     return False
 
@@ -392,30 +388,16 @@ def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
     _, nx, ny, nz = graph.states.shape
     if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
         return False
-    state = graph.states[number, i, j, k]
-    return state == FREE or (state == MIXED and graph.mixed_cost < math.inf)
+    return bool(graph.states[number, i, j, k] == FREE)
 
 
 @kernel
-def step_cost(
-    graph: Graph,
-    length: float,
-    here: int,
-    i: int,
-    j: int,
-    k: int,
-    there: int,
-    u: int,
-    v: int,
-    w: int,
-) -> float:
-    """Return the cost of a step from cell (i, j, k) of a slice to (u, v, w) of another."""
-    cost = length
-    if graph.factors.shape[0] > 0:
-        cost *= 0.5 * (graph.factors[here, i, j, k] + graph.factors[there, u, v, w])
-    if graph.mixed_cost < math.inf and graph.states[there, u, v, w] == MIXED:
-        cost += graph.mixed_cost
-    return cost
+def factor_at(graph: Graph, number: int, i: int, j: int, k: int) -> np.float32:
+    """Return the factor of the cost of moves in a cell of a slice."""
+    if graph.factors.shape[0] == 0:
+        return np.float32(1.0)
+    factor: np.float32 = graph.factors[number, i, j, k]
+    return factor
 
 
 @kernel

@@ -18,6 +18,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.grid import Grid
 from cspace.queries.callbacks import edge_checker
@@ -102,9 +103,12 @@ class WidthMap:
         The result is 0 if no chain exists. Raises TimeoutError after ``until``.
         """
         first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
-        queue = Queue.of(math.prod(self.shape), first, find_level(self.width(start)))
+        levels = np.minimum(LEVELS_PER_CELL * self.widths, MAX_LEVEL).astype(np.uint16)
+        queue = Queue.of(
+            math.prod(self.shape), first, int(levels[self.slice_of[start[0]], *start[1:]])
+        )
         missing_axes = (1,) * (4 - self.widths.ndim)
-        layered = self.widths.reshape(len(self.widths), *missing_axes, *self.shape[1:])
+        layered = levels.reshape(len(levels), *missing_axes, *self.shape[1:])
         is_done = False
         while not is_done:
             check_deadline(until)
@@ -165,20 +169,16 @@ class Queue(NamedTuple):
 
 
 @kernel
-def find_level(width: float) -> int:
-    """Return the level of a width in cells."""
-    return int(min(LEVELS_PER_CELL * width, MAX_LEVEL))
-
-
-@kernel
-def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: Queue) -> bool:
+def flood(
+    levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: Queue
+) -> bool:
     """Take cells from the queue, widest first; return True at the goal, or at the end.
 
     The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return
-    False if a clock check is due; the next call goes on from there. ``widths`` has shape
-    (slices, nx, ny, nz).
+    False if a clock check is due; the next call goes on from there. ``levels``, shape (slices, nx,
+    ny, nz), are those of the widths.
     """
-    _, nx, ny, nz = widths.shape
+    _, nx, ny, nz = levels.shape
     level = queue.level[0]
     for _ in range(CELLS_PER_CLOCK_CHECK):
         while level > 0 and queue.first[level] < 0:
@@ -207,7 +207,7 @@ def flood(widths: Distances, slice_of: Ints, neighbors: Ints, goal: int, queue: 
             if queue.reached[near]:
                 continue
             queue.reached[near] = True
-            near_level = min(level, find_level(widths[slice_of[r], i, j, k]))
+            near_level = min(level, levels[slice_of[r], i, j, k])
             queue.following[near] = queue.first[near_level]
             queue.first[near_level] = near
     return False

@@ -60,48 +60,37 @@ class Exterior:
 
         ``box`` has the first and last obstacle cell; only policy "free" reads it.
         """
+        nowhere = np.repeat([0, -1], len(shape))
         if policy == UNKNOWN:
-            nowhere = np.repeat([0, -1], len(shape))
-            return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
-        if policy == "free":
-            return cls(
-                np.array(
-                    [[*reached_box(box.ravel(), outer), FREE] for outer, _ in rasters],
-                    dtype=np.int64,
-                )
-            )
-        # BLOCKED is proven if an inner offset falls outside the workspace.
-        last = np.asarray(shape) - 1
-        rows = [
-            [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
-            for _, inner in rasters
-        ]
+            rows = [[*nowhere, MIXED]] * len(rasters)
+        elif policy == "free":
+            # FREE is proven where no outer offset reaches an obstacle.
+            low, high = box
+            is_empty = (low > high).any()
+            reached = [
+                nowhere if is_empty else [*(low - outer.upper), *(high - outer.lower)]
+                for outer, _ in rasters
+            ]
+            rows = [[*each, FREE] for each in reached]
+        else:
+            # BLOCKED is proven if an inner offset falls outside the workspace.
+            last = np.asarray(shape) - 1
+            rows = [
+                [
+                    *-np.asarray(inner.lower),
+                    *(last - inner.upper),
+                    BLOCKED if inner.count else MIXED,
+                ]
+                for _, inner in rasters
+            ]
         return cls(np.array(rows, dtype=np.int64))
-
-    @property
-    def boxes(self) -> Ints:
-        """First and last cells of boxes, shape (slices, 2 d)."""
-        return self.table[:, :-1]
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
         """Return True for each slice whose cells outside the grid are all BLOCKED.
 
         ``shape`` is that of the grid; the result has shape (slices,).
         """
-        first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
+        first, last = np.split(self.table[:, :-1], 2, axis=1)
         # A box that is empty or within the grid has no MIXED cell outside the grid.
         box_in_grid = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
         return np.asarray((self.table[:, -1] == BLOCKED) & box_in_grid)
-
-
-def reached_box(obstacles: Ints, outer: Raster) -> Ints:
-    """Return the cells from which offsets may reach obstacles.
-
-    Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2
-    d,); a box is empty if first > last.
-    """
-    dim = len(obstacles) // 2
-    low, high = obstacles[:dim], obstacles[dim:]
-    if (low > high).any():
-        return np.repeat([0, -1], dim)
-    return np.array([*(low - outer.upper), *(high - outer.lower)])

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
-from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.support.arrays import Ints, States, frozen
 
 
@@ -20,16 +18,3 @@ def count_states(states: States) -> Ints:
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """Return a contiguous read-only view of an array."""
     return frozen(np.ascontiguousarray(array).view())
-
-
-def check_bytes(states: int) -> None:
-    """Raise InputError if bytes for states exceed the memory."""
-    free = free_bytes()
-    if states > MAX_MEMORY_FRACTION * free:
-        raise InputError(
-            "the state of every cell",
-            f"takes {bytes_text(states)}, a byte for each",
-            f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} of memory may be used",
-            "read one rotation at a time, with states_at",
-            value=states,
-        )

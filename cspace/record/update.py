@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.engines import dilation
 from cspace.engines.dilation import ClippedRuns, to_three_axes
-from cspace.engines.slices import Correlation, RasterGroups, group_rasters
+from cspace.engines.slices import RasterGroups, fill_states, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
@@ -53,13 +54,12 @@ class Update:
 
         The box is that around the boxes of all updates, and numbers are added.
         """
-        computed = [each for each in updates if each.lower != each.upper]
-        nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
-        lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
-        upper = np.max([each.upper for each in computed or updates or nowhere], axis=0)
-        occupied, changed = (
-            sum(getattr(each, name) for each in updates) for name in ("occupied", "changed")
-        )
+        nothing = cls(0, (0,) * dim, (0,) * dim, 0)
+        boxes = [each for each in updates if each.lower != each.upper] or updates or [nothing]
+        lower = np.min([each.lower for each in boxes], axis=0)
+        upper = np.max([each.upper for each in boxes], axis=0)
+        occupied = sum(each.occupied for each in updates)
+        changed = sum(each.changed for each in updates)
         return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
@@ -139,38 +139,20 @@ class Patch:
 
 
 def _copy_cells(values: ArrayLike, name: str) -> Bools:
-    """Return a contiguous writable copy of cells.
-
-    It holds only the bytes 0 and 1.
-    """
-    if (
-        type(values) is np.ndarray
-        and values.dtype == np.bool_
-        and values.size
-        and values.ndim in (2, 3)
-    ):
-        return np.not_equal(
-            values, 0, order="C"
-        )  # a view as bool may hold other bytes than 0 and 1
-    return np.array(check_cells(values, name))
+    """Return a contiguous writable copy of cells."""
+    return np.array(check_cells(values, name), order="C")
 
 
 def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     """Return the index of a box's first cell as integers."""
-    values: object = lower
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
     try:
-        first = (
-            tuple(operator.index(value) for value in values) if isinstance(values, Iterable) else ()
-        )
+        first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
     except TypeError:
         first = ()
     if len(first) != dim:
         rule = f"it must be {dim} integers, the index of the first cell"
-        raise InputError(
-            "lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower
-        )
+        hint = "convert metres with space.grid.cell_of"
+        raise InputError("lower", f"is {lower!r}", rule, hint, value=lower)
     return first
 
 
@@ -209,7 +191,6 @@ class Updater:
         self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
-        self._engine = Correlation.create("direct", self._sides, contents.outside, None)
         self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
@@ -318,11 +299,11 @@ class Updater:
         """Return the states of the cells from ``first`` to ``stop``, with the patch."""
         begin = np.maximum(first + self._reach[0], 0)
         end = np.minimum(stop + self._reach[1], self._grid.shape)
-        outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
+        cells = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
         shift = (first - begin).tolist()
         sides = [[raster.translate(shift) for raster in side] for side in self._sides]
         states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
-        self._engine.fill(outer, inner, sides, states, None)
+        fill_states(dilation, self._outside, cells, sides, states)
         return states
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +20,6 @@ from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
 from cspace.record.save import TILES_FORMAT, is_map_folder, read_format
 from cspace.robot import Robot
-from cspace.space import CSpace
 from cspace.support.arrays import StrPath
 from cspace.support.threads import cores
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
@@ -33,37 +33,13 @@ MAX_TILE_STATES: Final = 2**28
 """Maximum number of states in the interior of a tile, which are in memory at once."""
 
 
-@dataclass(frozen=True)
-class BuildJob:
-    """What the tasks that build tiles share.
-
-    Attributes
-    ----------
-    folder : TileFolder
-    source : Source
-        Cells of the workspace.
-    build : callable
-        Builds a map in memory; see :func:`cspace.build`.
-    method : str
-        Engine.
-    threads : int
-        Threads for each tile.
-    """
-
-    folder: TileFolder
-    source: Source
-    build: Callable[..., CSpace]
-    method: str
-    threads: int = 1
-
-
 def build_tiles(
     workspace: Workspace,
     robot: Robot,
     store: StrPath,
     tile: int | Sequence[int],
     *,
-    build: Callable[..., CSpace],
+    build: Callable[..., tuple[Contents, Any]],
     method: str,
     inner: bool,
     client: Client | None,
@@ -93,8 +69,13 @@ def build_tiles(
     folder = _open_or_create(Path(store), frame, about)
     if folder.sums:
         return folder
-    job = BuildJob(folder, workspace.cells, build, method)
-    return build_missing(job, client, workers, progress)
+    missing = [index for index in folder if not folder.tile_path(index).exists()]
+    workers = workers or cores()
+    threads = 1 if client else max(1, workers // max(1, len(missing)))
+    build = partial(build, inner=inner, method=method, workers=threads)
+    task = partial(build_tile, folder, workspace.cells, build)
+    run_tasks(task, missing, len(folder), bytes_to_build(folder), client, workers, progress)
+    return folder.complete()
 
 
 def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
@@ -114,28 +95,6 @@ def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileF
     raise FileError(str(path), problem, rule, "choose another name, or remove it")
 
 
-def build_missing(
-    job: BuildJob,
-    client: Client | None,
-    workers: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> TileFolder:
-    """Build missing tiles, then sum up all tiles; return the complete folder."""
-    folder = job.folder
-    missing = [index for index in folder if not folder.tile_path(index).exists()]
-
-    def advance(count: int) -> None:
-        if progress is not None:
-            progress(len(folder) - len(missing) + count, len(folder))
-
-    workers = workers or cores()
-    threads = 1 if client else max(1, workers // max(1, len(missing)))
-    job = replace(job, threads=threads)
-    run_tasks(build_tile, job, missing, bytes_to_build(folder), client, workers, advance)
-    advance(len(missing))
-    return folder.complete()
-
-
 def bytes_to_build(folder: TileFolder) -> float:
     """Estimate the memory to build one tile, in bytes."""
     sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
@@ -146,33 +105,28 @@ def bytes_to_build(folder: TileFolder) -> float:
     return float(map_bytes(shape, slices) + copies + rasters)
 
 
-def build_tile(job: BuildJob, index: Index) -> None:
+def build_tile(
+    folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], index: Index
+) -> None:
     """Build and write a tile, as a task.
 
     The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a
     part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
     if the workspace has changed since the build began.
     """
-    folder, frame = job.folder, job.folder.frame
+    frame, name = folder.frame, folder.frame.workspace.source
     box = folder.cells(index)
     window = folder.clip(grow(box, folder.reach))
-    outer, inner = job.source.read(as_box(window))
-    source = frame.workspace.source
-    if job.source.stamp != folder.about["source_stamp"]:
-        raise changed_source(source, "its size, time or digest differs")
-    space = job.build(
-        Workspace(folder.sub_grid(window), outer, inner),
-        frame.robot,
-        frame.rotations,
-        inner=frame.proves_blocked,
-        method=job.method,
-        outside=frame.outside,
-        margin=frame.margin,
-        workers=job.threads,
+    outer, inner = source.read(as_box(window))
+    if source.stamp != folder.about["source_stamp"]:
+        raise changed_source(name, "its size, time or digest differs")
+    around = Workspace(folder.sub_grid(window), outer, inner)
+    built, _ = build(
+        around, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
     )
     own = as_box(box - window[0])
-    workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=source)
-    states = space._contents.states[(slice(None), *own)]
+    workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=name)
+    states = built.states[(slice(None), *own)]
     folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
 
 

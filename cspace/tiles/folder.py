@@ -86,15 +86,12 @@ class TileFolder:
         ``digests`` of all tiles.
     frame : Contents
         Map of the first cell; if all tiles are complete, with the states outside the grid.
-    digest : str
-        Digest of the frame and of all attributes.
     """
 
     path: Path
     about: Mapping[str, Any]
     sums: Mapping[str, Any] | None
     frame: Contents
-    digest: str
 
     @cached_property
     def grid(self) -> Grid:
@@ -247,7 +244,7 @@ class TileFolder:
         root = Path(path).absolute()  # workers have other working folders
         frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            folder = cls(root, attributes["tiles"], attributes["sums"], frame, attributes["digest"])
+            folder = cls(root, attributes["tiles"], attributes["sums"], frame)
             _check_attributes(folder)
             return folder
 
@@ -321,19 +318,15 @@ def write_root(
 
 def _check_attributes(folder: TileFolder) -> None:
     """Raise ValueError, or any other error, if attributes make no tiled map."""
-    about, sums, cells = folder.about, folder.sums, folder.grid.size
-    is_positive = all(isinstance(n, int) and n > 0 for n in folder.tile)
-    if not is_positive or len(folder.tile) != folder.grid.dim:
+    about, sums, n_cells = folder.about, folder.sums, folder.grid.size * len(folder.frame.slice_of)
+    sizes = np.array([about["shape"], about["side"]])
+    if sizes.dtype.kind != "i" or sizes.shape[1] != folder.grid.dim or sizes.min() < 1:
         raise ValueError(f"its tiles have the sides {folder.tile}")
     if not isinstance(about["stamp"], str):
         raise ValueError("its stamp is no text")
     if sums is None:
         return
-    free, mixed, blocked = sums["counts"]
-    if (
-        free + mixed + blocked != cells * len(folder.frame.slice_of)
-        or min(free, mixed, blocked) < 0
-    ):
+    if len(sums["counts"]) != 3 or sum(sums["counts"]) != n_cells or min(sums["counts"]) < 0:
         raise ValueError("its counts differ from its number of cells")
     if len(sums["digests"]) != len(folder) or folder.frame.exterior is None:
         raise ValueError("it is not complete")

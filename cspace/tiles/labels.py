@@ -14,8 +14,9 @@ Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -27,7 +28,7 @@ from cspace.record.contents import Contents
 from cspace.support.arrays import Ints
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box
 from cspace.tiles.parts import OpenTiles
-from cspace.tiles.work import run_tasks
+from cspace.tiles.work import Progress, run_tasks
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -40,9 +41,6 @@ MAX_CROSSING_DEPTH_CELLS: Final = 8.0
 
 MAX_REGIONS: Final = 8
 """Number of labelled regions that stay in memory between queries."""
-
-Progress = Callable[[int, int], None]
-"""Called with the number of tiles done, and of all tiles."""
 
 Layers = list[Ints]
 """Nodes of the cells of the first and the last layer of a region along each axis, or -1."""
@@ -70,14 +68,13 @@ def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
 
     Each array has the shape (n, 1 + d). Along the other axes, the cells are those of the interior.
     """
-    corners = folder.interior(index)
-    layers = []
+    corners, layers = folder.interior(index), []
     for axis, n in enumerate(folder.grid.shape):
         for cell in (corners[0, axis], min(corners[1, axis], n - 1)):
-            spans = [range(*ends) for ends in corners.T]
-            spans[axis] = range(cell, cell + 1)
-            mesh = np.meshgrid(range(len(folder.frame.slice_of)), *spans, indexing="ij")
-            layers.append(np.stack(mesh, axis=-1).reshape(-1, len(mesh)))
+            first, stop = corners.copy()
+            first[axis], stop[axis] = cell, cell + 1
+            cells = np.indices((len(folder.frame.slice_of), *(stop - first)))
+            layers.append(cells.reshape(len(cells), -1).T + np.array([0, *first]))
     return layers
 
 
@@ -86,41 +83,14 @@ def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
 
     Return, for each, the number of nodes and the nodes of the layers.
     """
-    region, layers = (
-        label_region(folder, index, folder.read_tile(index)),
-        list_layers(folder, index),
-    )
-    return [
-        (
-            region.count(mixed),
-            [find_in_region(folder, index, region, layer, mixed) for layer in layers],
-        )
-        for mixed in (False, True)
-    ]
+    region = label_region(folder, index, folder.read_tile(index))
+    layers = list_layers(folder, index)
 
+    def label(mixed: bool) -> tuple[int, Layers]:
+        nodes = [find_in_region(folder, index, region, layer, mixed) for layer in layers]
+        return region.count(mixed), nodes
 
-def label_tiles(
-    folder: TileFolder, client: Client | None, progress: Progress | None
-) -> list[list[tuple[int, Layers]]]:
-    """Label all tiles, as :func:`label_tile`."""
-
-    def advance(done: int) -> None:
-        if progress is not None:
-            progress(done, len(folder))
-
-    needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(folder.tile))
-    return run_tasks(label_tile, folder, list(folder), needed, client, None, advance)
-
-
-def find_exterior_nodes(folder: TileFolder, first: int, mixed: bool) -> Ints:
-    """Return the node of the exterior at each rotation cell, or -1 if it is closed.
-
-    No exterior counts as FREE.
-    """
-    slice_of = folder.frame.slice_of
-    nodes = first + np.arange(len(slice_of))
-    is_open = ~folder.exterior.is_all_blocked(folder.grid.shape)[slice_of]
-    return np.where(is_open & mixed, nodes, -1)
+    return [label(False), label(True)]
 
 
 def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints) -> Ints:
@@ -145,44 +115,62 @@ def join_tiles(folder: TileFolder, nodes: Mapping[Index, Layers], exterior: Ints
     return np.concatenate(pairs)
 
 
-def make_graph(count: int, pairs: Ints) -> Any:
-    """Return pairs of joined nodes as a sparse matrix."""
-    return coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-
-
-class TiledComponents:
-    """Connected components of a tiled map.
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes of all tiles, for FREE cells or for open cells.
 
     The nodes of a tile have consecutive numbers. The last nodes are the exterior, one for each
     rotation cell.
+
+    Attributes
+    ----------
+    offsets : ndarray of int64, shape (tiles + 1,)
+        First node of each tile, and of the exterior.
+    exterior : ndarray of int64, shape (rotations,)
+        Node of the exterior at each rotation cell, or -1 if it is closed.
+    graph : sparse array
+        Joined nodes.
+    roots : ndarray of int32, shape (nodes,)
+        Component of each node.
     """
 
-    def __init__(
-        self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
-    ) -> None:
-        self._tiles, self._folder = tiles, tiles.folder
-        self._offsets: list[Ints] = []
-        self._graphs: list[Any] = []
-        self._roots: list[Ints] = []
-        self._region = lru_cache(MAX_REGIONS)(self._label_region)
-        found = label_tiles(self._folder, client, progress)
-        for mixed in (False, True):
-            self._join([each[mixed] for each in found], mixed)
+    offsets: Ints
+    exterior: Ints
+    graph: Any
+    roots: Any
 
-    def _join(self, labels: Sequence[tuple[int, Layers]], mixed: bool) -> None:
-        """Join the nodes of all tiles."""
-        folder = self._folder
+    @classmethod
+    def join(cls, folder: TileFolder, labels: Sequence[tuple[int, Layers]], mixed: bool) -> Nodes:
+        """Join the nodes of all tiles; open cells join the exterior too."""
         offsets = np.cumsum([0, *(count for count, _ in labels)], dtype=np.int64)
         nodes = {
             index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
             for index, first, (_, layers) in zip(folder, offsets, labels, strict=False)
         }
-        exterior = find_exterior_nodes(folder, int(offsets[-1]), mixed)
-        count = int(offsets[-1]) + len(folder.frame.slice_of)
-        graph = make_graph(count, join_tiles(folder, nodes, exterior))
-        self._offsets.append(offsets)
-        self._graphs.append(graph)
-        self._roots.append(csgraph.connected_components(graph, directed=False)[1])
+        slice_of = folder.frame.slice_of
+        is_open = ~folder.exterior.is_all_blocked(folder.grid.shape)[slice_of]
+        exterior = np.where(is_open & mixed, offsets[-1] + np.arange(len(slice_of)), -1)
+        first, second = join_tiles(folder, nodes, exterior).T
+        count = int(offsets[-1]) + len(slice_of)
+        graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+        roots = csgraph.connected_components(graph, directed=False)[1]
+        return cls(offsets, exterior, graph, roots)
+
+
+class TiledComponents:
+    """Connected components of a tiled map."""
+
+    def __init__(
+        self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
+    ) -> None:
+        self._tiles, self._folder = tiles, tiles.folder
+        self._region = lru_cache(MAX_REGIONS)(self._label_region)
+        folder, task = tiles.folder, partial(label_tile, tiles.folder)
+        needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(folder.tile))
+        found = run_tasks(task, list(folder), len(folder), needed, client, None, progress)
+        self._nodes = [
+            Nodes.join(folder, [each[mixed] for each in found], bool(mixed)) for mixed in (0, 1)
+        ]
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
@@ -190,23 +178,21 @@ class TiledComponents:
         Cells are FREE, or with ``mixed`` not BLOCKED.
         """
         nodes = self._find_nodes(cells, mixed)
-        return np.where(nodes >= 0, self._roots[mixed][nodes], -1)
+        return np.where(nodes >= 0, self._nodes[mixed].roots[nodes], -1)
 
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
         """Return the nodes of cells, or -1."""
-        folder, places = self._folder, cells[:, 1:]
-        offsets = self._offsets[mixed]
-        nodes = find_exterior_nodes(folder, int(offsets[-1]), mixed)[cells[:, 0]]
+        folder, places, known = self._folder, cells[:, 1:], self._nodes[mixed]
+        nodes = known.exterior[cells[:, 0]]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
         for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
             found = find_in_region(folder, index, self._region(index), cells[rows], mixed)
-            first = offsets[folder.number(index)]
-            nodes[rows] = np.where(found >= 0, first + found, -1)
+            nodes[rows] = np.where(found >= 0, known.offsets[folder.number(index)] + found, -1)
         return nodes
 
     def _label_region(self, index: Index) -> Components:
         """Label the region of a tile."""
-        return label_region(self._folder, index, self._tiles.part(index)._contents)
+        return label_region(self._folder, index, self._tiles.tile(index)[0])
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """Return a shortest chain of tiles between two cells of the grid, and its crossings.
@@ -214,19 +200,18 @@ class TiledComponents:
         It passes through FREE cells only, and is empty if none join the two. The crossings, shape
         (len(tiles) - 1, 1 + d), are FREE cells in the shared layer of a tile and the next one.
         """
-        offsets, roots = self._offsets[False], self._roots[False]
-        crossings = [start]
+        known, crossings = self._nodes[False], [start]
         first, last = self._find_nodes(np.stack([start, goal]), mixed=False).tolist()
-        if min(first, last) < 0 or roots[first] != roots[last]:
+        if min(first, last) < 0 or known.roots[first] != known.roots[last]:
             return [], np.empty((0, len(start)), dtype=np.int64)
-        before = csgraph.breadth_first_order(self._graphs[False], first, directed=False)[1]
+        before = csgraph.breadth_first_order(known.graph, first, directed=False)[1]
         nodes = [last]
         while nodes[-1] != first:
             nodes.append(int(before[nodes[-1]]))
         nodes.reverse()
-        numbers = np.searchsorted(offsets, nodes, side="right") - 1
+        numbers = np.searchsorted(known.offsets, nodes, side="right") - 1
         tiles = [tuple(map(int, np.unravel_index(k, self._folder.counts))) for k in numbers]
-        labels = nodes - offsets[numbers]
+        labels = nodes - known.offsets[numbers]
         for k in range(len(tiles) - 1):
             pair = slice(k, k + 2)
             crossings.append(self._find_crossing(tiles[pair], labels[pair], crossings[-1], goal))

@@ -67,8 +67,8 @@ def cut_motions(
     Motions lead from ``starts`` to ``ends``, shape (n, size).
     """
     dim = grid.dim
-    starts, ends = rotations.make_canonical(starts), rotations.make_canonical(ends)
-    steps = rotations.steps_between(starts, ends)
+    starts = rotations.make_canonical(starts)
+    steps = rotations.steps_between(starts, rotations.make_canonical(ends))
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     half = np.flatnonzero(angles >= HALF_TURN)
     other_arcs = steps[half].copy()
@@ -80,14 +80,10 @@ def cut_motions(
     counts = np.maximum(np.ceil(lengths / longest), 1).astype(np.int64)
     counts[np.isin(motions, half)] += 1
     arcs = np.repeat(np.arange(len(motions)), counts)
-    firsts = np.cumsum(counts) - counts
-    number = np.arange(len(arcs)) - firsts[arcs]
+    number = np.arange(len(arcs)) - (np.cumsum(counts) - counts)[arcs]
     rows = motions[arcs]
-
-    def configurations_at(cut: Ints) -> Floats:
-        time = (cut / counts[arcs])[:, None]
-        q = rotations.add_steps(starts[rows], steps[arcs] * time)
-        q = np.where(time == 0.0, starts[rows], q)
-        return np.where(time == 1.0, ends[rows], q)
-
-    return Pieces(rows, configurations_at(number), configurations_at(number + 1))
+    first, last = (
+        rotations.add_steps(starts[rows], steps[arcs] * (cut / counts[arcs])[:, None])
+        for cut in (number, number + 1)
+    )
+    return Pieces(rows, first, last)

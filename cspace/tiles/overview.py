@@ -9,7 +9,7 @@ import numpy as np
 from cspace.grid import Grid
 from cspace.record.exterior import UNKNOWN
 from cspace.space import CSpace
-from cspace.support.arrays import BLOCKED, FREE, MIXED, reduce_blocks
+from cspace.support.arrays import BLOCKED, MIXED, reduce_blocks
 from cspace.tiles.folder import TileFolder, as_box
 from cspace.workspace import Workspace
 
@@ -31,13 +31,11 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
         ]
         box = as_box(np.stack([corners[0] // factor, -(-corners[1] // factor)]))
         every, layers = (slice(None), *box), [np.arange(folder.slices), *starts]
-        states = np.asarray(tile.states)[(slice(None), *own)]
-        lowest[every] = np.minimum(lowest[every], reduce_blocks(states, layers, np.minimum))
-        highest[every] = np.maximum(highest[every], reduce_blocks(states, layers))
+        part = tile.states[(slice(None), *own)]
+        lowest[every] = np.minimum(lowest[every], reduce_blocks(part, layers, np.minimum))
+        highest[every] = np.maximum(highest[every], reduce_blocks(part, layers))
         outer[box] |= reduce_blocks(tile.workspace.outer[own], starts)
-    states = np.full(lowest.shape, MIXED, dtype=np.uint8)
-    states[highest == FREE] = FREE
-    states[lowest == BLOCKED] = BLOCKED
+    states = np.where(lowest == highest, lowest, np.uint8(MIXED))
     for axis, n in enumerate(grid.shape):
         if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
             np.moveaxis(states, 1 + axis, 0)[-1] = MIXED

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,23 +22,16 @@ from cspace.support.check import check_count
 from cspace.tiles.folder import ONE_MORE, TileFolder, grow, unfinished_map_error
 from cspace.tiles.labels import TiledComponents
 from cspace.tiles.overview import build_overview
-from cspace.tiles.parts import Ask, OpenTiles
+from cspace.tiles.parts import OpenTiles
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from cspace.exact.proofs import ExactQueries
-
 DEFAULT_CACHE_BYTES: Final = 2**30
 """Default memory for open tiles, in bytes."""
 
-MAX_ROWS: Final = 2**20
-"""Maximum number of configurations or motions that are copied and answered at a time."""
-
 MAX_NEAREST_CELLS: Final = 512
 """Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in cells."""
-
-Result = TypeVar("Result")
 
 
 class TiledCSpace(ConfigurationMap):
@@ -84,15 +79,14 @@ class TiledCSpace(ConfigurationMap):
         """Pickle the path, not the tiles."""
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Run ``work``, one thread at a time, because it opens and closes tiles.
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return the lock of the map, because one thread at a time opens and closes tiles.
 
         Raises FileError if the map is not complete.
         """
-        with self._lock:
-            if not self._folder.sums:
-                raise unfinished_map_error(self._folder)
-            return work()
+        if not self._folder.sums:
+            raise unfinished_map_error(self._folder)
+        return self._lock
 
     # ---- properties ------------------------------------------------------------------------------
 
@@ -127,7 +121,8 @@ class TiledCSpace(ConfigurationMap):
 
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
-        free, mixed, blocked = self._at_one_moment(lambda: dict(self._folder.sums or {})["counts"])
+        with self._at_one_moment():
+            free, mixed, blocked = dict(self._folder.sums or {})["counts"]
         return free, mixed, blocked
 
     @property
@@ -146,71 +141,70 @@ class TiledCSpace(ConfigurationMap):
 
     # ---- queries ---------------------------------------------------------------------------------
 
-    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        def ask(part: CSpace, some: Floats) -> Bools:
-            return part.is_free_around(some, distance, angle)
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration, or -1."""
+        return self._tiles.frame.find_unusable(rows)
 
-        return self._write_answers(ask, rows, out, distance)
-
-    def _write_answers(
-        self, ask: Ask, rows: Floats, out: NDArray[Any], reach: float | None = None
+    def _ask(
+        self, query: Callable[[CSpace, Floats], Any], rows: Floats, out: NDArray[Any], reach: int
     ) -> int:
-        """Write the answers of the tiles; return the index of the first unusable row, or -1."""
+        """Write the answers of maps in memory that have all cells within reach of rows.
 
-        def answer(part: Floats, answers: NDArray[Any]) -> None:
-            self._tiles.ask(ask, part, answers, reach)
-
-        return self._in_pieces(answer, rows, out)
-
-    def _in_pieces(self, work: Callable[..., None], *arrays: NDArray[Any]) -> int:
-        """Call ``work`` on checked pieces of arrays; return the first unusable row, or -1."""
-
-        def write() -> int:
-            for first in range(0, len(arrays[0]), MAX_ROWS):
-                pieces = [array[first : first + MAX_ROWS] for array in arrays]
-                for rows in pieces[:-1]:
-                    states = np.empty(len(rows), dtype=np.uint8)
-                    bad = self._tiles.frame._write_states(rows, states)
-                    if bad >= 0:
-                        return first + bad
-                work(*pieces)
-            return -1
-
-        return self._at_one_moment(write)
+        Return the index of the first unusable row, or -1.
+        """
+        with self._at_one_moment():
+            bad = self.find_unusable(rows)
+            if bad < 0:
+                cells = self.grid.cell_of(rows[:, : self.dim])
+                for open_part, chosen in self._tiles.parts_near(cells, reach):
+                    out[chosen] = query(open_part(), rows[chosen])
+            return bad
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        return self._write_answers(lambda part, some: part.classify(some), rows, out)
+        def classify(part: CSpace, some: Floats) -> States:
+            # A point on a border belongs to the cell that the whole map gives it.
+            cells = self._cells_of(some)
+            centers = self.grid.center_of(cells[:, 1:]), self.rotations.centers[cells[:, 0]]
+            return part.classify(np.concatenate(centers, axis=1))
+
+        return self._ask(classify, rows, out, 0)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        if exact:
-            _ = self._exact  # raises
+        self._refuse_geometry(exact)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        if exact:
-            _ = self._exact  # raises
+        self._refuse_geometry(exact)
+        with self._at_one_moment():
+            both = np.stack([starts, ends], axis=1).reshape(-1, self.size)
+            bad = self.find_unusable(both) // 2  # the index of the motion; -1 stays -1
+            if bad < 0:
+                self._tiles.motions_are_free(starts, ends, out)
+            return bad
 
-        def prove(first: Floats, last: Floats, proven: Bools) -> None:
-            self._tiles.motions_are_free(first, last, proven)
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        def test(part: CSpace, some: Floats) -> Bools:
+            return part.is_free_around(some, distance, angle)
 
-        return self._in_pieces(prove, starts, ends, out)
+        return self._ask(test, rows, out, math.ceil(distance / self.grid.spacing) + 1)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
         # cells too small.
         limit = (self.halo - 2) * self.grid.spacing
 
-        def ask(part: CSpace, some: Floats) -> Floats:
+        def measure(part: CSpace, some: Floats) -> Floats:
             return np.minimum(part.clearance(some), limit)
 
-        return self._write_answers(ask, rows, out, limit)
+        return self._ask(measure, rows, out, self.halo - 1)
 
-    @property
-    def _exact(self) -> ExactQueries:
-        hint = "use a part of it: space.window(lower, upper)"
-        raise ConfigurationError(
-            "exact", "needs a map in memory", "this one stays in its folder", hint
-        )
+    def _refuse_geometry(self, exact: bool) -> None:
+        """Raise ConfigurationError if the geometry is asked for."""
+        if exact:
+            hint = "use a part of it: space.window(lower, upper)"
+            raise ConfigurationError(
+                "exact", "needs a map in memory", "this one stays in its folder", hint
+            )
 
     # ---- connectivity ----------------------------------------------------------------------------
 
@@ -229,13 +223,14 @@ class TiledCSpace(ConfigurationMap):
         progress : callable, optional
             Called with (tiles done, number of tiles).
         """
-        self._at_one_moment(lambda: self._find_components(client, progress))
+        self._find_components(client, progress)
 
     def _find_components(self, *options: Any) -> TiledComponents:
         """Return the components of the map, computed once."""
-        if self._labels is None:
-            self._labels = TiledComponents(self._tiles, *options)
-        return self._labels
+        with self._at_one_moment():
+            if self._labels is None:
+                self._labels = TiledComponents(self._tiles, *options)
+            return self._labels
 
     @property
     def _components(self) -> TiledComponents:
@@ -266,7 +261,8 @@ class TiledCSpace(ConfigurationMap):
             for q, name in ((q0, "q0"), (q1, "q1"))
         )
         ends = self._cells_of(start), self._cells_of(goal)
-        tiles, crossings = self._at_one_moment(lambda: self._find_components().chain(*ends))
+        with self._at_one_moment():
+            tiles, crossings = self._components.chain(*ends)
         turns = rotations.centers[crossings[:, 0]]
         places = self.grid.center_of(crossings[:, 1:])
         points = [start, *np.concatenate([places, turns], axis=1), goal]
@@ -277,7 +273,8 @@ class TiledCSpace(ConfigurationMap):
 
     def _open_part(self, tile: tuple[int, ...]) -> CSpace:
         """Return the part of a tile as a map in memory."""
-        return self._at_one_moment(lambda: self._tiles.part(tile))
+        with self._at_one_moment():
+            return self._tiles.part(tile)
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """Return the center of the nearest FREE cell within half a tile.
@@ -323,19 +320,15 @@ class TiledCSpace(ConfigurationMap):
         ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
         cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
         if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
-            rule = (
-                f"it must be two corners of a box in the map, {self.grid.lower} to "
-                f"{self.grid.upper}"
-            )
+            rule = f"it must be a box in the map, {self.grid.lower} to {self.grid.upper}"
             problem = f"is from {lower!r} to {upper!r}"
             raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
         corners = grow(cells, folder.reach)
         whole = folder.clip(corners)
-        if (np.diff(whole, axis=0) == self.grid.shape).all():
-            return self._at_one_moment(
-                lambda: self._tiles.window(whole, self._folder.frame.exterior)
-            )
-        return self._at_one_moment(lambda: self._tiles.window(corners))
+        with self._at_one_moment():
+            if (np.diff(whole, axis=0) == self.grid.shape).all():
+                return self._tiles.window(whole, folder.frame.exterior)
+            return self._tiles.window(corners)
 
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
@@ -349,4 +342,5 @@ class TiledCSpace(ConfigurationMap):
             Maximum number of cells along an axis.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        return self._at_one_moment(lambda: build_overview(self._folder, count))
+        with self._at_one_moment():
+            return build_overview(self._folder, count)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,31 +23,37 @@ DASK_USE: Final = "it runs tasks on the workers of a cluster"
 TASK_RETRIES: Final = 3
 """Number of times that a task runs again after its worker was lost."""
 
-Task = Callable[[Any, Index], Any]
-"""Function of what all tasks share, and of the index of a tile."""
+Task = Callable[[Index], Any]
+"""Function of the index of a tile."""
 
-Progress = Callable[[int], None]
-"""Function that is called with the number of finished tasks."""
+Progress = Callable[[int, int], None]
+"""Function that is called with the number of finished tiles, and of all tiles."""
 
 
 def run_tasks(
     task: Task,
-    shared: Any,
     tiles: Sequence[Index],
+    total: int,
     needed: float,
     client: Client | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Any]:
-    """Return ``task(shared, tile)`` for each tile, run in threads or on a cluster.
+    """Return ``task(tile)`` for each tile, run in threads or on a cluster.
 
-    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if
-    one does not fit, or if the cluster fails, and any error of a task.
+    All other tiles of ``total`` count as finished. ``needed`` is the memory of one task, in bytes;
+    threads are as many as fit. Raises InputError if one does not fit, or if the cluster fails, and
+    any error of a task.
     """
     if not tiles:
         return []
+
+    def advance(count: int) -> None:
+        if progress is not None:
+            progress(total - len(tiles) + count, total)
+
     if client is not None:
-        return _run_on_cluster(task, shared, tiles, client, progress)
+        return _run_on_cluster(task, tiles, client, advance)
     free = MAX_MEMORY_FRACTION * free_bytes()
     if needed > free:
         problem = f"is so large that a task needs {bytes_text(needed)}"
@@ -56,11 +61,11 @@ def run_tasks(
             "tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed
         )
     threads = min(workers or cores(), int(free // needed))
-    return in_threads(partial(task, shared), tiles, threads, progress)
+    return in_threads(task, tiles, threads, advance)
 
 
 def _run_on_cluster(
-    task: Task, shared: Any, tiles: Sequence[Index], client: Any, progress: Progress | None
+    task: Task, tiles: Sequence[Index], client: Any, advance: Callable[[int], None]
 ) -> list[Any]:
     """Return the results of tasks that run on the workers of a cluster."""
     distributed = import_optional("distributed", DASK_USE, "distributed")
@@ -68,17 +73,14 @@ def _run_on_cluster(
     try:
         _check_workers(client)
         # Every worker gets a copy and keeps it for all its tasks.
-        given = client.scatter(shared, hash=False, broadcast=True)
-        futures = client.map(
-            _run_task, list(tiles), task=task, shared=given, pure=False, retries=TASK_RETRIES
-        )
+        given = client.scatter(task, hash=False, broadcast=True)
+        futures = client.map(_run_task, list(tiles), task=given, pure=False, retries=TASK_RETRIES)
         results = {}
         for future, result in distributed.as_completed(futures, with_results=True):
             if future.status != "finished":  # the scheduler has died
                 raise TimeoutError(f"a task was {future.status}")
             results[future.key] = result
-            if progress is not None:
-                progress(len(results))
+            advance(len(results))
         return [results[future.key] for future in futures]
     except CspaceError:
         raise
@@ -94,10 +96,10 @@ def _run_on_cluster(
             client.cancel(futures)
 
 
-def _run_task(index: Index, task: Task, shared: Any) -> Any:
+def _run_task(index: Index, task: Task) -> Any:
     """Run a task on a worker."""
     try:
-        return task(shared, index)
+        return task(index)
     except CspaceError as error:
         # The cause may be of any class, and not every class can be pickled.
         error.__cause__ = error.__context__ = None

@@ -8,13 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
-from tests.map.test_widest import (
-    WIDEST_SPACES,
-    compute_length,
-    draw_map,
-    link_wide_cells,
-    list_cell_centers,
-)
 
 from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
 from cspace.queries.paths import pulled_straight
@@ -23,6 +16,13 @@ from tests.helpers.handmade import map_of, states
 from tests.helpers.oracles import path_length
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
+from tests.queries.test_widest import (
+    WIDEST_SPACES,
+    compute_length,
+    draw_map,
+    link_wide_cells,
+    list_cell_centers,
+)
 
 
 @settings(max_examples=60)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.engines.slices import Correlation
+from cspace.engines import dilation
 from cspace.export import images
 from cspace.record import update
 from tests.helpers.handmade import fill_boxes, map_in
@@ -338,11 +338,11 @@ def test_an_update_without_memory_for_its_window_changes_nothing(
 ) -> None:
     space = build_empty_room()
 
-    def fail(*args: Any) -> str:
+    def fail(*args: Any, **options: Any) -> None:
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr(Correlation, "fill", fail)
+        patched.setattr(dilation, "collide", fail)
         with pytest.raises(MemoryError):
             space.update(OBSTACLE, (18, 13))
     assert not space.workspace.outer.any()

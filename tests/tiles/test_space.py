@@ -3,7 +3,6 @@
 import itertools
 import pickle
 import threading
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -96,34 +95,13 @@ def test_slice_rotations_match_slice_of(name, tmp_path):
             each.slice_of[0] = 7
 
 
-def test_batches_split_into_pieces_equal_whole_batches(tmp_path, monkeypatch):
+def test_errors_name_the_first_unusable_row(tmp_path):
     space, tiled = build_both("yaw", tmp_path)
     q = draw_configurations(space, np.random.default_rng(1), 3000)
-    edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
-    whole = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
-    monkeypatch.setattr("cspace.tiles.space.MAX_ROWS", 77)
-    pieces = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
-    for one, other in zip(whole, pieces, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
     q[100, 0] = np.nan
     for look_up in (tiled.classify, tiled.clearance, lambda q: tiled.motion_is_free(q, q)):
         with pytest.raises(InputError, match="number 100 is"):
             look_up(q)
-
-
-def test_large_roadmaps_are_copied_in_pieces(tmp_path, monkeypatch):
-    # The endpoints of a million edges take 48 MB, and a copy takes another 48 MB.
-    space, tiled = build_both("yaw", tmp_path)
-    monkeypatch.setattr("cspace.tiles.space.MAX_ROWS", 2**14)
-    vertices = draw_configurations(space, np.random.default_rng(1), 200)
-    edges = np.random.default_rng(2).integers(0, 200, (1_000_000, 2))
-    tiled.certify_path(vertices, edges[:10])
-    tracemalloc.start()
-    answers = tiled.certify_path(vertices, edges)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 60e6
-    np.testing.assert_array_equal(answers[:500], space.certify_path(vertices, edges[:500]))
 
 
 def test_motions_read_only_the_tiles_they_cross(tmp_path):
