@@ -182,7 +182,8 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    margin, cells = check_not_negative(margin, "margin", GROWN), Rotations.of(rotations)
+    margin = check_not_negative(margin, "margin", GROWN)
+    cells = Rotations.of(rotations)
     _check_types(workspace, robot)
     robot = robot_of(robot)
     _check(workspace, robot, cells, method, counts, outside, workers)
@@ -310,7 +311,8 @@ def _check(
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
     if counts and method != "auto" and not ENGINES[method].COUNTS:
-        problem, hint = f"is {method!r} and counts is True", "use method='fft' or method='auto'"
+        problem = f"is {method!r} and counts is True"
+        hint = "use method='fft' or method='auto'"
         raise InputError("method", problem, "only transforms give counts", hint, value=method)
     check_word(outside, "outside", OUTSIDES)
 
@@ -324,7 +326,8 @@ def _warn_of_units(
 ) -> None:
     """Warn if a robot's size or place suggests another unit or origin."""
     lower, upper = robot.shape.outer.bounds
-    sides, room = upper - lower, grid.spacing * np.array(grid.shape)
+    sides = upper - lower
+    room = grid.spacing * np.array(grid.shape)
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     if outside == "blocked" and not _may_fit(sides + 2.0 * margin, room, rotations):

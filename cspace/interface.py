@@ -183,7 +183,8 @@ class Space(ABC):
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
         """Return the lengths of motions; a radian of rotation counts as half a metre."""
-        steps, dim = self.steps_between(q0, q1), self.dim
+        steps = self.steps_between(q0, q1)
+        dim = self.dim
         lengths = np.linalg.norm(steps[..., :dim], axis=-1)
         return np.asarray(lengths + METRES_PER_RADIAN * np.linalg.norm(steps[..., dim:], axis=-1))
 
@@ -267,9 +268,11 @@ class Space(ABC):
         lower, upper = self.check_bounds()
         outside = (point[: self.dim] < lower) | (point[: self.dim] > upper)
         if (outside & ~np.array(self.periodic_axes)[: self.dim]).any():
-            problem, rule = "lies outside the bounds", "a path stays within them"
+            problem = "lies outside the bounds"
+            rule = "a path stays within them"
         elif not self.is_free(tuple(point.tolist())):
-            problem, rule = "is not free", "a path starts and ends in free configurations"
+            problem = "is not free"
+            rule = "a path starts and ends in free configurations"
         else:
             return tuple(point.tolist())
         raise ConfigurationError(
@@ -497,7 +500,8 @@ class ConfigurationSpace(SpaceView, Space):
         points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
-            starts, ends = points[pairs[:, 0]], points[pairs[:, 1]]
+            starts = points[pairs[:, 0]]
+            ends = points[pairs[:, 1]]
             return evaluate_rows(starts, ends, partial(self._write_motions, exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             raise InputError(

@@ -55,7 +55,8 @@ class CellsInMemory:
     """
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
-        self.outer, self.inner = outer, inner
+        self.outer = outer
+        self.inner = inner
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the outer and inner cells of a box."""
@@ -81,7 +82,8 @@ class LazyCells:
     def __init__(self, array: Any, digest: str = "") -> None:
         check_dims(array, "occupied")  # of xarray
         self.array = array = _unwrap(array)
-        self.shape, self._digest = tuple(int(n) for n in array.shape), digest
+        self.shape = tuple(int(n) for n in array.shape)
+        self._digest = digest
         check_cells(np.zeros((1,) * len(self.shape), dtype=array.dtype), "occupied")
         if 0 in self.shape:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
@@ -134,7 +136,8 @@ class LazyCells:
 
     def _digest_cells(self) -> str:
         """Return the digest of all cells, read some rows at a time."""
-        digest, rows = hashlib.sha256(), max(1, _DIGESTED_CELLS // math.prod(self.shape[1:]))
+        digest = hashlib.sha256()
+        rows = max(1, _DIGESTED_CELLS // math.prod(self.shape[1:]))
         for first in range(0, self.shape[0], rows):
             box = (
                 slice(first, min(first + rows, self.shape[0])),
@@ -197,7 +200,8 @@ class ShapeCells:
     """
 
     def __init__(self, shape: Shape, grid: Grid) -> None:
-        self.shape, self.grid = shape, grid
+        self.shape = shape
+        self.grid = grid
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the outer and inner cells of a box."""
@@ -311,7 +315,8 @@ class ObstacleLayers:
 
     def copy(self) -> ObstacleLayers:
         """Return a copy that shares no arrays."""
-        outer, inner = self.outer.copy(), self.inner.copy()
+        outer = self.outer.copy()
+        inner = self.inner.copy()
         unknown = None if self.unknown is None else self.unknown.copy()
         return replace(self, outer=outer, inner=inner, unknown=unknown, named=dict(self.named))
 
@@ -336,7 +341,8 @@ class ObstacleLayers:
 
         From then on, only the cells of its obstacles are known, not their shapes.
         """
-        self.outer[window], self.inner[window] = outer, inner
+        self.outer[window] = outer
+        self.inner[window] = inner
         if self.unknown is not None:
             self.unknown[window] = False
         self.shapes = self._base_shapes = None
@@ -363,10 +369,12 @@ class ObstacleLayers:
         `first` is its first cell, and `stop` the cell after the last one.
         """
         window = tuple(map(slice, first, stop))
-        outer, inner = self.outer[window].copy(), self.inner[window].copy()
+        outer = self.outer[window].copy()
+        inner = self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
         for each in self.named.values():
-            low, high = np.maximum(first, each.box[0]), np.minimum(stop, each.box[1])
+            low = np.maximum(first, each.box[0])
+            high = np.minimum(stop, each.box[1])
             if (low < high).all():
                 here = tuple(map(slice, low - first, high - first))
                 there = tuple(map(slice, low - each.box[0], high - each.box[0]))

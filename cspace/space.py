@@ -118,7 +118,8 @@ class CSpace(ConfigurationMap, MapExport):
     ) -> None:
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
-        self._contents, self._layers = contents, layers
+        self._contents = contents
+        self._layers = layers
         # Updates write to the states of the contents; everything else reads this view.
         self._seen: States = read_only(contents.states)
         self._slice_of = contents.slice_of
@@ -193,7 +194,10 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
-        grid, rotations, states, counts = self.grid, self.rotations, self._seen, self.overlap_counts
+        grid = self.grid
+        rotations = self.rotations
+        states = self._seen
+        counts = self.overlap_counts
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = count_states(states)[:, FREE][self._slice_of]
@@ -296,7 +300,8 @@ class CSpace(ConfigurationMap, MapExport):
             If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
         points = check_rows(q, "q", self.size)
-        rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
+        rows = as_contiguous(points.reshape(-1, self.size))
+        spans = list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = check_finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
@@ -511,7 +516,8 @@ class CSpace(ConfigurationMap, MapExport):
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
         start, goal = endpoints
-        straight, seconds = options.simplify, options.seconds
+        straight = options.simplify
+        seconds = options.seconds
         if name == "MaxClearance":
             return self.find_widest_path(start, goal, straight=straight, time_limit=seconds)
         return self.find_path(
@@ -558,7 +564,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.paths import in_time, path_length, pulled_straight
 
         endpoints = self._ends(q0, q1, free=True, exact=True)
-        until, rotations = clock() + seconds, self.rotations
+        until = clock() + seconds
+        rotations = self.rotations
         check = self.edge_checker(exact=True)
         if straight and check(*endpoints[0], *endpoints[1]):
             return endpoints
@@ -611,7 +618,8 @@ class CSpace(ConfigurationMap, MapExport):
 
         if "_components" in vars(self) and not self.is_connected(*endpoints):
             return endpoints[:0]
-        dim, rotations = self.grid.dim, self.rotations
+        dim = self.grid.dim
+        rotations = self.rotations
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         turns = rotations.neighbors, self._turn_costs
@@ -1032,15 +1040,14 @@ class CSpace(ConfigurationMap, MapExport):
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
-            rule, hint = (
-                "the cells around it matter too",
-                "update the larger map and open the window again",
-            )
+            rule = "the cells around it matter too"
+            hint = "update the larger map and open the window again"
             raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
-        contents, self._layers = self._contents, layers
+        contents = self._contents
+        self._layers = layers
         if contents.workspace is not workspace:
             # Overlap counts belong to the obstacles before the update.
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)

@@ -145,7 +145,9 @@ class Workspace(WorkspacePlot):
 
     def __repr__(self) -> str:
         """Return source, cells, and the occupied and unknown shares."""
-        grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
+        grid = self.grid
+        occupied = np.count_nonzero(self.outer)
+        unknown = ""
         if self.unknown is not None:
             count = int(np.count_nonzero(self.unknown))
             taken = int(np.count_nonzero(self.outer & self.unknown))
@@ -195,7 +197,8 @@ class Workspace(WorkspacePlot):
         from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
         check_positive(spacing, "spacing", "metres, after the array of cells")
-        source, array = "array", occupied
+        source = "array"
+        array = occupied
         if isinstance(array, str | os.PathLike):
             source = str(array)
             if Path(array).suffix.lower() == ".zarr":
@@ -438,10 +441,8 @@ class Workspace(WorkspacePlot):
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
-            problem, hint = (
-                f"is a {type(shapes).__name__}",
-                "pass a list; name shapes with space.add_obstacle(name, shape)",
-            )
+            problem = f"is a {type(shapes).__name__}"
+            hint = "pass a list; name shapes with space.add_obstacle(name, shape)"
             raise InputError("shapes", problem, "it must be a list of shapes", hint, value=shapes)
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
@@ -571,7 +572,8 @@ class Workspace(WorkspacePlot):
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
-            problem, rule = "is True with solid='fill'", "filling needs all cells at once"
+            problem = "is True with solid='fill'"
+            rule = "filling needs all cells at once"
             raise InputError(
                 "lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy
             )
@@ -833,7 +835,8 @@ def load_workspace(workspace: Workspace) -> Workspace:
     """Return a workspace with all its cells in memory."""
     if not isinstance(workspace, LazyWorkspace):
         return workspace
-    source, shapes = workspace.source, workspace.shapes
+    source = workspace.source
+    shapes = workspace.shapes
     return Workspace(workspace.grid, workspace.outer, workspace.inner, source=source, shapes=shapes)
 
 

@@ -48,7 +48,8 @@ class StateValidityChecker(ob.StateValidityChecker):
         check_information(si, space)
         check_flag(exact, "exact")
         super().__init__(si)
-        self._kind, self._space = kind_of(space), space
+        self._kind = kind_of(space)
+        self._space = space
         self.is_free = self._kind.of_state(space.point_checker(exact=exact))
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
@@ -176,7 +177,8 @@ class FreeStateSampler(ob.ValidStateSampler):
             )
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
-        self._kind, self._rotations = kind_of(space), space.rotations
+        self._kind = kind_of(space)
+        self._rotations = space.rotations
         # Batches, because a single draw would spend its time in the overhead of a call.
         self._points = _draw_batches(lambda n: space.sample_free(n, rng))
         self._numbers = _draw_batches(rng.random)
@@ -201,8 +203,10 @@ class FreeStateSampler(ob.ValidStateSampler):
         ``distance`` holds along each axis, in metres and radians. Returns False if no draw of
         ``getNrAttempts`` is FREE; ``state`` is then unchanged.
         """
-        center, dim = self._kind.read(near), len(self._box)
-        rotations, numbers = self._rotations, self._numbers
+        center = self._kind.read(near)
+        dim = len(self._box)
+        rotations = self._rotations
+        numbers = self._numbers
         box = [
             (max(low, x - distance), min(high, x + distance))
             for (low, high), x in zip(self._box, center, strict=False)

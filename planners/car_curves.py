@@ -134,7 +134,8 @@ def prove_length(
     for row in range(count):
         pose = (0.0, 0.0, yaw0)
         for k in range(5):
-            steer, length = steering[row, k], lengths[row, k]
+            steer = steering[row, k]
+            length = lengths[row, k]
             if not segment_is_free(map_, radius, q0, pose, steer, length, spare):
                 return -1.0
             pose = advance(pose, steer, length)
@@ -158,9 +159,11 @@ def curve_cost(
     x0, y0, yaw0, x1, y1, yaw1 = both[-6:]
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
     steering, lengths, _, _, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
-    pose, total = (0.0, 0.0, yaw0), 0.0
+    pose = (0.0, 0.0, yaw0)
+    total = 0.0
     for k in range(5):
-        steer, length = steering[0, k], lengths[0, k]
+        steer = steering[0, k]
+        length = lengths[0, k]
         longest = map_.spacing
         if steer != 0:
             longest = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
@@ -195,8 +198,10 @@ def segment_is_free(
     """
     longest = MAX_PIECE_CELLS * map_.spacing / radius
     shortest = MIN_PIECE_CELLS * map_.spacing / radius
-    total, sign = abs(length), math.copysign(1.0, length)
-    done, step = 0.0, longest
+    total = abs(length)
+    sign = math.copysign(1.0, length)
+    done = 0.0
+    step = longest
     while done < total:
         last = step >= total - done
         piece = total - done if last else step
@@ -207,7 +212,8 @@ def segment_is_free(
         if pose_is_free(map_, center, (half + spare) * radius, turned + spare):
             if last:
                 return True
-            done, step = done + piece, min(2.0 * step, longest)
+            done = done + piece
+            step = min(2.0 * step, longest)
         elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
             return False
         else:
@@ -237,10 +243,13 @@ def find_shortest_words(
     dx, dy = (q1[0] - q0[0]) / radius, (q1[1] - q0[1]) / radius
     c, s = math.cos(q0[2]), math.sin(q0[2])
     goal = (dx * c + dy * s, dy * c - dx * s, q1[2] - q0[2])
-    made_steering, made_lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    made_steering = np.zeros((MAX_WORDS, 5), np.int64)
+    made_lengths = np.zeros((MAX_WORDS, 5))
     candidates = write_candidates(kind, goal, made_steering, made_lengths)
     totals = np.full(candidates, np.inf)  # of the words that reach the goal and may be shortest
-    best, shortest, shortest_gap = 0, math.inf, math.inf
+    best = 0
+    shortest = math.inf
+    shortest_gap = math.inf
     for row in range(candidates):
         total = 0.0
         for k in range(5):
@@ -257,8 +266,11 @@ def find_shortest_words(
         if gap <= MAX_GAP:
             totals[row] = total
             if total < shortest:
-                best, shortest, shortest_gap = row, total, gap
-    steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
+                best = row
+                shortest = total
+                shortest_gap = gap
+    steering = np.zeros((2 * MAX_WORDS, 5), np.int64)
+    lengths = np.zeros((2 * MAX_WORDS, 5))
     count = 0
     if shortest == math.inf:
         return steering, lengths, count, shortest_gap, shortest
@@ -266,7 +278,8 @@ def find_shortest_words(
         row = best if rank < 0 else rank
         if rank == best or totals[row] > shortest + tie:
             continue
-        steering[count], lengths[count] = made_steering[row], made_lengths[row]
+        steering[count] = made_steering[row]
+        lengths[count] = made_lengths[row]
         count += is_new(steering, lengths, count)
     return steering, lengths, count, shortest_gap, shortest
 
@@ -313,10 +326,13 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
     """
     count = 0
     for symmetry in range(4):
-        mirror, sign = 1 - 2 * (symmetry // 2), 1 - 2 * (symmetry % 2)
+        mirror = 1 - 2 * (symmetry // 2)
+        sign = 1 - 2 * (symmetry % 2)
         if kind == DUBINS and sign < 0:
             continue
-        x, y, phi = sign * goal[0], mirror * goal[1], sign * mirror * goal[2]
+        x = sign * goal[0]
+        y = mirror * goal[1]
+        phi = sign * mirror * goal[2]
         c, s = math.cos(phi), math.sin(phi)
         for form in range(DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)):
             arcs = solve_form(form, x, y, phi)
@@ -326,10 +342,12 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
                     arcs = solve_form(form, x * c + y * s, x * s - y * c, phi)
                 for k in range(5):
                     source = SEGMENTS[form] - 1 - k if way_back and k < SEGMENTS[form] else k
-                    steer, length = STEERING[form, source], arcs[source]
+                    steer = STEERING[form, source]
+                    length = arcs[source]
                     if steer != 0:
                         length = wrap_arc(kind, length, variant == 0)
-                    steering[count, k], lengths[count, k] = mirror * steer, sign * length
+                    steering[count, k] = mirror * steer
+                    lengths[count, k] = sign * length
                 count += 1
     return count
 
@@ -358,8 +376,10 @@ def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
         return (phi, 0.0, 0.0, 0.0, 0.0)
     # Center of the last circle relative to the center of the first circle.
     side = STEERING[form, SEGMENTS[form] - 1]
-    xi, eta = x - side * math.sin(phi), y - 1.0 + side * math.cos(phi)
-    apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
+    xi = x - side * math.sin(phi)
+    eta = y - 1.0 + side * math.cos(phi)
+    apart = math.hypot(xi, eta)
+    bearing = math.atan2(eta, xi)
     if not CLOSEST[form] <= apart <= FARTHEST[form]:
         return nothing
     straight = math.sqrt(max(apart * apart - 4.0, 0.0))

@@ -136,7 +136,8 @@ def planner_named(
             value=name,
         )
     planner = cast(PlannerName, known[name.lower()])
-    problem, reason = f"is {planner!r}", UNSAFE_PLANNERS.get(planner)
+    problem = f"is {planner!r}"
+    reason = UNSAFE_PLANNERS.get(planner)
     if drive == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
         problem = f"{problem} and drive is {drive!r}"
         reason = "also follows edges from end to start, which no such car drives"

@@ -22,7 +22,9 @@ Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
 (zero)."""
 
-NO_VALUES, CLEARANCES, OVERLAPS = 0, 1, 2
+NO_VALUES = 0
+CLEARANCES = 1
+OVERLAPS = 2
 """Kinds of :class:`Values`."""
 
 MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
@@ -75,12 +77,14 @@ def straight_edge_cost(
     ``both`` are the numbers of its ends, each of length ``size``, after zeros. The midpoint rule
     has steps of at most one cell and 5 degrees.
     """
-    middle, end = 2 * MAX_SIZE - size, 2 * MAX_SIZE
+    middle = 2 * MAX_SIZE - size
+    end = 2 * MAX_SIZE
     p0, r0 = configuration_before(map_, both, middle)
     p1, r1 = configuration_before(map_, both, end)
     metres = math.sqrt((p1[0] - p0[0]) ** 2 + (p1[1] - p0[1]) ** 2 + (p1[2] - p0[2]) ** 2)
     angle = arc_angle_and_error(r0, r1, 0)[0]
-    steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP))), 0.0
+    steps = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP)))
+    total = 0.0
     for k in range(steps):
         t = (k + 0.5) / steps
         rotation = rotation_along(r0, r1, 0, t)

@@ -100,7 +100,8 @@ COST_PER_EDGE: Final = 1e-6
 MAX_SHORTCUTS: Final = 60
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
-NO_NODE, TIME_CHECK = -1, -2
+NO_NODE = -1
+TIME_CHECK = -2
 """Results of :func:`expand_nodes` other than a node."""
 
 
@@ -173,7 +174,9 @@ def find_lattice_path(
     start, goal = cast(tuple[Pose, Pose], endpoints)
     if edges.edge_checker()(*start, *goal):
         return np.array(endpoints), ""
-    path, note, until = np.empty((0, 3)), "", clock() + seconds
+    path = np.empty((0, 3))
+    note = ""
+    until = clock() + seconds
     is_car = edges.turning_radius is not None
     try:
         guide, reaches_start = _measure_guide(edges, endpoints, until)
@@ -221,7 +224,8 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
 
     The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
     """
-    grid, is_car = edges.cells.grid, edges.turning_radius is not None
+    grid = edges.cells.grid
+    is_car = edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
     free = np.stack([_free_cells(edges, yaw) for yaw in yaws])
     first, last = (
@@ -236,7 +240,8 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     ground = _make_ground(edges, free, yaws, steps)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
     progress.previous[goal] = goal + 1
-    progress.queue[0], progress.keys[0] = goal, 0.0
+    progress.queue[0] = goal
+    progress.keys[0] = 0.0
     progress.length[0] = 1
     while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
         check_deadline(until)
@@ -249,7 +254,8 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     unreached = math.inf
     if is_car or not reaches_start:
         unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    costs, reached = progress.cost.reshape(free.shape), progress.previous.reshape(free.shape)
+    costs = progress.cost.reshape(free.shape)
+    reached = progress.previous.reshape(free.shape)
     goal_pose = cast(Pose, endpoints[1])
     guide = Guide(goal_pose, yaws, costs, reached, unreached)
     return guide, reaches_start
@@ -334,7 +340,8 @@ def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
     those of drives from one cell to another, and the yaws of start and goal.
     """
-    spacing, count = edges.cells.grid.spacing, 3 + _reverses(edges)
+    spacing = edges.cells.grid.spacing
+    count = 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
     # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
     ahead = spacing * np.where(is_own, math.sqrt(2.0), np.hypot(*steps.T))
@@ -363,15 +370,18 @@ def _car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> 
     The first heading is the start's.
     """
     radius = float(edges.turning_radius or math.nan)
-    arc, spacing = TWO_PI / count, edges.cells.grid.spacing
+    arc = TWO_PI / count
+    spacing = edges.cells.grid.spacing
     yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
-    steering, lengths = np.array([1, -1, 0]), np.array([arc, arc, straight / radius])
+    steering = np.array([1, -1, 0])
+    lengths = np.array([arc, arc, straight / radius])
     if _reverses(edges):
-        steering, lengths = np.tile(steering, 2), np.concatenate([lengths, -lengths])
+        steering = np.tile(steering, 2)
+        lengths = np.concatenate([lengths, -lengths])
     turns = steering * np.where(lengths < 0.0, -1, 1)
     costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
     return Motions(
@@ -416,7 +426,8 @@ def _search(
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
     add_node(map_, motions, edges.turning_radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
-    best, last = math.inf, NO_NODE
+    best = math.inf
+    last = NO_NODE
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
     # No node that waits can beat a path cheaper than the first key of the queue.
     while nodes.counts[0] < max_nodes and progress.keys[0] < best:
@@ -432,7 +443,8 @@ def _search(
             continue
         total = progress.cost[node] + edges.edge_lengths(q[None], np.array([goal]))[0]
         if total < best:
-            best, last = total, node
+            best = total
+            last = node
         if motions.greed > 1.0:  # its remaining costs are no lower bounds anyway
             break
     if last == NO_NODE:
@@ -486,7 +498,8 @@ def _skip_waypoints(
     Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to
     the path.
     """
-    previous, total = np.arange(-1, len(path) - 1), np.zeros(len(path))
+    previous = np.arange(-1, len(path) - 1)
+    total = np.zeros(len(path))
     apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
     for k in range(1, len(path)):
         if clock() >= until:
@@ -496,7 +509,8 @@ def _skip_waypoints(
         costs = total[earlier] + lengths + COST_PER_EDGE
         for index in np.argsort(costs, kind="stable").tolist():
             if index == 0 or is_free(*path[earlier[index]].tolist(), *path[k].tolist()):
-                previous[k], total[k] = earlier[index], costs[index]
+                previous[k] = earlier[index]
+                total[k] = costs[index]
                 break
     kept = [len(path) - 1]
     while kept[-1] > 0:
@@ -524,7 +538,9 @@ def spread_costs(
         if progress.closed[state]:
             continue
         progress.closed[state] = True
-        heading, i, j = state // (nx * ny), state // ny % nx, state % ny
+        heading = state // (nx * ny)
+        i = state // ny % nx
+        j = state % ny
         bound = progress.cost[state] + estimate.positions[0, i, j] + estimate.rotations[heading]
         if progress.closed[start] and bound > progress.cost[start] + margin:
             return True
@@ -536,11 +552,9 @@ def spread_costs(
             reach_cell(estimate, progress, state, before, 0, i, j, ground.turn_costs[before])
         # The search runs backwards: the robot drives ahead from the cell behind to this one, or
         # back to it.
-        dx, dy, length = (
-            ground.steps[heading, 0],
-            ground.steps[heading, 1],
-            ground.drive_costs[heading],
-        )
+        dx = ground.steps[heading, 0]
+        dy = ground.steps[heading, 1]
+        length = ground.drive_costs[heading]
         if ground.can_drive[heading, i - dx, j - dy]:
             reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, length)
         if moves == 4 and ground.can_drive[heading, i, j]:
@@ -559,7 +573,9 @@ def expand_nodes(
     Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at
     `max_nodes`; the next call goes on.
     """
-    progress, poses, goal = nodes.progress, nodes.poses, guide.goal
+    progress = nodes.progress
+    poses = nodes.poses
+    goal = guide.goal
     for _ in range(NODES_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return NO_NODE
@@ -570,8 +586,11 @@ def expand_nodes(
             continue
         progress.closed[node] = True
         nodes.counts[1] += 1
-        x, y, cost = poses[node, 0], poses[node, 1], progress.cost[node]
-        last, heading = nodes.motions[node, 0], nodes.motions[node, 1]
+        x = poses[node, 0]
+        y = poses[node, 1]
+        cost = progress.cost[node]
+        last = nodes.motions[node, 0]
+        heading = nodes.motions[node, 1]
         for move in range(len(motions.steering)):
             after = motions.next_heading[heading, move]
             length = motions.lengths[heading, move]
@@ -580,12 +599,12 @@ def expand_nodes(
                 total += motions.switch_cost
             begin = (0.0, 0.0, motions.headings[heading])
             u, v, _ = advance(begin, motions.steering[move], length)
-            next_x, next_y = x + motions.unit * u, y + motions.unit * v
+            next_x = x + motions.unit * u
+            next_y = y + motions.unit * v
             if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
-                next_x, next_y = (
-                    goal[0],
-                    goal[1],
-                )  # else rounding would give the last edge a heading
+                # else rounding would give the last edge a heading
+                next_x = goal[0]
+                next_y = goal[1]
             if (
                 map_.lower[1] <= next_x <= map_.upper[1]
                 and map_.lower[2] <= next_y <= map_.upper[2]
@@ -616,7 +635,8 @@ def add_node(
     The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
     its cell and heading have a node that is hardly dearer than ``cost``.
     """
-    progress, side = nodes.progress, motions.side
+    progress = nodes.progress
+    side = motions.side
     i, j = math.floor((q[0] - map_.lower[1]) / side), math.floor((q[1] - map_.lower[2]) / side)
     key = ((i << KEY_BITS) + j) * len(motions.headings) + heading
     slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
@@ -635,11 +655,14 @@ def add_node(
         progress.closed[known] = True
     node = nodes.counts[0]
     nodes.counts[0] += 1
-    nodes.table[slot], nodes.keys[node] = node, key
+    nodes.table[slot] = node
+    nodes.keys[node] = key
     for axis in range(3):
         nodes.poses[node, axis] = q[axis]
-    nodes.motions[node, 0], nodes.motions[node, 1] = move, heading
-    progress.cost[node], progress.previous[node] = cost, parent
+    nodes.motions[node, 0] = move
+    nodes.motions[node, 1] = heading
+    progress.cost[node] = cost
+    progress.previous[node] = parent
     push(progress, bound, node)
 
 
@@ -651,9 +674,11 @@ def motion_is_free(
     p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
     # Numba leaves the branch of cars out if there is no radius.
     if radius is None:
-        start, end = position_in_plane(map_, p[0], p[1]), position_in_plane(map_, q[0], q[1])
+        start = position_in_plane(map_, p[0], p[1])
+        end = position_in_plane(map_, q[0], q[1])
         return edge_is_free(map_, start, (p[2],), end, (q[2],))
-    begin, steer = (0.0, 0.0, p[2]), motions.steering[move]
+    begin = (0.0, 0.0, p[2])
+    steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
     if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
         return False

@@ -166,7 +166,8 @@ class LocalPlanner:
 
         A path of one configuration counts as one edge from it to itself.
         """
-        check, rows = self.edge_checker(), path.tolist()
+        check = self.edge_checker()
+        rows = path.tolist()
         pairs = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
         return np.array([check(*a, *b) for a, b in pairs], dtype=np.bool_)
 
@@ -198,8 +199,10 @@ class LocalPlanner:
         ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
         lengths are negative in reverse, and rotations negative to the right.
         """
-        steps, dim = self.space.steps_between(first, last), self.space.dim
-        metres, radians = np.linalg.norm(steps[:dim]), np.linalg.norm(steps[dim:])
+        steps = self.space.steps_between(first, last)
+        dim = self.space.dim
+        metres = np.linalg.norm(steps[:dim])
+        radians = np.linalg.norm(steps[dim:])
         count = max(math.ceil(max(metres / step, radians / rotation)), 1)
         shares = (np.arange(count) + share) / count
         points = self.space.interpolate(first, last, shares[:, None])
@@ -219,7 +222,8 @@ class LocalPlanner:
 
     def resample(self, path: Floats) -> Floats:
         """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
-        path, step = self.breakpoints(path), 2.0 * self.space.resolution
+        path = self.breakpoints(path)
+        step = 2.0 * self.space.resolution
         rows = [path[:1]]
         for a, b in itertools.pairwise(path):
             turns = self.split_edge(a, b, math.inf, math.inf, 1.0).rotations.any()
@@ -259,10 +263,8 @@ class LocalPlanner:
         """
         if not self.space.has_cells:
             return math.nan
-        pieces, rotations = (
-            self.split_path(path, self.space.resolution, MAX_RADIANS),
-            self.cells.rotations,
-        )
+        pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
+        rotations = self.cells.rotations
         rows, cells = rotations.find_cells_within(
             pieces.points, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
         )
@@ -324,12 +326,14 @@ class TurnDriveTurn(LocalPlanner):
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
-        is_free, find_parts = self.straight_checker(), self.find_parts
+        is_free = self.straight_checker()
+        find_parts = self.find_parts
         return lambda *both: all(is_free(*part) for part in find_parts(*both))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of all three parts."""
-        cost, find_parts = super().edge_cost(field, density), self.find_parts
+        cost = super().edge_cost(field, density)
+        find_parts = self.find_parts
         return lambda *both: sum(cost(*part) for part in find_parts(*both))
 
     def find_parts(
@@ -380,7 +384,8 @@ class TurnDriveTurn(LocalPlanner):
 
     def remove_turns(self, path: Floats) -> Floats:
         """Give waypoints the yaw of arrival, if their edges remain proven free."""
-        check, rows = self.edge_checker(), path.tolist()
+        check = self.edge_checker()
+        rows = path.tolist()
         for k in range(1, len(rows) - 1):
             arrival = [*rows[k][:2], self.heading(*rows[k - 1], *rows[k])]
             if check(*rows[k - 1], *arrival) and check(*arrival, *rows[k + 1]):
@@ -427,7 +432,8 @@ class CarCurves(LocalPlanner):
 
         OMPL's curve must be as short as ours, because only the shortest curves are proven.
         """
-        prove, states = kind_of(self.space).of_states(self.length_prover()), self.make_states()
+        prove = kind_of(self.space).of_states(self.length_prover())
+        states = self.make_states()
         tolerance = 1e-6 * self.radius
 
         def check(first: ob.State, second: ob.State) -> bool:
@@ -469,7 +475,8 @@ class CarCurves(LocalPlanner):
         q0, q1 = tuple(first.tolist()), tuple(last.tolist())
         steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
         main = int(np.argmax(np.abs(lengths)))
-        pose, rows = (0.0, 0.0, q0[2]), []
+        pose = (0.0, 0.0, q0[2])
+        rows = []
         for k, (steer, length) in enumerate(zip(steering.tolist(), lengths.tolist(), strict=True)):
             if k == main or abs(length) > MIN_SEGMENT_RADII:
                 longest = min(step / self.radius, rotation) if steer else step / self.radius
@@ -479,7 +486,9 @@ class CarCurves(LocalPlanner):
                     rows.append((*point, length / count, steer * length / count))
             pose = advance(pose, steer, length)
         table = np.array(rows)
-        points, lengths, rotations = table[:, :3], self.radius * table[:, 3], table[:, 4]
+        points = table[:, :3]
+        lengths = self.radius * table[:, 3]
+        rotations = table[:, 4]
         points[:, :2] = first[:2] + self.radius * points[:, :2]
         return Pieces(points, lengths, rotations)
 
@@ -557,7 +566,8 @@ def _check_drive(
             value=exact,
         )
     spacing = 2.0 * space.resolution
-    lowest, highest = 1e-3 * spacing, 1e3 * spacing
+    lowest = 1e-3 * spacing
+    highest = 1e3 * spacing
     if not lowest <= radius <= highest:
         raise InputError(
             "turning_radius",

@@ -87,11 +87,12 @@ class WeightedLength(ob.OptimizationObjective):
         weight = check_not_negative(weight, "weight", "pass 10.0")
         check_has_cells(space)
         edges = local_planner(space, False, drive, turning_radius)
-        self._field, self._density = (
-            field,
-            CostDensity(offset, slope, weight, edges.rotation_weight),
-        )
-        self._kind, self._space, dim, size = kind_of(space), space, space.grid.dim, space.size
+        self._field = field
+        self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
+        self._kind = kind_of(space)
+        self._space = space
+        dim = space.grid.dim
+        size = space.size
         self._line = self._kind.of_states(
             lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
         )
@@ -244,7 +245,8 @@ def find_clear_path(
     Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
     ``straight``, these are the centers of a chain of cells.
     """
-    space, threshold = edges.cells, default_clearance_threshold(edges.cells)
+    space = edges.cells
+    threshold = default_clearance_threshold(edges.cells)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
     def factor_at(clearances: Distances) -> Distances:

@@ -321,7 +321,8 @@ def plan(
 
 def _choose_searches(task: Task) -> Task:
     """Choose a planner if none is named, and a fallback; check the options of the planner."""
-    space, default = task.edges.space, task.planner
+    space = task.edges.space
+    default = task.planner
     if not task.is_named:
         task = replace(task, planner=_choose_planner(task))
     _check_planner(task)
@@ -337,7 +338,8 @@ def _choose_searches(task: Task) -> Task:
 
 def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
     """Check start and goals."""
-    edges, name = task.edges, task.planner
+    edges = task.edges
+    name = task.planner
     checked = edges.space.check_endpoint(start, "start", edges.exact)
     goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
     if name in _WHY_ONE_GOAL and len(goals) > 1:
@@ -356,7 +358,8 @@ def _choose_planner(task: Task) -> PlannerName:
 
     Raises InputError for a function, which no default planner minimises.
     """
-    edges, objective = task.edges, task.objective
+    edges = task.edges
+    objective = task.objective
     if callable(objective):
         raise InputError(
             "objective",
@@ -376,7 +379,9 @@ def _choose_planner(task: Task) -> PlannerName:
 
 def _check_planner(task: Task) -> None:
     """Raise InputError if a built-in search is not for the space or the drive."""
-    name, edges, searches = task.planner, task.edges, _list_searches(task.edges.space)
+    name = task.planner
+    edges = task.edges
+    searches = _list_searches(task.edges.space)
     if name in BUILT_IN_SEARCHES and name not in searches:
         raise InputError(
             "planner",
@@ -415,7 +420,9 @@ def _check_options(task: Task) -> None:
 
 def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
     """Return for each option whether the planner refuses it, and why."""
-    edges, name, has_aim = task.edges, task.planner, task.objective != LENGTH
+    edges = task.edges
+    name = task.planner
+    has_aim = task.objective != LENGTH
     counts = task.iterations is not None
     if name not in _list_searches(edges.space):
         is_threaded = name in THREADED_PLANNERS
@@ -425,7 +432,8 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
             "iterations": (is_threaded and counts, NO_SECOND_THREAD),
             "objective": (is_deaf and has_aim, why),
         }
-    is_map, keeps_away = edges.space.has_cells, name == GRID and task.objective == CLEARANCE
+    is_map = edges.space.has_cells
+    keeps_away = name == GRID and task.objective == CLEARANCE
     aims = "length or clearance" if name == GRID else "the length"
     why = f" for objective={CLEARANCE!r}" * keeps_away
     needs_free = is_map and (keeps_away or name != GRID)
@@ -439,7 +447,8 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
 
 def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
     """Raise InputError for an option that the planner does not support."""
-    name, value = task.planner, getattr(task if hasattr(task, option) else task.edges, option)
+    name = task.planner
+    value = getattr(task if hasattr(task, option) else task.edges, option)
     other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
     chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
     raise InputError(
@@ -453,7 +462,8 @@ def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
 
 def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     """Split a tiled map into the tiles on the way; other spaces are one part."""
-    space, ends = task.edges.space, task.endpoints[:2]
+    space = task.edges.space
+    ends = task.endpoints[:2]
     if space.in_memory:
         first, last = np.array(ends)
         return [(lambda: space, first, last)]
@@ -467,8 +477,11 @@ def _search_tile_by_tile(
 
     The first part without a proven path ends the search. There are no parts if a path cannot exist.
     """
-    edges, is_tiled = task.edges, len(subproblems) > 1
-    path, planning, simplification = np.empty((0, edges.space.size)), 0.0, 0.0
+    edges = task.edges
+    is_tiled = len(subproblems) > 1
+    path = np.empty((0, edges.space.size))
+    planning = 0.0
+    simplification = 0.0
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
         ends = tuple(first.tolist()), tuple(last.tolist())
@@ -523,7 +536,8 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
         result = _search_built_in(task)
     else:
         result = run_ompl(task)
-    fallback, left = task.fallback, task.time_limit
+    fallback = task.fallback
+    left = task.time_limit
     if fallback != GRID:
         left -= result.planning
     if len(result.path) or fallback is None or left <= 0.0 or not may_exist():
@@ -555,7 +569,10 @@ def _find_path(task: Task) -> tuple[Floats, str]:
     Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice
     proves, in words.
     """
-    edges, ends, straight, seconds = task.edges, task.endpoints, task.simplify, task.time_limit
+    edges = task.edges
+    ends = task.endpoints
+    straight = task.simplify
+    seconds = task.time_limit
     if task.planner == LATTICE:
         return find_lattice_path(edges, ends, straight, seconds)
     if task.planner == GRID and task.objective == CLEARANCE:
@@ -571,7 +588,8 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence, limits = "undecided whether one exists", list[str]()
+    existence = "undecided whether one exists"
+    limits = list[str]()
     if exists:
         existence = "a path exists"
     if edges.drive != HOLONOMIC:
@@ -593,7 +611,9 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
 
 def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
-    edges, space, planner = task.edges, task.edges.space, task.planner
+    edges = task.edges
+    space = task.edges.space
+    planner = task.planner
     more = f"more time (time_limit={10 * task.time_limit:g})"
     if not space.has_cells:
         return [more, "another seed", "another planner"]
@@ -623,7 +643,9 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
 
     The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
-    limits, space, rotations = [], edges.cells, edges.cells.rotations
+    limits = []
+    space = edges.cells
+    rotations = edges.cells.rotations
     bounds = np.asarray(rotations.stored_arrays["yaw_bounds"])
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
         # From the cell of the yaw on.
@@ -631,7 +653,8 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
         free = space.is_free([(x, y, center) for center in rotations.centers[order, 0].tolist()])
         if free.all() or not free[0]:
             continue
-        first, last = order[-np.argmin(free[::-1])], order[np.argmin(free) - 1]
+        first = order[-np.argmin(free[::-1])]
+        last = order[np.argmin(free) - 1]
         low = yaw - (yaw - bounds[first, 0]) % TWO_PI
         high = yaw + (bounds[last, 1] - yaw) % TWO_PI
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
@@ -650,7 +673,8 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
     reached = 0
     if len(result.path):
         reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
-    edges, waypoints = task.edges, result.path
+    edges = task.edges
+    waypoints = result.path
     solved = len(waypoints) > 0
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)

@@ -218,7 +218,8 @@ class Plan:
         because no path need be as short as the bound. NaN if not solved.
         """
         weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
-        length, bound = self.length + weight * self.total_rotation, self.lower_bound
+        length = self.length + weight * self.total_rotation
+        bound = self.lower_bound
         if bound > 0.0:
             return max(0.0, length / bound - 1.0)
         return math.inf if length > 0.0 else length
@@ -544,7 +545,8 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        names, rows = self.axes, self.path.tolist()
+        names = self.axes
+        rows = self.path.tolist()
         if self.direction is not None:
             names = (*names, "direction")
             rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]

@@ -80,7 +80,8 @@ class Deadline:
     """
 
     def __init__(self, raises: bool) -> None:
-        self.end, self._raises = math.inf, raises
+        self.end = math.inf
+        self._raises = raises
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
@@ -158,7 +159,8 @@ def run_ompl(task: Task) -> SearchResult:
             # OMPL reports an error if numbers have been drawn, but generators made from here on
             # follow the seed.
             ou.RNG.setSeed(task.seed + 1)
-        edges, ends = task.edges, task.endpoints[:2]
+        edges = task.edges
+        ends = task.endpoints[:2]
         if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task)
@@ -172,7 +174,8 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
     if edges.drive != HOLONOMIC:
         return shorten_path(edges, path, until)
-    check, size = edges.edge_checker(), edges.space.size
+    check = edges.edge_checker()
+    size = edges.space.size
     # Edges take the shorter way, so a longer turn would be another motion.
     longest = np.where(edges.space.periodic_axes, 0.499 * TWO_PI, math.inf)
 
@@ -187,7 +190,8 @@ class _Run:
     """OMPL's objects for one search, and its deadline."""
 
     def __init__(self, task: Task) -> None:
-        self._task, self._edges = task, task.edges
+        self._task = task
+        self._edges = task.edges
         self._kind = kind_of(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
         self._deadline = deadline = Deadline(raises=not self._is_threaded)
@@ -208,9 +212,14 @@ class _Run:
 
     def solve(self) -> SearchResult:
         """Search for a path and simplify it, within the time limit."""
-        setup, task, note, began = self._setup, self._task, "", clock()
+        setup = self._setup
+        task = self._task
+        note = ""
+        began = clock()
         self._set_endpoints()
-        first, best, found = planner_named(None, self._edges.drive), None, None
+        first = planner_named(None, self._edges.drive)
+        best = None
+        found = None
         self._deadline.end = began + task.time_limit
         if self._must_beat:
             self._run_planner(first, INITIAL_TIME_SHARE * task.time_limit, None)
@@ -243,7 +252,8 @@ class _Run:
 
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
-        setup, states = self._setup, []
+        setup = self._setup
+        states = []
         for q in self._task.endpoints:
             state = setup.getStateSpace().allocState()
             self._kind.write(state, *q)
@@ -259,7 +269,9 @@ class _Run:
 
     def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
         """Run a planner of OMPL; return a note if its outcome is unusual."""
-        setup, end, checks = self._setup, clock() + seconds, itertools.count(1)
+        setup = self._setup
+        end = clock() + seconds
+        checks = itertools.count(1)
         most = math.inf if iterations is None else iterations
         # OMPL's own clock counts compilation, but its threads cannot call ours.
         condition = ob.timedPlannerTerminationCondition(seconds)
@@ -276,7 +288,9 @@ class _Run:
 
         Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
         """
-        setup, objective, better = self._setup, self._objective, og.PathGeometric(path)
+        setup = self._setup
+        objective = self._objective
+        better = og.PathGeometric(path)
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
         step = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent()
         last = objective.infiniteCost()

@@ -76,7 +76,8 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
 
     Raises InputError if OMPL takes steps in it for zero.
     """
-    space, states = edges.space, edges.make_states()
+    space = edges.space
+    states = edges.make_states()
     lower, upper = space.check_bounds()
     kind_of(space).set_bounds(states, lower, upper)
     _check_extent(space, states)
@@ -174,7 +175,8 @@ def make_setup(
     sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:
     """Make the set-up of :func:`simple_setup` for a local planner."""
-    space, setup = edges.space, og.SimpleSetup(make_bounded_states(edges))
+    space = edges.space
+    setup = og.SimpleSetup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
     si.setMotionValidator(
@@ -213,7 +215,8 @@ def _choose_sampler(
 
     It must not hold ``si``, because ``si`` holds it.
     """
-    space, exact = edges.space, edges.exact
+    space = edges.space
+    exact = edges.exact
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:

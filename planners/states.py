@@ -60,7 +60,8 @@ class StateKind(NamedTuple):
 
     def unwind(self, path: Floats) -> Floats:
         """Unwrap a path's continuous joints, to move the shorter way."""
-        unwound, steps = path.copy(), np.diff(path, axis=0)
+        unwound = path.copy()
+        steps = np.diff(path, axis=0)
         unwound[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
         return unwound
 
@@ -169,7 +170,8 @@ def _make_vector_kind(size: int) -> StateKind:
 
 def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:
     """Create the conversions for a vector of weight 1, and a circle for each periodic axis."""
-    size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
+    size = len(periodic_axes)
+    circles = np.flatnonzero(periodic_axes).tolist()
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     # Index of the first circle: the joints with limits, if any, share subspace 0.
     first = bool(limited)

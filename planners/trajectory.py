@@ -249,7 +249,8 @@ class Trajectory:
         from cspace.plot.artists import legend_below, new_figure
 
         dim = len(self.axes) - len(self._rotations.names)
-        linear, angular = self.velocities[:, :dim], self.velocities[:, dim:]
+        linear = self.velocities[:, :dim]
+        angular = self.velocities[:, dim:]
         curves = list(zip(self.axes, self.units, linear.T, strict=False))
         if not self._moves_joints:
             curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
@@ -376,9 +377,12 @@ def make_trajectory(
     path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
 ) -> Trajectory:
     """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
-    joints, is_curved, axes = path.moves_joints, path.drive in CURVES, path.axes
+    joints = path.moves_joints
+    is_curved = path.drive in CURVES
+    axes = path.axes
     rotations = rotations_of(() if joints else axes)
-    dim, rotates = len(axes) - len(rotations.names), bool(rotations.names)
+    dim = len(axes) - len(rotations.names)
+    rotates = bool(rotations.names)
     known = path.space.max_velocity if path.space is not None else {}
     linear = (
         _check_limits(limits.max_velocity, "max_velocity", axes[:dim], known, joints),
@@ -489,7 +493,9 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
         return Segments(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), np.zeros(1))
-    steps, lengths, radians = steps[kept], lengths[kept], radians[kept]
+    steps = steps[kept]
+    lengths = lengths[kept]
+    radians = radians[kept]
     return Segments(points[kept], steps / lengths[:, np.newaxis], lengths, radians / lengths)
 
 
@@ -514,7 +520,8 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
     if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985); constant limits
     make it exact.
     """
-    caps, gains = speeds**2, 2.0 * accelerations * lengths
+    caps = speeds**2
+    gains = 2.0 * accelerations * lengths
     squares = np.zeros(len(lengths) + 1)
     squares[1:-1] = np.where(passes, np.minimum(caps[:-1], caps[1:]), 0.0)
     for k in range(len(lengths)):
@@ -523,10 +530,12 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
         squares[k] = min(squares[k], squares[k + 1] + gains[k])
     rows = []
     for k, (length, limit) in enumerate(zip(lengths, accelerations, strict=True)):
-        before, after = squares[k], squares[k + 1]
+        before = squares[k]
+        after = squares[k + 1]
         # Rounding must not put the peak below the speed at an end.
         peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
-        up, down = (peak - before) / (2.0 * limit), (peak - after) / (2.0 * limit)
+        up = (peak - before) / (2.0 * limit)
+        down = (peak - after) / (2.0 * limit)
         cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
         first, last, fastest = np.sqrt([before, after, peak])
         # Each phase has a duration, and the fields of Phases from the segment on.
@@ -590,16 +599,15 @@ def _evaluate(
     acceleration = np.where(t < 0.0, 0.0, phases.accelerations[k])
     speed = phases.speeds[k] + acceleration * elapsed
     length = phases.positions[k] + elapsed * (phases.speeds[k] + 0.5 * acceleration * elapsed)
-    rates, curvatures = segments.rates[phases.segments[k]], segments.curvatures[phases.segments[k]]
+    rates = segments.rates[phases.segments[k]]
+    curvatures = segments.curvatures[phases.segments[k]]
     half = 0.5 * curvatures * length
     steps = _turn(rates, half) * length[:, np.newaxis]
     steps[:, :2] *= np.sinc(half / np.pi)[:, np.newaxis]  # the chord of an arc, over the arc
     positions = rotations.add_steps(segments.starts[phases.segments[k]], steps)
     directions = _turn(rates, 2.0 * half)
-    velocities, accelerations = (
-        directions * speed[:, np.newaxis],
-        directions * acceleration[:, np.newaxis],
-    )
+    velocities = directions * speed[:, np.newaxis]
+    accelerations = directions * acceleration[:, np.newaxis]
     if curvatures.any():
         sideways = np.column_stack([-directions[:, 1], directions[:, 0]])
         accelerations[:, :2] += (speed**2 * curvatures)[:, np.newaxis] * sideways
@@ -608,7 +616,9 @@ def _evaluate(
     if "qw" in rotations.names:
         # The derivative of a quaternion is its product with half the angular velocity, in the
         # robot's frame.
-        q, halves, more = positions[:, -4:], 0.5 * velocities[:, -3:], 0.5 * accelerations[:, -3:]
+        q = positions[:, -4:]
+        halves = 0.5 * velocities[:, -3:]
+        more = 0.5 * accelerations[:, -3:]
         first = multiply(q, np.column_stack([halves, np.zeros(len(q))]))
         second = multiply(q, np.column_stack([more, -(halves**2).sum(axis=1)]))
         velocities = np.column_stack([velocities[:, :-3], first])
@@ -620,6 +630,9 @@ def _turn(rates: Floats, angles: Floats) -> Floats:
     """Turn x and y of rates left by angles."""
     turned = rates.copy()
     if angles.any():
-        cos, sin, (x, y) = np.cos(angles), np.sin(angles), rates[:, :2].T
-        turned[:, 0], turned[:, 1] = cos * x - sin * y, sin * x + cos * y
+        cos = np.cos(angles)
+        sin = np.sin(angles)
+        x, y = rates[:, :2].T
+        turned[:, 0] = cos * x - sin * y
+        turned[:, 1] = sin * x + cos * y
     return turned

@@ -131,7 +131,9 @@ def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
     blocks = np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64)
     counts = np.empty(MAX_PENDING_BLOCKS, dtype=np.int64)
     pair_lists = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64)
-    blocks[0], pair_lists[0], counts[0] = block * cells.parts, np.arange(pairs), pairs
+    blocks[0] = block * cells.parts
+    pair_lists[0] = np.arange(pairs)
+    counts[0] = pairs
     return PendingBlocks(blocks, pair_lists, counts, cells.held.copy(), np.zeros(len(cells.held)))
 
 
@@ -180,11 +182,13 @@ def classify_block(
                 continue
             state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
         number = pair_numbers[pair] if state == MIXED else -1
-        block, parts = pending.blocks[top], cells.parts
+        block = pending.blocks[top]
+        parts = cells.parts
         for i in range(block[0] // parts, block[3] // parts):
             for j in range(block[1] // parts, block[4] // parts):
                 for k in range(block[2] // parts, block[5] // parts):
-                    out.states[i, j, k], out.deciding_pairs[i, j, k] = state, number
+                    out.states[i, j, k] = state
+                    out.deciding_pairs[i, j, k] = number
 
 
 @kernel
@@ -202,7 +206,8 @@ def prove_block(
     Also returns a pair that proves BLOCKED, or that is open. Pairs whose boundaries are farther
     apart at the center than they move in the block are dropped from its list.
     """
-    block, is_smallest = pending.blocks[row], cells.parts > 1
+    block = pending.blocks[row]
+    is_smallest = cells.parts > 1
     for axis in range(3):
         number = cells.joint_indices[axis]
         is_smallest = is_smallest and (number < 0 or block[axis + 3] - block[axis] == 1)
@@ -217,7 +222,8 @@ def prove_block(
             )
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
     required = required_distance(scene, pending.center, pending.center)
-    bodies, still_open = scene.solids.bodies, 0
+    bodies = scene.solids.bodies
+    still_open = 0
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
@@ -250,9 +256,12 @@ def refine_cell(
 
     The cell is the pending block ``base``, and nothing is proven of it as a whole.
     """
-    has_free, blocking = False, -1
+    has_free = False
+    blocking = -1
     copy_block(pending, base, base + 1)
-    top, state, pair = base + 1, MIXED, pending.pair_lists[base, 0]
+    top = base + 1
+    state = MIXED
+    pair = pending.pair_lists[base, 0]
     while True:
         if state == MIXED:
             if not halve_block(cells, pending, top, 1):
@@ -287,12 +296,15 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
     The cut is across the axis along which the block moves the arm farthest. Whole multiples of
     ``parts`` stay together; returns False if no axis has more.
     """
-    block, cut, farthest = pending.blocks[row], -1, 0.0
+    block = pending.blocks[row]
+    cut = -1
+    farthest = 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
         travel = count * cells.levers[axis]
         if count > parts and cells.joint_indices[axis] >= 0 and travel > farthest:
-            cut, farthest = axis, travel
+            cut = axis
+            farthest = travel
     if cut < 0:
         return False
     copy_block(pending, row, row + 1)
@@ -311,22 +323,29 @@ def box_axes(
     :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b. They include the rounding
     of points, ``required``.
     """
-    base, moving, out, count = scratch.poses[b], chain.between[a, b], scratch.axes, 0
+    base = scratch.poses[b]
+    moving = chain.between[a, b]
+    out = scratch.axes
+    count = 0
     frame = pose_rotation(base)
     for j in range(1, len(moving)):
         travel = abs(chain.factors[j]) * halves[chain.joint_indices[j]] / ADVANCE_FACTOR
         if not moving[j] or travel == 0.0 or chain.kinds[j] == FIXED:
             continue
-        pose, row = scratch.poses[j], out[count]
+        pose = scratch.poses[j]
+        row = out[count]
         axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
         origin = rotate_back(frame, minus(column(pose, POSITION), column(base, POSITION)))
         for k in range(3):
-            row[k], row[3 + k] = axis[k], origin[k]
+            row[k] = axis[k]
+            row[3 + k] = origin[k]
         if chain.kinds[j] == REVOLUTE:
             chord = 2.0 * math.sin(0.5 * min(travel, math.pi)) / ADVANCE_FACTOR
-            row[6], row[7] = chord, chord * required
+            row[6] = chord
+            row[7] = chord * required
         else:
-            row[6], row[7] = 0.0, travel
+            row[6] = 0.0
+            row[7] = travel
         count += 1
     return count
 
@@ -345,7 +364,8 @@ def blocked_pair(
     ``with_crossings``.
     """
     scene = inside.scene
-    bodies, required = scene.solids.bodies, required_distance(scene, pending.center, pending.center)
+    bodies = scene.solids.bodies
+    required = required_distance(scene, pending.center, pending.center)
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
@@ -369,7 +389,8 @@ def ball_collides(
 
     The proof holds in a whole box, in which ``axes`` move solid i as seen from solid j.
     """
-    balls, solids = inside.balls, inside.scene.solids
+    balls = inside.balls
+    solids = inside.scene.solids
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
         point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
@@ -394,13 +415,17 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
 
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """
-    trees, nodes, near = solids.trees, scratch.nodes, max(rest, 0.0)
+    trees = solids.trees
+    nodes = scratch.nodes
+    near = max(rest, 0.0)
     for part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
-        nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
+        nodes[1, 0] = solids.tree_roots[part]
+        top = 2 if solids.tree_roots[part] >= 0 else 1
         while top > 1:
             top -= 1
             b = nodes[top, 0]
-            box, (row, m) = trees.boxes[b], trees.spans[b]
+            box = trees.boxes[b]
+            row, m = trees.spans[b]
             offset = minus(point, row_at(box, 0))
             if boxes_are_apart(offset, (near, near, near), row_at(box, 3)):
                 continue
@@ -408,6 +433,7 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
                 if piece_depth(trees.triangles[row], point) + rest > 0.0:
                     return True
                 continue
-            nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
+            nodes[top, 0] = b + 1
+            nodes[top + 1, 0] = b + 2 * (m // 2)
             top += 2
     return False

@@ -39,10 +39,14 @@ MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
 
 
-FIXED, REVOLUTE, PRISMATIC = 0, 1, 2
+FIXED = 0
+REVOLUTE = 1
+PRISMATIC = 2
 """Kinds of joints."""
 
-POSITION, SPIN, VELOCITY = 3, 4, 5
+POSITION = 3
+SPIN = 4
+VELOCITY = 5
 """Columns of a moving body's pose, after those of its rotation.
 
 They hold the position, the angular velocity, and the velocity of the body's point at the origin of
@@ -95,14 +99,20 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             poses[0, i, j] = chain.frames[0, i, j]
         poses[0, i, SPIN] = poses[0, i, VELOCITY] = 0.0
     for b in range(1, len(chain.parents)):
-        frame, parent, out = chain.frames[b], poses[chain.parents[b]], poses[b]
+        frame = chain.frames[b]
+        parent = poses[chain.parents[b]]
+        out = poses[b]
         index = chain.joint_indices[b]
         value = chain.factors[b] * (q0[index] + t * (q1[index] - q0[index])) + chain.offsets[b]
         x, y, z = axis = row_at(chain.axes[b], 0)
-        sine, versine, along = 0.0, 0.0, value
+        sine = 0.0
+        versine = 0.0
+        along = value
         if chain.kinds[b] == REVOLUTE:
             # 1 - cos loses digits at small angles, so it is computed from the half angle.
-            sine, versine, along = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2, 0.0
+            sine = math.sin(value)
+            versine = 2.0 * math.sin(0.5 * value) ** 2
+            along = 0.0
         # Rodrigues' formula, column by column.
         turn = (
             (
@@ -185,7 +195,9 @@ def motion_bounds(
     displacement, half the largest acceleration, and the sum of the rotations between them.
     """
     displacement = curvature = rotation = 0.0
-    between, above, lengths = chain.between[a, b], chain.between[b, 0], chain.lengths[a]
+    between = chain.between[a, b]
+    above = chain.between[b, 0]
+    lengths = chain.lengths[a]
     count = len(chain.parents)
     for k in range(2 * count):
         # First the joints of b, up to the common ancestor, then the joints of a, because the order
@@ -196,13 +208,12 @@ def motion_bounds(
         rate = abs(chain.factors[j] * (q1[chain.joint_indices[j]] - q0[chain.joint_indices[j]]))
         if chain.kinds[j] == REVOLUTE:
             reach = rate * (lengths[j] + radius)
-            displacement, curvature, rotation = (
-                displacement + reach,
-                curvature + (0.5 * rate + rotation) * reach,
-                rotation + rate,
-            )
+            displacement = displacement + reach
+            curvature = curvature + (0.5 * rate + rotation) * reach
+            rotation = rotation + rate
         elif chain.kinds[j] == PRISMATIC:
-            displacement, curvature = displacement + rate, curvature + rotation * rate
+            displacement = displacement + rate
+            curvature = curvature + rotation * rate
     return displacement, curvature, rotation
 
 

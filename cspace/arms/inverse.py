@@ -252,12 +252,10 @@ def compare_pose(
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
-    body, tip, tool, target = (
-        scratch.poses[len(scratch.poses) - 1],
-        scratch.tip,
-        problem.tool,
-        problem.target,
-    )
+    body = scratch.poses[len(scratch.poses) - 1]
+    tip = scratch.tip
+    tool = problem.tool
+    target = problem.target
     square = 0.0
     for i in range(3):
         for j in range(4):
@@ -281,20 +279,26 @@ def compare_pose(
     a, b = far / max(distance, 1e-300), turned / max(sine, 1e-300)
     for i in range(3):
         error[i] *= a
-    error[3], error[4], error[5] = b * x, b * y, b * z
+    error[3] = b * x
+    error[4] = b * y
+    error[5] = b * z
     return distance, angle, far * far + turned * turned
 
 
 @kernel
 def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
     """Write the weighted error's derivative at the poses of ``scratch``."""
-    chain, jacobian, weights = problem.chain, scratch.jacobian, problem.weights
+    chain = problem.chain
+    jacobian = scratch.jacobian
+    weights = problem.weights
     for i in range(6):
         for k in range(jacobian.shape[1]):
             jacobian[i, k] = 0.0
     tip = column(scratch.tip, POSITION)
     for b in range(1, len(chain.parents)):
-        k, factor, pose = chain.joint_indices[b], chain.factors[b], scratch.poses[b]
+        k = chain.joint_indices[b]
+        factor = chain.factors[b]
+        pose = scratch.poses[b]
         u = rotate(pose_rotation(pose), row_at(chain.axes[b], 0))
         if chain.kinds[b] == REVOLUTE:
             moment = cross(u, minus(tip, column(pose, POSITION)))
@@ -309,7 +313,9 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
 @kernel
 def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: float) -> None:
     """Write the configuration after a step to ``scratch.trial``."""
-    jacobian, system, error = scratch.jacobian, scratch.system, scratch.errors[0]
+    jacobian = scratch.jacobian
+    system = scratch.system
+    error = scratch.errors[0]
     for i in range(6):
         for j in range(6):
             system[i, j] = damping if i == j else 0.0
@@ -359,12 +365,16 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
     """
     forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     distance, angle, cost = compare_pose(problem, scratch, scratch.errors[0])
-    factor, slow = FIRST_DAMPING, 0
+    factor = FIRST_DAMPING
+    slow = 0
     for _ in range(MAX_STEPS):
         if distance <= problem.enough[0] and angle <= problem.enough[1]:
             break
         fill_jacobian(problem, scratch)
-        better, new_distance, new_angle, new_cost = False, distance, angle, cost
+        better = False
+        new_distance = distance
+        new_angle = angle
+        new_cost = cost
         for _ in range(MAX_REJECTED_STEPS):
             take_step(problem, q, scratch, factor * cost + 1e-14)
             forward_kinematics(problem.chain, scratch.trial, scratch.trial, 0.0, scratch.poses)
@@ -376,7 +386,9 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         if not better:
             break
         slow = slow + 1 if new_cost > SLOW_DECREASE * cost else 0
-        distance, angle, cost = new_distance, new_angle, new_cost
+        distance = new_distance
+        angle = new_angle
+        cost = new_cost
         for k in range(len(q)):
             q[k] = scratch.trial[k]
         for i in range(6):
@@ -467,7 +479,8 @@ def solve_pose(
     moved towards ``near`` by whole turns of the joints in ``whole_turns``. The search ends after
     :data:`MAX_VAIN_STARTS` starts in a row that find nothing new.
     """
-    tolerance, scratch = np.array(goal.tolerance), make_pose_scratch(branch)
+    tolerance = np.array(goal.tolerance)
+    scratch = make_pose_scratch(branch)
     # A joint that can make a whole turn stops nowhere; otherwise it would get stuck at its limits.
     circles = whole_turns & (limits[1] - limits[0] > TWO_PI - MAX_GAP)
     open_limits = np.where(circles, -np.inf, limits[0]), np.where(circles, np.inf, limits[1])
@@ -492,7 +505,8 @@ def solve_pose(
         return distance, angle, cost
 
     starts = np.vstack([near, rng.uniform(*ranges, (MAX_STARTS - 1, len(near)))])
-    errors, vain = [], 0
+    errors = []
+    vain = 0
     for q in starts:
         count = len(solutions)
         errors.append(try_start(problem, q))
@@ -513,6 +527,7 @@ def _turn_towards(
     near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools
 ) -> Floats:
     """Move configurations, shape (n, k), by whole turns towards another."""
-    fewest, most = np.ceil((limits[0] - others) / TWO_PI), np.floor((limits[1] - others) / TWO_PI)
+    fewest = np.ceil((limits[0] - others) / TWO_PI)
+    most = np.floor((limits[1] - others) / TWO_PI)
     turns = np.clip(np.rint((near - others) / TWO_PI), fewest, most)
     return np.asarray((others + np.where(whole_turns, TWO_PI * turns, 0.0)).clip(*limits))

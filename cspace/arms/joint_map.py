@@ -134,7 +134,8 @@ def build_joint_map(
     ----------
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
-    side, snapshot = check_positive(spacing, "spacing", "radians"), space.snapshot
+    side = check_positive(spacing, "spacing", "radians")
+    snapshot = space.snapshot
     arm = snapshot.arm
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
@@ -163,7 +164,8 @@ def build_joint_map(
             last = np.moveaxis(states, axis, 0)[-1]
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
-    rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
+    rotations = Rotations.of(None)
+    robot = Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.assign_slices(robot.shape)
     mixed = np.flatnonzero(deciding_pairs >= 0)
     deciding = deciding_pairs.ravel()[mixed]
@@ -213,8 +215,10 @@ def _classify_cells(
     """
     cells = _joint_cells(snapshot, grid, joint_indices, held)
     balls = _inner_balls(snapshot.inner.solids)
-    shape, added = grid.shape, [1] * (3 - grid.dim)
-    parts, work = list[CellStates](), []
+    shape = grid.shape
+    added = [1] * (3 - grid.dim)
+    parts = list[CellStates]()
+    work = []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         chosen = (moving == moved).all(axis=1)
         scene = snapshot.outer.select_pairs(chosen)
@@ -231,7 +235,8 @@ def _classify_cells(
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers, tell)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is.
-    states, deciding_pairs = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int16)
+    states = np.zeros(shape, dtype=np.uint8)
+    deciding_pairs = np.full(shape, -1, dtype=np.int16)
     for part in parts:
         part_states, pairs = (each.reshape(each.shape[3 - grid.dim :]) for each in part)
         np.copyto(deciding_pairs, pairs, where=part_states > states)
@@ -260,16 +265,19 @@ class JointMap(CSpace):
 
     def undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
         """Return :func:`undecided_pairs`, or None once the cells changed."""
-        geometry, grid = self._geometry, self.grid
+        geometry = self._geometry
+        grid = self.grid
         if geometry is None:
             return None
-        cells, pairs = geometry.mixed_cells, geometry.deciding_pairs
+        cells = geometry.mixed_cells
+        pairs = geometry.deciding_pairs
         if q is not None:
             points = self._check_configurations(q, "q").reshape(-1, grid.dim)
             places = self._cells_of(points)[:, -grid.dim :]
             inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
             chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
-            cells, pairs = cells[chosen], pairs[chosen]
+            cells = cells[chosen]
+            pairs = pairs[chosen]
         places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
         centers = np.asarray(grid.lower + grid.spacing * (places + 0.5), dtype=np.float64)
         rows = geometry.configurations(centers)
@@ -357,7 +365,8 @@ def _classify_block(
     out: CellStates,
 ) -> None:
     """Classify a block of cells, with fresh scratch memory."""
-    pending, scratch = make_pending(block, cells, len(scene.pairs)), make_scene_scratch(scene)
+    pending = make_pending(block, cells, len(scene.pairs))
+    scratch = make_scene_scratch(scene)
     classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
@@ -395,7 +404,8 @@ def _joint_range(
 ) -> tuple[float, float]:
     """Return the mapped part of a joint's range."""
     number = space.arm.joints.index(name)
-    low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
+    low = float(space.arm.lower[number])
+    high = float(space.arm.upper[number])
     if limits is not None and name in limits:
         argument = f"limits[{name!r}]"
         given = check_finite(limits[name], argument)
@@ -442,7 +452,8 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
 
 def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
-    chain, scene = snapshot.arm.chain, snapshot.outer
+    chain = snapshot.arm.chain
+    scene = snapshot.outer
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
     return np.stack(
@@ -457,7 +468,8 @@ def _refuse_held_contact(
 
     Otherwise all cells would be BLOCKED.
     """
-    scene, q = snapshot.outer.select_pairs(still), held[np.newaxis]
+    scene = snapshot.outer.select_pairs(still)
+    q = held[np.newaxis]
     if not snapshot.are_free(q, q, scene)[0]:
         link, other, *_ = snapshot.contact(scene, q)
         raise ConfigurationError(
@@ -471,7 +483,8 @@ def _refuse_held_contact(
 
 def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
-    chain, solids = snapshot.arm.chain, snapshot.outer.solids
+    chain = snapshot.arm.chain
+    solids = snapshot.outer.solids
     reaches = np.zeros(len(chain.parents))
     np.maximum.at(reaches, solids.bodies, solids.levers)
     # How far each joint moves each body per unit.
@@ -591,7 +604,8 @@ class JointProofs:
     """
 
     def __init__(self, geometry: JointGeometry, problem: Problem) -> None:
-        self._geometry, self._problem = geometry, problem
+        self._geometry = geometry
+        self._problem = problem
 
     def edge(self, *endpoints: float) -> bool:
         """Return True if the whole edge is proven free."""

@@ -60,7 +60,8 @@ MIN_LINE_STEP: Final = 2.0**-14
 """Smallest step, as a fraction of a line between two poses; a motion that needs smaller steps
 stops."""
 
-MIN_LINE_PARTS, MAX_LINE_PARTS = 8, 64
+MIN_LINE_PARTS = 8
+MAX_LINE_PARTS = 64
 """Parts into which the proof cuts a motion, at first and at last."""
 
 STEP_SAFETY: Final = 0.8
@@ -252,17 +253,16 @@ def check_corners(poses: ArrayLike) -> Floats:
     """
     given = check_finite(poses, "poses")
     if given.ndim not in (2, 3) or given.shape[-2:] != (4, 4) or not len(given):
-        rule, hint = "it must be one pose, shape (4, 4), or several", "pass e.g. [first, second]"
+        rule = "it must be one pose, shape (4, 4), or several"
+        hint = "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
     corners = np.stack(
         [check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(given.reshape(-1, 4, 4))]
     )
     largest = float(np.abs(corners[:, :3, 3]).max())
     if largest > MAX_LINE_COORDINATE:
-        problem, rule = (
-            f"has the coordinate {largest:g} m",
-            f"the limit is {MAX_LINE_COORDINATE:g} m",
-        )
+        problem = f"has the coordinate {largest:g} m"
+        rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
         raise InputError("poses", problem, rule, "check its unit", value=poses)
     return corners
 
@@ -283,7 +283,8 @@ def make_lines(corners: Floats) -> list[Line]:
         angle = float(np.linalg.norm(vector))
         if angle > math.pi - HALF_TURN_SLACK:
             before = f"poses[{number - 1}]" if number else "the pose at q0"
-            problem, rule = f"is half a turn from {before}", "both ways round are as short"
+            problem = f"is half a turn from {before}"
+            rule = "both ways round are as short"
             raise InputError(
                 f"poses[{number}]", problem, rule, "pass a pose between them", value=last
             )
@@ -304,7 +305,8 @@ def follow_lines(
     ``corners`` are the poses between which the lines lead, shape (m + 1, 4, 4). Raises InputError
     if rounding exceeds the tolerance.
     """
-    arm, scene = snapshot.arm, snapshot.outer
+    arm = snapshot.arm
+    scene = snapshot.outer
     branch, tool = arm.branch_to(frame)
     scratch = make_pose_scratch(branch)
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
@@ -318,7 +320,8 @@ def follow_lines(
         hint = "pass a larger tolerance, or nearer poses"
         raise InputError("tolerance", f"is {given}", rule, hint, value=given)
     waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * np.array([size, 1.0]))]
-    fraction, stopped_by = 1.0, ""
+    fraction = 1.0
+    stopped_by = ""
     status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
     for number, line in enumerate(lines):
         problem = LineProblem(line, pose, scratch, branch.joints, tolerance, size)
@@ -359,18 +362,25 @@ def _follow_line(
 
     Return why they end, and the configuration of the last step, even if it failed.
     """
-    begin, now, step = waypoints[-1].parameter, 0.0, 1.0
-    outcome, failed = REACHED, waypoints[-1].joints
+    begin = waypoints[-1].parameter
+    now = 0.0
+    step = 1.0
+    outcome = REACHED
+    failed = waypoints[-1].joints
     while now < 1.0:
         # A step that leaves a small rest is cut in two halves or takes the rest too.
-        here, left = waypoints[-1].joints, 1.0 - now
+        here = waypoints[-1].joints
+        left = 1.0 - now
         stop = 1.0 if step >= left else now + min(step, max(0.5 * left, MIN_LINE_STEP))
         tried = try_step(problem, here[problem.joints], now, stop)
-        outcome, share = tried.outcome, tried.share
-        taken, failed = stop - now, here.copy()
+        outcome = tried.outcome
+        share = tried.share
+        taken = stop - now
+        failed = here.copy()
         failed[problem.joints] = tried.last
         if outcome == REACHED and not are_free(scene, here[np.newaxis], failed[np.newaxis])[0]:
-            outcome, share = COLLISION, 0.0
+            outcome = COLLISION
+            share = 0.0
         if outcome == REACHED:
             now = stop
             waypoints.append(Waypoint(failed, begin + now, tried.bounds))
@@ -425,17 +435,23 @@ def bound_deviation(
     """
     from scipy.spatial.transform import Rotation
 
-    line, chain, tool = problem.line, problem.pose.chain, problem.pose.tool
-    last, rate, half = len(chain.parents) - 1, stop - start, 0.5 / parts
+    line = problem.line
+    chain = problem.pose.chain
+    tool = problem.pose.tool
+    last = len(chain.parents) - 1
+    rate = stop - start
+    half = 0.5 / parts
     radius = float(np.linalg.norm(tool[:3, 3]))
     _, curvature, rotation = motion_bounds(chain, last, 0, radius, *ends)
     times = np.linspace(half, 1.0 - half, parts)
     bodies = np.empty((parts, last + 1, 3, 6))
     for time, placed in zip(times, bodies, strict=True):
         forward_kinematics(chain, *ends, time, placed)
-    body, target = bodies[:, last], line.poses(start + times * rate)
+    body = bodies[:, last]
+    target = line.poses(start + times * rate)
     tip = body[:, :, :4] @ tool
-    point, spin = tip[:, :, 3], body[:, :, SPIN]
+    point = tip[:, :, 3]
+    spin = body[:, :, SPIN]
     error = point - target[:, :3, 3]
     drift = np.cross(spin, point) + body[:, :, VELOCITY] - rate * line.direction
     turned = Rotation.from_matrix(tip[:, :, :3] @ target[:, :3, :3].swapaxes(1, 2)).magnitude()
@@ -454,8 +470,10 @@ def bound_deviation(
 
 def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> LineStep:
     """Try to move the frame from a configuration of the branch at ``start`` to ``stop``."""
-    chain, tolerance = problem.pose.chain, problem.tolerance
-    last, unproven = first.copy(), np.full(2, np.inf)
+    chain = problem.pose.chain
+    tolerance = problem.tolerance
+    last = first.copy()
+    unproven = np.full(2, np.inf)
     target = problem.line.poses(np.array([stop]))[0]
     distance, turned, _ = descend(problem.pose._replace(target=target), last, problem.scratch)
     if not (distance <= tolerance[0] and turned <= tolerance[1]):

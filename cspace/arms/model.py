@@ -399,7 +399,8 @@ class Arm:
         if not len(found.joints):
             q[rows] = found.nearest
             distance, angle = goal.tolerance
-            far, within = f"{found.distance:.3g} m", f"{distance:g} m"
+            far = f"{found.distance:.3g} m"
+            within = f"{distance:g} m"
             if math.isfinite(angle):
                 far += f" and {found.angle:.3g} rad"
                 within += f" and {angle:g} rad"
@@ -434,7 +435,8 @@ class Arm:
 
         A joint that moves another joint by a fraction of its own angle is none of these.
         """
-        moved, repeats = self.chain.kinds != FIXED, np.ones(self.dof, dtype=np.bool_)
+        moved = self.chain.kinds != FIXED
+        repeats = np.ones(self.dof, dtype=np.bool_)
         differs = moved & ((self.chain.kinds != REVOLUTE) | (self.chain.factors % 1.0 != 0.0))
         repeats[self.chain.joint_indices[differs]] = False
         return repeats
@@ -676,7 +678,8 @@ class Arm:
         Joints without limits get half a turn around the configurations, shape (n, dof).
         """
         q = np.atleast_2d(around)
-        low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
+        low = q.min(axis=0) - math.pi
+        high = q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(
             np.isinf(self.upper), high, self.upper
         )
@@ -805,7 +808,11 @@ def _read_joint(joint: Any, file: str) -> Joint:
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
-    lower, upper, leader, factor, offset = -math.inf, math.inf, joint.name, 1.0, 0.0
+    lower = -math.inf
+    upper = math.inf
+    leader = joint.name
+    factor = 1.0
+    offset = 0.0
     if joint.type in ("revolute", "prismatic"):
         lower, upper = _read_limits(joint, where)
     if joint.mimic is not None and kind != FIXED:
@@ -862,7 +869,10 @@ class _Assembly:
         tip: str | None,
         chosen: Set[str] | None,
     ) -> None:
-        self._file, self._urdf, self._joints, self._base = file, urdf, joints, base
+        self._file = file
+        self._urdf = urdf
+        self._joints = joints
+        self._base = base
         self._held: dict[str, float] = {}
         below: dict[str, list[Joint]] = {}
         # Depth-first order puts every body after its parent, and branches by name, as urdfdom does
@@ -937,7 +947,9 @@ class _Assembly:
     def arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm."""
         bodies = {self._base: Frame(0, np.eye(4))}
-        parents, frames, joints = [0], [np.eye(4)], list[Joint]()
+        parents = [0]
+        frames = [np.eye(4)]
+        joints = list[Joint]()
         for joint in self._order:
             body, pose = bodies[joint.parent]
             frame = pose @ joint.frame
@@ -1056,7 +1068,8 @@ class _Assembly:
         link_lengths = np.linalg.norm(frames[..., 3], axis=1)
         above = np.zeros((len(parents), len(parents)), dtype=np.bool_)
         for b, joint in enumerate(joints, start=1):
-            above[b], above[b, b] = above[parents[b]], True
+            above[b] = above[parents[b]]
+            above[b, b] = True
             if joint.kind == PRISMATIC:
                 leader = self._joints[joint.leader]
                 farthest = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
@@ -1077,7 +1090,8 @@ class _Assembly:
 
 def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     """Return the links from a tip up to the base, without the base."""
-    links, link = set[str](), tip
+    links = set[str]()
+    link = tip
     while link != base:
         if link not in above:
             raise InputError(

@@ -119,7 +119,8 @@ class PlanningScene:
         there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
         self._check_arm(arm)
-        bare, links = arm, [frame for frame in arm.frames if frame not in arm.carriers]
+        bare = arm
+        links = [frame for frame in arm.frames if frame not in arm.carriers]
         for name, each in self.attached.items():
             check_known(each.link, f"{self.source}: link_name of {name!r}", links)
             touching = [link for link in each.touch_links if link in links]
@@ -249,8 +250,10 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
 
 def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
     """Return an allowed collision matrix; None if it is empty."""
-    names, rows = fields["entry_names"], fields["entry_values"]
-    others, defaults = fields["default_entry_names"], fields["default_entry_values"]
+    names = fields["entry_names"]
+    rows = fields["entry_values"]
+    others = fields["default_entry_names"]
+    defaults = fields["default_entry_values"]
     if {len(names)} != {len(rows), *map(len, rows), len(names)} or len(others) != len(defaults):
         raise ContentError(
             "has an allowed_collision_matrix of another size than its names",
@@ -346,7 +349,8 @@ class MotionPlanRequest:
         """Return the configuration of a joint goal."""
         values = {}
         for joint, value in goal.values.items():
-            lower, upper = goal.lower[joint], goal.upper[joint]
+            lower = goal.lower[joint]
+            upper = goal.upper[joint]
             argument = f"{self.source}: {place}"
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
@@ -448,7 +452,8 @@ def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> Jo
     """Return the goal of joint constraints."""
     goal = JointGoal({}, {}, {})
     for each in constraints:
-        name, value = each["joint_name"], each["position"]
+        name = each["joint_name"]
+        value = each["position"]
         if name in goal.values:
             raise ContentError(
                 f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
@@ -461,7 +466,8 @@ def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> Jo
 
 def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> PoseGoal:
     """Return the goal of a position constraint, an orientation constraint, or both."""
-    positions, orientations = fields["position_constraints"], fields["orientation_constraints"]
+    positions = fields["position_constraints"]
+    orientations = fields["orientation_constraints"]
     constraints = positions + orientations
     links = sorted({each["link_name"] for each in constraints})
     if len(links) > 1 or max(len(positions), len(orientations)) > 1:
@@ -471,11 +477,14 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
             "remove some",
         )
     frames |= {each["header"]["frame_id"] or WORLD for each in constraints}
-    pose, radius, angle = np.eye(4), math.inf, math.inf
+    pose = np.eye(4)
+    radius = math.inf
+    angle = math.inf
     for each in positions:
         pose[:3, 3], radius = _read_region(each["constraint_region"], f"region of {place}")
     for each in orientations:
-        pose[:3, :3], angle = each["orientation"], _read_angle(each, place)
+        pose[:3, :3] = each["orientation"]
+        angle = _read_angle(each, place)
     if math.isinf(radius) and math.isinf(angle):
         raise ContentError(
             f"has tolerances beyond half a turn at {place}",

@@ -54,7 +54,9 @@ class ArmPenetration:
                 "links", "is empty", "there must be one", "pass e.g. {'hand': balls}", value=links
             )
         kind = common_bump(bump, obstacles, *links.values())
-        bodies, points, radii = [], [], []
+        bodies = []
+        points = []
+        radii = []
         for name, source in links.items():
             body, pose = arm.placements[check_known(name, "links", arm.placements)]
             balls = as_balls(source, name, kind)
@@ -64,7 +66,9 @@ class ArmPenetration:
             radii.append(balls.radii)
         fixed = as_balls(obstacles, "obstacles", kind)
         check_same_dim("obstacles", fixed.dim, 3)
-        self.arm, self._bodies, self._points = arm, np.concatenate(bodies), np.concatenate(points)
+        self.arm = arm
+        self._bodies = np.concatenate(bodies)
+        self._points = np.concatenate(points)
         self._field = BallPenetration(
             np.concatenate(radii), fixed, bump=kind, band=band, tolerance=tolerance
         )
@@ -76,21 +80,21 @@ class ArmPenetration:
         dof), in cubic metres, and that per radian or metre. Raises InputError if q is not of finite
         numbers, one for each joint.
         """
-        points, chain = self.arm.check_configurations(q, "q"), self.arm.chain
+        points = self.arm.check_configurations(q, "q")
+        chain = self.arm.chain
         poses = body_poses(chain, points)
         placed = poses[..., self._bodies, :, :]
         centers = (
             np.einsum("...kij,kj->...ki", placed[..., :3, :3], self._points) + placed[..., :3, 3]
         )
         values, forces = self._field.value_and_gradient(centers)
-        moments, gradient = np.cross(centers, forces), np.zeros(points.shape)
+        moments = np.cross(centers, forces)
+        gradient = np.zeros(points.shape)
         for body in np.flatnonzero(chain.kinds):
             # A joint moves the balls of all bodies that hang on its body.
             moved = chain.between[self._bodies, 0, body]
-            force, axis = (
-                forces[..., moved, :].sum(axis=-2),
-                poses[..., body, :3, :3] @ chain.axes[body],
-            )
+            force = forces[..., moved, :].sum(axis=-2)
+            axis = poses[..., body, :3, :3] @ chain.axes[body]
             if chain.kinds[body] == REVOLUTE:
                 force = moments[..., moved, :].sum(axis=-2) - np.cross(
                     poses[..., body, :3, 3], force

@@ -120,7 +120,8 @@ class Solids(NamedTuple):
         """Return the part of a node of hulls; -1 for the root."""
         first, stop = self.starts[solid : solid + 2, 2].tolist()
         # It is the part whose root is the last not beyond the node.
-        roots, reached = self.part_roots[first:stop], node if node >= 0 else int(self.roots[solid])
+        roots = self.part_roots[first:stop]
+        reached = node if node >= 0 else int(self.roots[solid])
         return int(first + np.where(roots <= reached, roots, -1).argmax())
 
 
@@ -185,7 +186,8 @@ class SceneScratch(NamedTuple):
 
 def make_scene_scratch(scene: Scene) -> SceneScratch:
     """Allocate scratch memory for one thread."""
-    bodies, pairs = len(scene.chain.parents), len(scene.pairs)
+    bodies = len(scene.chain.parents)
+    pairs = len(scene.pairs)
     return SceneScratch(
         np.empty((MAX_MOTION_PARTS, 2)),
         np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
@@ -226,7 +228,8 @@ def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
 
     It includes the rounding of joint values.
     """
-    chain, size = scene.chain, 0.0
+    chain = scene.chain
+    size = 0.0
     for b in range(1, len(chain.parents)):
         q, r = q0[chain.joint_indices[b]], q1[chain.joint_indices[b]]
         size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
@@ -236,11 +239,14 @@ def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
 @kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
     """Return True if a motion is proven free; equal endpoints mean a point."""
-    chain, parts, open_pairs = scene.chain, scratch.parts, scratch.open_pairs
+    chain = scene.chain
+    parts = scratch.parts
+    open_pairs = scratch.open_pairs
     required = required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
         return False
-    solids, longest = scene.solids, 0.0
+    solids = scene.solids
+    longest = 0.0
     for n in range(len(scene.pairs)):
         i, j = scene.pairs[n]
         bounds = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
@@ -256,13 +262,16 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     if longest == 0.0:
         return True
     # The queue of unproven parts begins with the whole motion.
-    parts[0, 0], parts[0, 1] = 0.0, 1.0
+    parts[0, 0] = 0.0
+    parts[0, 1] = 1.0
     count = 1
     for row in range(MAX_DISTANCES_PER_EDGE):
         if row == count:
             return True
-        first, last = parts[row, 0], parts[row, 1]
-        half, center = 0.5 * (last - first), 0.5 * (first + last)
+        first = parts[row, 0]
+        last = parts[row, 1]
+        half = 0.5 * (last - first)
+        center = 0.5 * (first + last)
         if half < MIN_ADVANCE:
             return False
         forward_kinematics(chain, q0, q1, center, scratch.poses)
@@ -271,7 +280,8 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
             return False
         if state == MIXED:
             for start, stop in ((first, center), (center, last)):
-                parts[count, 0], parts[count, 1] = start, stop
+                parts[count, 0] = start
+                parts[count, 1] = stop
                 for n in range(len(scene.pairs)):
                     open_pairs[count, n] = open_pairs[row, n]
                 count += 1
@@ -291,7 +301,9 @@ def part_state(
     for n in range(len(scene.pairs)):
         if not is_open[n]:
             continue
-        most, curve, turned = scratch.bounds[n, 0], scratch.bounds[n, 1], scratch.bounds[n, 2]
+        most = scratch.bounds[n, 0]
+        curve = scratch.bounds[n, 1]
+        turned = scratch.bounds[n, 2]
         # The second term bounds the motion of the rounding, a small part of the whole motion.
         curvature_bound = half * (half * curve + required * turned) / ADVANCE_FACTOR
         bounds = half / ADVANCE_FACTOR, curvature_bound, half * most / ADVANCE_FACTOR
@@ -325,12 +337,14 @@ def pair_slack(
     deviation from the linear motion, and the largest displacement. ``axes`` are the joints of a box
     of configurations, none for a motion.
     """
-    solids, (half, curvature_bound, most) = scene.solids, bounds
+    solids = scene.solids
+    half, curvature_bound, most = bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         scratch.nodes[1, 0] = 0
         return np.inf
-    pose, base = scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]]
+    pose = scratch.poses[solids.bodies[i]]
+    base = scratch.poses[solids.bodies[j]]
     to_base = columns(base)
     matrix, position = relative_pose(pose, base)
     spin = minus(column(pose, SPIN), column(base, SPIN))
@@ -359,7 +373,9 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
     connected part, and ``min_depth`` is 0.
     """
     i, j = scene.pairs[n]
-    solids, poses, nodes = scene.solids, scratch.poses, scratch.nodes
+    solids = scene.solids
+    poses = scratch.poses
+    nodes = scratch.nodes
     for one, other in ((i, j), (j, i)):
         matrix, shift = relative_pose(poses[solids.bodies[one]], poses[solids.bodies[other]])
         for surface in range(solids.starts[other, 0], solids.starts[other + 1, 0]):
@@ -379,8 +395,11 @@ def piece_lies_in(
 
     Tests only boxes and balls small enough to lie inside.
     """
-    trees, one, other = solids.trees, poses[solids.bodies[i]], poses[solids.bodies[j]]
-    (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
+    trees = solids.trees
+    one = poses[solids.bodies[i]]
+    other = poses[solids.bodies[j]]
+    matrix, shift = relative_pose(one, other)
+    back, shift_back = relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         root = solids.surface_roots[surface]
         whole = solids.surfaces.boxes[root]
@@ -388,11 +407,13 @@ def piece_lies_in(
         near = apply_pose(back, shift_back, row_at(whole, 0))
         reach = box_extent(back, row_at(whole, 3))
         for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
-            nodes[1, 0], top = solids.tree_roots[part], 2 if solids.tree_roots[part] >= 0 else 1
+            nodes[1, 0] = solids.tree_roots[part]
+            top = 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
                 top -= 1
                 b = nodes[top, 0]
-                box, (row, m) = trees.boxes[b], trees.spans[b]
+                box = trees.boxes[b]
+                row, m = trees.spans[b]
                 offset = minus(near, row_at(box, 0))
                 if box[6] == 0.0 or boxes_are_apart(offset, reach, row_at(box, 3)):
                     continue
@@ -401,7 +422,8 @@ def piece_lies_in(
                     if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                         return True
                     continue
-                nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
+                nodes[top, 0] = b + 1
+                nodes[top + 1, 0] = b + 2 * (m // 2)
                 top += 2
     return False
 
@@ -432,13 +454,17 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
 
     The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
-    (x, y, z), box, winding = point, surfaces.boxes[root], 0
+    x, y, z = point
+    box = surfaces.boxes[root]
+    winding = 0
     rounding = TREE_ROUNDING * (box[3] + box[4] + box[5])
-    nodes[1, 1], top = root, 2
+    nodes[1, 1] = root
+    top = 2
     while top > 1:
         top -= 1
         b = nodes[top, 1]
-        around, (start, count) = surfaces.boxes[b], surfaces.spans[b]
+        around = surfaces.boxes[b]
+        start, count = surfaces.spans[b]
         # The ray crosses no triangle beside it or below its start.
         offset = x - around[0], y - around[1], max(z - around[2], 0.0)
         if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(around, 3)):
@@ -448,7 +474,8 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
                 signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
             )
             continue
-        nodes[top, 1], nodes[top + 1, 1] = b + 1, b + 2 * (count // 2)
+        nodes[top, 1] = b + 1
+        nodes[top + 1, 1] = b + 2 * (count // 2)
         top += 2
     return winding
 
@@ -462,7 +489,9 @@ def nearest_triangle(
     If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be
     returned. The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
-    nodes[1, 1], top, nearest = root, 2, np.inf
+    nodes[1, 1] = root
+    top = 2
+    nearest = np.inf
     while top > 1:
         top -= 1
         b = nodes[top, 1]
@@ -475,10 +504,13 @@ def nearest_triangle(
             if nearest < enough < np.inf:
                 break
             continue
-        first, second = b + 1, b + 2 * (count // 2)
+        first = b + 1
+        second = b + 2 * (count // 2)
         if box_distance(surfaces.boxes[first], point) < box_distance(surfaces.boxes[second], point):
             first, second = second, first
-        nodes[top, 1], nodes[top + 1, 1] = first, second  # the nearer child comes first
+        # the nearer child comes first
+        nodes[top, 1] = first
+        nodes[top + 1, 1] = second
         top += 2
     return nearest
 
@@ -500,7 +532,8 @@ def boundaries_cross(
     for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
         for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
             a, b = solids.tree_roots[one], solids.tree_roots[other]
-            scratch.nodes[1, 0], scratch.nodes[1, 1] = a, b
+            scratch.nodes[1, 0] = a
+            scratch.nodes[1, 1] = b
             if min(a, b) >= 0 and parts_cross(solids.trees, motion, axes, required, scratch.nodes):
                 return True
     return False
@@ -513,7 +546,9 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
     Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has their roots. The pose of the first part,
     and the ``axes``, are as seen from the second.
     """
-    matrix, shift, moved = motion.matrix, motion.position, 0.0
+    matrix = motion.matrix
+    shift = motion.position
+    moved = 0.0
     top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
     while top > 0:
         a, b = nodes[top, 0], nodes[top, 1]
@@ -563,7 +598,9 @@ def pair_distances(
             # Compare without the padding: (out - padding) + padding may round to less than out.
             if slack < enough:
                 out[k] = slack + scene.padding[n] if slack >= 0.0 else slack
-                nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
+                nearest[k, 0] = n
+                nearest[k, 1] = nodes[0, 0]
+                nearest[k, 2] = nodes[0, 1]
 
 
 @kernel

@@ -116,15 +116,16 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
     Also returns the root of each solid, above its parts, and the root of each part; -1 for none.
     """
     # No child may be node 0, because that marks leaves.
-    boxes, nodes, corners = (
-        [np.zeros((1, 9))],
-        [np.zeros((1, 5), dtype=np.int64)],
-        [np.empty((3, 0))],
-    )
-    roots, part_roots = list[int](), list[int]()
-    count, corner = 1, 0
+    boxes = [np.zeros((1, 9))]
+    nodes = [np.zeros((1, 5), dtype=np.int64)]
+    corners = [np.empty((3, 0))]
+    roots = list[int]()
+    part_roots = list[int]()
+    count = 1
+    corner = 0
     for solid in solids:
-        own, own_boxes = list[int](), list[Floats]()
+        own = list[int]()
+        own_boxes = list[Floats]()
         for part in solid.parts:
             hulls = part.bounds_pair[0].hulls
             size = len(hulls.nodes)

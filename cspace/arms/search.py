@@ -89,14 +89,17 @@ def extend(
     If ``within``, configurations beyond the reach of the nearest node are ignored. Returns the new
     node, -1 if there is none, and whether it is the configuration itself.
     """
-    nodes, new = forest.nodes[side], forest.counts[side]
-    nearest, near = np.inf, 0
+    nodes = forest.nodes[side]
+    new = forest.counts[side]
+    nearest = np.inf
+    near = 0
     for n in range(new):
         square = 0.0
         for d in range(len(q)):
             square += (nodes[n, d] - q[d]) ** 2
         if square < nearest:
-            nearest, near = square, n
+            nearest = square
+            near = n
     if within and math.sqrt(nearest) > forest.reaches[side, near]:
         return -1, False
     is_near = nearest <= MAX_STRIDE**2
@@ -106,7 +109,8 @@ def extend(
     if not motion_is_free(scene, nodes[near], nodes[new], scratch):
         forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
         return -1, False
-    forest.parents[side, new], forest.reaches[side, new] = near, np.inf
+    forest.parents[side, new] = near
+    forest.reaches[side, new] = np.inf
     forest.counts[side] = new + 1
     return new, is_near
 
@@ -120,14 +124,16 @@ def grow_trees(
     Returns the nodes of both trees that meet, -1 if none do. It stops if the capacity is nearly
     used up.
     """
-    counts, capacity = forest.counts, forest.nodes.shape[1]
+    counts = forest.counts
+    capacity = forest.nodes.shape[1]
     for k in range(len(samples)):
         side = 0 if counts[0] <= counts[1] else 1
         if max(counts[0], counts[1]) + 2 >= capacity:
             break
         new, _ = extend(scene, forest, side, samples[k], True, scratch)
         # Grow the other tree towards the new node as far as possible.
-        at, meets = new, False
+        at = new
+        meets = False
         while at >= 0 and not meets and counts[1 - side] + 1 < capacity:
             at, meets = extend(scene, forest, 1 - side, forest.nodes[side, new], False, scratch)
         if meets:
@@ -163,12 +169,18 @@ class PathSearch:
         rng: np.random.Generator,
         seconds: float,
     ) -> None:
-        self._scene, self._scratch = scene, make_scene_scratch(scene)
+        self._scene = scene
+        self._scratch = make_scene_scratch(scene)
         self._end = clock() + seconds
-        self._bounds, self._start, self._spans, self._rng = bounds, start, spans, rng
+        self._bounds = bounds
+        self._start = start
+        self._spans = spans
+        self._rng = rng
         distances = np.linalg.norm(goals - start, axis=1)
         order = np.argsort(distances)
-        self._goals, self._distances = goals[order], distances[order]  # the nearest first
+        # the nearest first
+        self._goals = goals[order]
+        self._distances = distances[order]
         self._batches: list[int] = []  # of attempts, used by each search
 
     def find(self, straight: bool) -> Floats:
@@ -216,11 +228,14 @@ class PathSearch:
         straight: bool,
     ) -> Floats:
         """Grow two trees until they meet on a path below ``length``, or until time ends."""
-        forest, first, batches = _plant_trees(self._start, goals), -1, 0
+        forest = _plant_trees(self._start, goals)
+        first = -1
+        batches = 0
         while first < 0 and batches < max_batches and clock() < self._end:
             samples = np.concatenate([samples, self._sample(goals, length)])
             first, second = grow_trees(self._scene, forest, samples, self._scratch)
-            samples, batches = samples[:0], batches + 1
+            samples = samples[:0]
+            batches = batches + 1
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
         self._batches.append(batches)
@@ -231,7 +246,9 @@ class PathSearch:
 
     def _skip_waypoints(self, path: Floats) -> Floats:
         """Return a path without the waypoints that straight motions do not need."""
-        rows, here, last = [0], 0, len(path) - 1
+        rows = [0]
+        here = 0
+        last = len(path) - 1
         while here < last:
             ahead = last
             while ahead > here + 1 and not self._is_free(path[[here, ahead]]):
@@ -252,7 +269,8 @@ class PathSearch:
         They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds
         are replaced by uniform ones within.
         """
-        rng, size = self._rng, len(self._start)
+        rng = self._rng
+        size = len(self._start)
         uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, size))
         if math.isinf(length):
             return uniform
@@ -274,7 +292,8 @@ class PathSearch:
 
     def _pull(self, path: Floats) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
-        length, last = _length(path), math.inf
+        length = _length(path)
+        last = math.inf
         while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
             for _ in range(PULLS_PER_BATCH):
                 path = self._pull_part(path)
@@ -291,7 +310,8 @@ class PathSearch:
         first, last = np.sort(self._rng.uniform(0, len(path) - 1, 2))
         if self._rng.random() < WAYPOINT_SHARE:
             first, last = np.rint((first, last))
-        start, stop = math.floor(first), math.ceil(last)
+        start = math.floor(first)
+        stop = math.ceil(last)
         part = np.concatenate(
             [_point_at(path, first), path[start + 1 : stop], _point_at(path, last)]
         )
@@ -299,7 +319,8 @@ class PathSearch:
             return path
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
         straight = part[0] + along[:, np.newaxis] / max(along[-1], MIN_PULL) * (part[-1] - part[0])
-        joint, weight = self._rng.integers(2 * path.shape[1]), min(2.0 * self._rng.random(), 1.0)
+        joint = self._rng.integers(2 * path.shape[1])
+        weight = min(2.0 * self._rng.random(), 1.0)
         if joint < path.shape[1]:
             part[1:-1, joint] += weight * (straight - part)[1:-1, joint]
         elif weight < 1.0:
@@ -345,9 +366,12 @@ def _length(path: Floats) -> float:
 
 def _plant_trees(start: Floats, goals: Floats) -> Forest:
     """Return trees that consist of their roots."""
-    capacity, counts = INITIAL_NODES + len(goals), np.array([1, len(goals)])
-    nodes, parents = np.empty((2, capacity, len(start))), np.full((2, capacity), -1)
-    nodes[0, 0], nodes[1, : len(goals)] = start, goals
+    capacity = INITIAL_NODES + len(goals)
+    counts = np.array([1, len(goals)])
+    nodes = np.empty((2, capacity, len(start)))
+    parents = np.full((2, capacity), -1)
+    nodes[0, 0] = start
+    nodes[1, : len(goals)] = goals
     return Forest(nodes, parents, np.full((2, capacity), np.inf), counts)
 
 

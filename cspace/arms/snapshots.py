@@ -140,7 +140,8 @@ class Snapshot:
         the index of the pair of solids and the nearest node of the hull tree of each. ``scene`` is
         the outer scene, or one with some of its pairs.
         """
-        out, nearest = np.empty(len(points)), np.zeros((len(points), 3), dtype=np.int64)
+        out = np.empty(len(points))
+        nearest = np.zeros((len(points), 3), dtype=np.int64)
         _run_in_threads(pair_distances, scene or self.outer, as_contiguous(points), out, nearest)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
@@ -151,8 +152,11 @@ class Snapshot:
         configuration, shape (1, dof).
         """
         distances, nearest = self.distances(points, scene)
-        solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
-        hulls, radii, poses = [], [], body_poses(self.arm.chain, points[0])
+        solids = scene.solids
+        pair, *nodes = nearest[0].tolist()
+        hulls = []
+        radii = []
+        poses = body_poses(self.arm.chain, points[0])
         for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
             corners, radius = node_corners(solids.hulls, node)
@@ -273,7 +277,8 @@ def _group(
     Members may touch the same others and have the same padding, so that one test proves a group
     apart.
     """
-    partners, fellows = _find_partners(may_touch), dict[int, set[str]]()
+    partners = _find_partners(may_touch)
+    fellows = dict[int, set[str]]()
     for solid in solids:
         fellows.setdefault(solid.body, set()).add(solid.name)
     found = dict[tuple[int, frozenset[str], float], list[Solid]]()
@@ -297,7 +302,8 @@ def _pair_groups(
 
     The second of a pair is an obstacle, or the body nearer to the base.
     """
-    pairs, fixed = list[tuple[int, int]](), list[tuple[int, int]]()
+    pairs = list[tuple[int, int]]()
+    fixed = list[tuple[int, int]]()
     for (i, one), (j, other) in combinations(enumerate(groups), 2):
         if one.is_obstacle or sort_pair(one.members[0].name, other.members[0].name) in may_touch:
             continue
@@ -346,7 +352,8 @@ def _refuse_always(snapshot: Snapshot) -> None:
 
     Tests pairs that at most two joints move.
     """
-    chain, scene = snapshot.arm.chain, snapshot.outer
+    chain = snapshot.arm.chain
+    scene = snapshot.outer
     between = chain.between[tuple(scene.solids.bodies[scene.pairs].T)] & (chain.kinds != FIXED)
     few = [len(set(chain.joint_indices[row].tolist())) <= 2 for row in between]
     for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):

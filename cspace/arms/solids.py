@@ -87,7 +87,8 @@ class PosedShape:
 
         Both are the same object if the shape is exact.
         """
-        outer, inner = self.shape.outer, self.shape.inner
+        outer = self.shape.outer
+        inner = self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
 

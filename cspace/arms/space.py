@@ -104,7 +104,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     searches = ("BiRRT",)
 
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
-        self.snapshot, self._base = snapshot, base
+        self.snapshot = snapshot
+        self._base = base
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -321,7 +322,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
             now = self.snapshot
-            left, carrier = dict(now.obstacles), check_known(link, "link", now.arm.frames)
+            left = dict(now.obstacles)
+            carrier = check_known(link, "link", now.arm.frames)
             if shape is None:
                 if pose is not None:
                     raise InputError(
@@ -335,7 +337,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 placed = filled[check_known(name, "name", filled)]
                 del left[name]
                 on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
-                shape, pose = placed.shape, np.linalg.inv(on_base) @ placed.pose
+                shape = placed.shape
+                pose = np.linalg.inv(on_base) @ placed.pose
             elif q is not None:
                 raise InputError(
                     "q",
@@ -381,7 +384,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         with self._lock:
             now = self.snapshot
-            arm, obstacles = now.arm.detach(name), dict(now.obstacles)
+            arm = now.arm.detach(name)
+            obstacles = dict(now.obstacles)
             allowed: Collection[Names] = now.allowed
             padding = now.padding
             if q is not None:
@@ -400,7 +404,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     value=touch_links,
                 )
             else:
-                allowed, padding = _without(allowed, name), _set_entry(padding, name, 0.0)
+                allowed = _without(allowed, name)
+                padding = _set_entry(padding, name, 0.0)
             self._replace(now, obstacles, allowed, padding, arm)
 
     def set_padding(self, name: str, padding: float) -> None:
@@ -530,7 +535,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             scene = self.snapshot.outer
             # At the first call of a thread, and after a change.
             if getattr(local, "scene", None) is not scene:
-                local.scene, local.scratch = scene, make_scene_scratch(scene)
+                local.scene = scene
+                local.scratch = make_scene_scratch(scene)
             first, last = np.array(endpoints, dtype=np.float64).reshape(2, -1)
             return bool(motion_is_free(scene, first, last, local.scratch))
 
@@ -578,7 +584,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         path = self._check_configurations(path, "path").reshape(-1, self.size)
         self._check_spans(path[:-1], path[1:])
-        midpoints, snapshot = 0.5 * (path[:-1] + path[1:]), self.snapshot
+        midpoints = 0.5 * (path[:-1] + path[1:])
+        snapshot = self.snapshot
         limit = float(snapshot.distances(np.concatenate([path, midpoints]))[0].min())
         if len(path) < 2 or math.isinf(limit) or limit == 0.0:
             return limit
@@ -686,7 +693,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point, snapshot = self.arm.check_configuration(q, "q"), self.snapshot
+        point = self.arm.check_configuration(q, "q")
+        snapshot = self.snapshot
         if not len(snapshot.outer.pairs):
             raise InputError(
                 "obstacles", "are none", "there is nothing to touch", "add an obstacle"
@@ -717,13 +725,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         count = 1 if n is None else check_count(n, "n")
-        generator, snapshot = check_rng(rng), self.snapshot
-        batches, found, tried = [np.empty((0, self.size))], 0, 0
+        generator = check_rng(rng)
+        snapshot = self.snapshot
+        batches = [np.empty((0, self.size))]
+        found = 0
+        tried = 0
         while found < count:
             drawn = min(max(2 * (count - found), 16), 10_000)
             points = generator.uniform(*snapshot.arm.ranges(), (drawn, self.size))
             batches.append(points[snapshot.are_free(points, points)])
-            found, tried = found + len(batches[-1]), tried + drawn
+            found = found + len(batches[-1])
+            tried = tried + drawn
             if tried >= _MAX_FAILED_SAMPLES and not found:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
@@ -803,14 +815,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self.snapshot
-        start, goals = snapshot.arm.clamp(start), snapshot.arm.clamp(goals)
+        start = snapshot.arm.clamp(start)
+        goals = snapshot.arm.clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
         free = snapshot.are_free(endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise _collision_error(snapshot, q, name)
-        images, rng = images[free[1:]], np.random.default_rng(seed)
+        images = images[free[1:]]
+        rng = np.random.default_rng(seed)
         ranges = snapshot.arm.ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
@@ -1088,7 +1102,8 @@ def build_arm_space(
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        (arm, pairs), obstacles = scene.place(arm, given), scene.obstacles
+        arm, pairs = scene.place(arm, given)
+        obstacles = scene.obstacles
     pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}

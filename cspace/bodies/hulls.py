@@ -143,18 +143,23 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
 
     ``volume`` is the volume that the triangles enclose.
     """
-    box, rows, spans = tree.boxes[:, :6], tree.triangles, tree.spans
+    box = tree.boxes[:, :6]
+    rows = tree.triangles
+    spans = tree.spans
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
     starts, counts = spans.T
     balls = np.linalg.norm(box[:, 3:], axis=1)
     radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
     boxes = np.column_stack([box, balls, radii, np.zeros(len(box))])
-    nodes, leaf = np.zeros((len(box), 5), dtype=np.int64), counts == 1
+    nodes = np.zeros((len(box), 5), dtype=np.int64)
+    leaf = counts == 1
     inside = np.flatnonzero(~leaf)
-    nodes[inside, 0], nodes[inside, 4] = inside + 2 * (counts[inside] // 2), inside + 1
+    nodes[inside, 0] = inside + 2 * (counts[inside] // 2)
+    nodes[inside, 4] = inside + 1
     corners, firsts = _row_corners(rows)
-    nodes[leaf, 1], nodes[leaf, 2] = firsts[starts[leaf]], firsts[starts[leaf] + 1]
+    nodes[leaf, 1] = firsts[starts[leaf]]
+    nodes[leaf, 2] = firsts[starts[leaf] + 1]
     # Boxes and balls are solid, so each is a whole connected part.
     nodes[:, 3] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
     nodes[0, 3] = 1
@@ -167,10 +172,12 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     has_hull[0] = True
     points, which = np.unique(corners, axis=0, return_inverse=True)
     is_rounded = bool(rows[:, 9].any())
-    parts, stop = [corners], len(corners)
+    parts = [corners]
+    stop = len(corners)
     for node in np.flatnonzero(has_hull & ~leaf).tolist():
         first, last = firsts[[starts[node], starts[node] + counts[node]]].tolist()
-        hull, is_tile = points[np.unique(which.ravel()[first:last])], ranks[node] == 0
+        hull = points[np.unique(which.ravel()[first:last])]
+        is_tile = ranks[node] == 0
         if is_rounded and not is_tile:
             continue
         depth = boxes[node, 3:6].min()
@@ -183,7 +190,8 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
                 links = np.array([[0, 0, len(hull), 1, 0]])
                 return Hulls(boxes[:1], links, np.ascontiguousarray(hull.T))
         boxes[node, 8] = depth
-        nodes[node, 1], nodes[node, 2] = stop, stop + len(hull)
+        nodes[node, 1] = stop
+        nodes[node, 2] = stop + len(hull)
         parts.append(hull)
         stop += len(hull)
     return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(parts).T))
@@ -199,7 +207,8 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
 
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
-    is_box, is_ball = rows[:, 9] < 0.0, _are_balls(rows)
+    is_box = rows[:, 9] < 0.0
+    is_ball = _are_balls(rows)
     is_aligned = ~rows[:, [4, 5, 6, 8]].any(axis=1)
     counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
@@ -222,7 +231,8 @@ def _find_corners(points: Floats) -> tuple[Floats, float, float, float]:
         hull = ConvexHull(points)
     except QhullError:
         return points, math.inf, 0.0, 0.0
-    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    normals = hull.equations[:, :3]
+    offsets = hull.equations[:, 3]
     heights = np.concatenate(
         [(part @ normals.T + offsets).max(axis=1) for part in _in_blocks(points, len(normals))]
     )
@@ -273,9 +283,11 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     numbers[inner] = start + np.arange(len(inner))
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
     nodes[:, 0] = numbers[inner + 2 * (spans[inner, 1] // 2)]
-    nodes[:, 3], nodes[:, 4] = 1, numbers[inner + 1]
+    nodes[:, 3] = 1
+    nodes[:, 4] = numbers[inner + 1]
     rows = np.zeros((len(inner), 9))
-    rows[:, :6], rows[:, 6] = box[inner], np.linalg.norm(box[inner, 3:], axis=1)
+    rows[:, :6] = box[inner]
+    rows[:, 6] = np.linalg.norm(box[inner, 3:], axis=1)
     return rows, nodes
 
 
@@ -311,9 +323,13 @@ def tree_slack(
     (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected
     parts were proven apart separately.
     """
-    best, partial, moves = enough, False, False
+    best = enough
+    partial = False
+    moves = False
     scratch[0, 0] = scratch[0, 1] = -1
-    scratch[1, 0], scratch[1, 1], top = one, other, 2
+    scratch[1, 0] = one
+    scratch[1, 1] = other
+    top = 2
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
@@ -330,7 +346,8 @@ def tree_slack(
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
             continue
-        scratch[0, 0], scratch[0, 1] = a, b
+        scratch[0, 0] = a
+        scratch[0, 1] = b
         if apart and motion.half_time > 0.0:
             # The caller halves the motion next unless its central moment is blocked, so test only
             # that now.
@@ -371,7 +388,8 @@ def box_slack(
 
     Also returns a bound of the displacement of the first node, and its center.
     """
-    half_time, most = motion.half_time, motion.max_displacement
+    half_time = motion.half_time
+    most = motion.max_displacement
     x, y, z = center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
     hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
     u, v, w = drift = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
@@ -404,20 +422,26 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     A node without a hull is split first, then the larger node. ``center`` is that of node a, as
     seen from node b.
     """
-    a_is_plain, b_is_plain = not has_hull(hulls, a), not has_hull(hulls, b)
+    a_is_plain = not has_hull(hulls, a)
+    b_is_plain = not has_hull(hulls, b)
     splits_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6] if a_is_plain == b_is_plain else a_is_plain
     if hulls.nodes[b, 0] == 0 or (hulls.nodes[a, 0] > 0 and splits_a):
-        scratch[row, 0], scratch[row, 1] = hulls.nodes[a, 0], b
-        scratch[row + 1, 0], scratch[row + 1, 1] = hulls.nodes[a, 4], b
+        scratch[row, 0] = hulls.nodes[a, 0]
+        scratch[row, 1] = b
+        scratch[row + 1, 0] = hulls.nodes[a, 4]
+        scratch[row + 1, 1] = b
         return
     # The nearer child comes last, so that it is tested first and its bound prunes the other.
-    nearer, farther = hulls.nodes[b, 4], hulls.nodes[b, 0]
+    nearer = hulls.nodes[b, 4]
+    farther = hulls.nodes[b, 0]
     to_one = minus(center, row_at(hulls.boxes[nearer], 0))
     to_other = minus(center, row_at(hulls.boxes[farther], 0))
     if dot(to_one, to_one) > dot(to_other, to_other):
         nearer, farther = farther, nearer
-    scratch[row, 0], scratch[row, 1] = a, farther
-    scratch[row + 1, 0], scratch[row + 1, 1] = a, nearer
+    scratch[row, 0] = a
+    scratch[row, 1] = farther
+    scratch[row + 1, 0] = a
+    scratch[row + 1, 1] = nearer
 
 
 @kernel
@@ -430,14 +454,18 @@ def hull_slack(
     direction tried.
     """
     required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
-    best, gap, length, count = -math.inf, -math.inf, math.inf, 0
+    best = -math.inf
+    gap = -math.inf
+    length = math.inf
+    count = 0
     p = q = r = (0.0, 0.0, 0.0)
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
             if count:
                 break
-            n, square = (1.0, 0.0, 0.0), 1.0
+            n = (1.0, 0.0, 0.0)
+            square = 1.0
         n = scale_vector(n, 1.0 / math.sqrt(square))
         one, high = support_point(hulls, a, rotate_back(motion.matrix, n))
         other, low = support_point(hulls, b, scale_vector(n, -1.0))
@@ -462,7 +490,8 @@ def hull_slack(
         n, p, q, r, count = nearest_in_simplex(
             minus(other, apply_pose(motion.matrix, motion.position, one)), p, q, r, count
         )
-        before, length = length, math.sqrt(dot(n, n))
+        before = length
+        length = math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
     return best, gap > 0.0
@@ -483,7 +512,8 @@ def slack_along(
     required distance, the speed, and the slack that is enough.
     """
     gap, required, speed, enough = limits
-    slack, bend = gap - required - speed, motion.curvature_bound
+    slack = gap - required - speed
+    bend = motion.curvature_bound
     # Along n the motion may be shorter than ``speed``.
     if slack <= enough and gap - required - bend > enough and motion.half_time > 0.0:
         for step in (-motion.half_time, motion.half_time):
@@ -501,7 +531,10 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
     Also returns its coordinate along n.
     """
-    first, stop, best, at = hulls.nodes[node, 1], hulls.nodes[node, 2], -math.inf, 0
+    first = hulls.nodes[node, 1]
+    stop = hulls.nodes[node, 2]
+    best = -math.inf
+    at = 0
     x, y, z = n
     if first == stop:
         # A leaf that fills its axis-aligned box has no stored corners.
@@ -516,7 +549,8 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     for k in range(first, stop):
         far = x * xs[k] + y * ys[k] + z * zs[k]
         if far > best:
-            best, at = far, k
+            best = far
+            at = k
     return (xs[at], ys[at], zs[at]), best
 
 
@@ -538,7 +572,9 @@ def nearest_in_simplex(
     # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining
     # weight.
     origin = scale_vector(new, -1.0)
-    to_a, to_b, to_c = minus(a, new), minus(b, new), minus(c, new)
+    to_a = minus(a, new)
+    to_b = minus(b, new)
+    to_c = minus(c, new)
     volume = dot(to_a, cross(to_b, to_c))
     weight_a = dot(origin, cross(to_b, to_c)) / volume
     weight_b = dot(to_a, cross(origin, to_c)) / volume

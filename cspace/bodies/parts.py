@@ -16,7 +16,8 @@ def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
 
     Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
     """
-    simplices, radii = [np.empty((0, 3, 3))], [np.empty(0)]
+    simplices = [np.empty((0, 3, 3))]
+    radii = [np.empty(0)]
     for part in parts:
         _, corners, dim = part.simplices.shape
         triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
@@ -33,7 +34,8 @@ def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     corners, dim = border.simplices.shape[1:]
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     rows = which.reshape(-1, corners)
-    start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
+    start = rows[:, :-1].ravel()
+    end = rows[:, 1:].ravel()
     labels = component_labels(start, end, len(points))
     order = np.argsort(labels, kind="stable")
     return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
@@ -47,5 +49,6 @@ def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
     points, starts = connected_parts(border)
     if not len(points):
         return points, np.empty(0)
-    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    low = np.minimum.reduceat(points, starts)
+    high = np.maximum.reduceat(points, starts)
     return points[starts], (high - low).max(axis=1)

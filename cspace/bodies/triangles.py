@@ -183,15 +183,18 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
 
     The corners have shapes (n, 3), the pose (4, 4).
     """
-    rotation, half = pose[:3, :3], 0.5 * (highs - lows)
+    rotation = pose[:3, :3]
+    half = 0.5 * (highs - lows)
     centers = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    first, second = half[:, :1] * rotation[:, 0], half[:, 1:2] * rotation[:, 1]
+    first = half[:, :1] * rotation[:, 0]
+    second = half[:, 1:2] * rotation[:, 1]
     return np.column_stack([centers, first, second, -half[:, 2]])
 
 
 def half_axes(boxes: Floats) -> Floats:
     """Return the half axes of box rows, shape (n, 3, 3)."""
-    first, second = boxes[:, 3:6], boxes[:, 6:9]
+    first = boxes[:, 3:6]
+    second = boxes[:, 6:9]
     third = np.cross(first, second)
     third *= (boxes[:, 9] / np.linalg.norm(third, axis=1))[:, None]
     return np.stack([first, second, third], axis=1)
@@ -202,11 +205,14 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
     Both have shape (n, 3).
     """
-    corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
-    low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
+    corners = rows[:, :9].reshape(-1, 3, 3)
+    grown = np.maximum(rows[:, 9:], 0.0)
+    low = corners.min(axis=1) - grown
+    high = corners.max(axis=1) + grown
     is_box = rows[:, 9] < 0.0
     half = np.abs(half_axes(rows[is_box])).sum(axis=1)
-    low[is_box], high[is_box] = rows[is_box, :3] - half, rows[is_box, :3] + half
+    low[is_box] = rows[is_box, :3] - half
+    high[is_box] = rows[is_box, :3] + half
     return low, high
 
 
@@ -217,8 +223,10 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     number of items of each node, shape (m, 2).
     """
     number_of_nodes = max(2 * len(low) - 1, 0)
-    boxes, spans = np.empty((number_of_nodes, 6)), np.empty((number_of_nodes, 2), dtype=np.int64)
-    order, centers = np.arange(len(low)), low + high
+    boxes = np.empty((number_of_nodes, 6))
+    spans = np.empty((number_of_nodes, 2), dtype=np.int64)
+    order = np.arange(len(low))
+    centers = low + high
     # The nodes of a level: index, first item and number of items.
     node, start, count = np.array([[0], [0], [len(low)]])[:, : len(low)]
     while len(node):
@@ -227,7 +235,9 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
         spans[node] = np.column_stack([start, count])
         axis = (upper - lower).argmax(axis=1)[count > 1]
-        node, start, count = node[count > 1], start[count > 1], count[count > 1]
+        node = node[count > 1]
+        start = start[count > 1]
+        count = count[count > 1]
         # Sort the items of each node by their centers along its longest side.
         owner = np.repeat(np.arange(len(node)), count)
         places = np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]
@@ -235,7 +245,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         order[places] = items[np.lexsort((centers[items, axis[owner]], owner))]
         half = count // 2
         node = np.concatenate([node + 1, node + 2 * half])
-        start, count = np.concatenate([start, start + half]), np.concatenate([half, count - half])
+        start = np.concatenate([start, start + half])
+        count = np.concatenate([half, count - half])
     return boxes, order, spans
 
 
@@ -264,10 +275,12 @@ def free_fraction(
     (MAX_PENDING_PAIRS, 2), keeps in its first row the pair of triangles that set the last bound,
     because the same pair often sets the next one; -1 means none.
     """
-    best, top = float(enough), 1
+    best = float(enough)
+    top = 1
     for other in others:
         if other >= 0:
-            nodes[top, 0], nodes[top, 1] = robot, other
+            nodes[top, 0] = robot
+            nodes[top, 1] = other
             top += 1
     if nodes[0, 0] >= 0:
         nodes[top, 0], nodes[top, 1] = nodes[0, 0], nodes[0, 1]
@@ -281,7 +294,9 @@ def free_fraction(
         drift = trees.boxes[a, 6] * motion.angle + motion.drift
         fraction = pair_free_fraction(p, q, motion, drift, best)
         if fraction < best:
-            best, nodes[0, 0], nodes[0, 1] = fraction, a, b
+            best = fraction
+            nodes[0, 0] = a
+            nodes[0, 1] = b
     return best
 
 
@@ -295,11 +310,13 @@ def next_leaves(
     ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes in the rows from 1 to
     ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if there are none.
     """
-    step, required = motion.step, motion.required
+    step = motion.step
+    required = motion.required
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
-        box, other = trees.boxes[a], trees.boxes[b]
+        box = trees.boxes[a]
+        other = trees.boxes[b]
         drift = box[6] * motion.angle + motion.drift
         x, y, z = box_extent(motion.matrix, row_at(box, 3))
         half = (
@@ -322,11 +339,14 @@ def next_leaves(
         if n == 1 and m == 1:
             return top
         # Split the node with the larger box.
-        nodes[top + 1, 0], nodes[top + 1, 1] = a, b
+        nodes[top + 1, 0] = a
+        nodes[top + 1, 1] = b
         if n == 1 or (m > 1 and other[3] + other[4] + other[5] > x + y + z):
-            nodes[top, 1], nodes[top + 1, 1] = b + 2 * (m // 2), b + 1
+            nodes[top, 1] = b + 2 * (m // 2)
+            nodes[top + 1, 1] = b + 1
         else:
-            nodes[top, 0], nodes[top + 1, 0] = a + 2 * (n // 2), a + 1
+            nodes[top, 0] = a + 2 * (n // 2)
+            nodes[top + 1, 0] = a + 1
         top += 2
     return 0
 
@@ -364,7 +384,8 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     The first moves by up to ``drift`` in any direction.
     """
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
-    first, matrix = row_at(p, 0), motion.matrix
+    first = row_at(p, 0)
+    matrix = motion.matrix
     origin = apply_pose(matrix, motion.position, first)
     a = (
         (0.0, 0.0, 0.0),
@@ -373,8 +394,10 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     )
     b = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin), minus(row_at(q, 6), origin)
     u, v = edge_vectors(a), edge_vectors(b)
-    step, required = motion.step, motion.required + p[9] + q[9]
-    nearest, normal = math.inf, cross(v[0], v[1])
+    step = motion.step
+    required = motion.required + p[9] + q[9]
+    nearest = math.inf
+    normal = cross(v[0], v[1])
     best = max(
         free_fraction_along(cross(u[0], u[1]), a, b, step, drift, required),
         free_fraction_along(normal, a, b, step, drift, required),
@@ -387,7 +410,8 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
             gap = gap_between(a[k], u[k], b[m], v[m])
             square = dot(gap, gap)
             if square < nearest:
-                nearest, normal = square, cross(u[k], v[m])
+                nearest = square
+                normal = cross(u[k], v[m])
                 best = max(best, free_fraction_along(gap, a, b, step, drift, required))
     return min(max(best, free_fraction_along(normal, a, b, step, drift, required)), enough)
 
@@ -407,7 +431,9 @@ def free_fraction_along(
     The result is -1 if too near or n is too short. Corners are relative to the first corner of a,
     which moves by ``step``, forwards or backwards, and by up to ``drift`` in any direction.
     """
-    (_, a1, a2), (b0, b1, b2), square = a, b, dot(n, n)
+    _, a1, a2 = a
+    b0, b1, b2 = b
+    square = dot(n, n)
     if not MIN_SQUARED_LENGTH < square < math.inf:
         return -1.0
     length = math.sqrt(square)
@@ -437,7 +463,8 @@ def piece_depth(row: Floats, point: Row) -> float:
     if row[9] >= 0.0:
         return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
     _, one, other, third = read_box(row)
-    depth, square = np.inf, 0.0
+    depth = np.inf
+    square = 0.0
     for axis in (one, other, third):
         half = math.sqrt(dot(axis, axis))
         inward = half - abs(dot(away, axis)) / half
@@ -452,7 +479,9 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
 
     A point of the triangle is found deeper than ``depth``.
     """
-    first, target, scale = corners[0], row_at(q, 0), 0.5
+    first = corners[0]
+    target = row_at(q, 0)
+    scale = 0.5
     u, v = minus(corners[1], first), minus(corners[2], first)
     for _ in range(16):
         near = add_scaled(first, nearest_of_triangle(minus(target, first), u, v), 1.0)

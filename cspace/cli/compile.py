@@ -24,7 +24,8 @@ def compile_ahead(as_json: Json = False) -> None:
     folder = compiling.cache_folder()
     if folder is None:
         hint = "set NUMBA_CACHE_DIR to a folder that only you can write to"
-        problem, rule = "names no safe folder", "compiled code is kept in one"
+        problem = "names no safe folder"
+        rule = "compiled code is kept in one"
         raise InputError("NUMBA_CACHE_DIR", problem, rule, hint)
     level = compiling.LOGGER.level
     compiling.LOGGER.setLevel(logging.ERROR)  # a long wait is what this command is for

@@ -27,14 +27,16 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
     for path in outputs:
         suffix = path.suffix.lower()
         if suffix not in suffixes:
-            problem, rule = f"ends in {path.suffix!r}", "the suffix says what to write"
+            problem = f"ends in {path.suffix!r}"
+            rule = "the suffix says what to write"
             hint = f"use one of {', '.join(filter(None, suffixes))}"
             raise InputError(str(path), problem, rule, hint, value=path)
         check_output(path, overwrite)
         if suffix in (".yaml", ".yml"):
             check_output(path.with_suffix(".pgm"), overwrite)
     if len({path.resolve() for path in outputs}) < len(outputs):
-        names, hint = ", ".join(map(str, outputs)), "choose another name"
+        names = ", ".join(map(str, outputs))
+        hint = "choose another name"
         raise InputError(names, "name a file twice", "they must differ", hint, value=paths)
 
 
@@ -67,12 +69,14 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
         rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
         raise FileError(str(file), "has no path", rule, hint) from error
     if names != list(axes):
-        problem, rule = f"has {', '.join(names)}", f"the map's axes are {', '.join(axes)}"
+        problem = f"has {', '.join(names)}"
+        rule = f"the map's axes are {', '.join(axes)}"
         raise FileError(str(file), problem, rule, hint)
     if not len(points):
         raise FileError(str(file), "has no configuration", "a path has at least one", hint)
     if points.shape[1:] != (len(axes),):
-        problem, rule = f"has an array {points.shape}", f"the map's axes are {', '.join(axes)}"
+        problem = f"has an array {points.shape}"
+        rule = f"the map's axes are {', '.join(axes)}"
         raise FileError(str(file), problem, rule, hint)
     return [list(row) for row in points.tolist()]
 

@@ -233,7 +233,8 @@ def _describe_cells(workspace: Workspace) -> dict[str, Any]:
     """
     import numpy as np
 
-    grid, occupied = workspace.grid, workspace.outer
+    grid = workspace.grid
+    occupied = workspace.outer
     cells = {}
     if workspace.unknown is not None:
         cells["unknown"] = int(np.count_nonzero(workspace.unknown))

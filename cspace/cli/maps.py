@@ -212,7 +212,9 @@ def picture(
     clock = Clock()
     with clock.step("read"):
         space = open_map(file)
-        axes, units, dim = space.axes, space.units, space.grid.dim
+        axes = space.axes
+        units = space.units
+        dim = space.grid.dim
         options = drop_none(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:

@@ -175,7 +175,8 @@ def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[f
 
     Raises InputError if the map has no rotations, or if the text is no rotation of it.
     """
-    axes, units = space.axes[space.dim :], space.units[space.dim :]
+    axes = space.axes[space.dim :]
+    units = space.units[space.dim :]
     if not axes:
         hint = "omit it, or build the map with --rotations 72"
         raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)

@@ -167,7 +167,9 @@ def demo(
     with clock.step("build_map") as progress:
         space = build(workspace, flat.demo_robot(), progress=progress)
     with clock.step("prove"):
-        start, goal, store = flat.START_POSITION, flat.GOAL_POSITION, flat.STORE_POSITION
+        start = flat.START_POSITION
+        goal = flat.GOAL_POSITION
+        store = flat.STORE_POSITION
         proofs = {
             "start_is_connected_to_goal": space.is_connected(start, goal),
             "start_is_disconnected_from_store_room": space.is_disconnected(start, store),

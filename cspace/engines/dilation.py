@@ -48,7 +48,8 @@ BLOCK_TASKS_PER_THREAD: Final = 16
 MIN_WORD_RUNS_FOR_THREADS: Final = 2_000_000
 """Number of words times runs below which a second thread costs more than it saves."""
 
-_ONE, _LAST_BIT = np.uint64(1), np.uint64(63)
+_ONE = np.uint64(1)
+_LAST_BIT = np.uint64(63)
 
 
 class Block(NamedTuple):
@@ -320,7 +321,8 @@ def dilate(
             step = lengths[run] - length
             if step > length:
                 step = length
-            jump, shift = np.uint64(step >> 6), np.uint64(step & 63)
+            jump = np.uint64(step >> 6)
+            shift = np.uint64(step & 63)
             # The last word is out of date from here on, but all runs end before it.
             for k in range(np.uint64(source.size) - jump - _ONE):
                 low = wide[k + jump] >> shift

@@ -119,7 +119,8 @@ class Member(NamedTuple):
 
 def clip_raster(raster: Raster, shape: Sequence[int]) -> Raster:
     """Leave out the offsets that never fall on a map of a shape."""
-    lower, n = np.array(raster.lower), np.array(shape)
+    lower = np.array(raster.lower)
+    n = np.array(shape)
     start, stop = _intersect(lower, lower + raster.cells.shape, 1 - n, n)
     return Raster(raster.cells[_box(start - lower, stop - lower)], tuple(start.tolist()))
 
@@ -214,7 +215,8 @@ Task: TypeAlias = tuple[tuple[int, ...], Sequence[tuple[Member, NDArray[Any]]]]
 
 def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: Task) -> None:
     """Write the results of a tile for some rasters."""
-    corner, pairs = np.array(task[0]), task[1]
+    corner = np.array(task[0])
+    pairs = task[1]
     results = _box(corner, corner + tiling.step)
     cells = tiling.read_tile(occupied, outside, corner)
     level = cells.flat[0]

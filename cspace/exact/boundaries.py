@@ -102,7 +102,8 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
-    borders, error = [], 0.0
+    borders = []
+    error = 0.0
     for shape in (each.outer for each in workspace.obstacles):
         whole = shape.boundary()
         pieces = clip(whole, workspace.grid)
@@ -122,8 +123,11 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
 
     Balls that reach the box stay whole.
     """
-    simplices, lower, upper = border.simplices, np.asarray(grid.lower), np.asarray(grid.upper)
-    low, high = simplices.min(axis=1), simplices.max(axis=1)
+    simplices = border.simplices
+    lower = np.asarray(grid.lower)
+    upper = np.asarray(grid.upper)
+    low = simplices.min(axis=1)
+    high = simplices.max(axis=1)
     if ((low >= lower) & (high <= upper)).all():
         return border
     if simplices.shape[1] == 1 or border.radii.any():
@@ -162,14 +166,16 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
         if kept == 1:
             parts.append(np.stack([first, *crossings], axis=1))
         else:
-            (ab, ac), (b, c) = crossings, others
+            ab, ac = crossings
+            b, c = others
             parts += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
     return np.concatenate(parts)
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
     """Yield the caps of a shape on the faces of the grid."""
-    grid, (low, high) = workspace.grid, shape.bounds
+    grid = workspace.grid
+    low, high = shape.bounds
     for axis in range(grid.dim):
         for upper, crosses in (
             (0, low[axis] < grid.lower[axis]),
@@ -194,12 +200,14 @@ def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
 
     The result has shape (n, 2, 2).
     """
-    wall, along = (grid.lower, grid.upper)[upper][axis], 1 - axis
+    wall = (grid.lower, grid.upper)[upper][axis]
+    along = 1 - axis
     first, last = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
     # A closed curve crosses a line an even number of times if a corner on the line counts as below.
     # So sorted crossings, taken in pairs, bound the intervals inside.
     crosses = (first[:, axis] <= wall) != (last[:, axis] <= wall)
-    first, last = first[crosses], last[crosses]
+    first = first[crosses]
+    last = last[crosses]
     fraction = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
     crossings = np.sort(first[:, along] + fraction * (last[:, along] - first[:, along]))
     endpoints = np.full((len(crossings) // 2, 2, 2), wall)

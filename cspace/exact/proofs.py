@@ -77,7 +77,8 @@ class ExactQueries:
     def __init__(
         self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
     ) -> None:
-        self._make_problem, self._prove = make_problem, prove or BoundaryProofs
+        self._make_problem = make_problem
+        self._prove = prove or BoundaryProofs
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
@@ -86,7 +87,8 @@ class ExactQueries:
 
         Returns the index of the first invalid point, or -1.
         """
-        proofs, states = self._current_proofs(), np.empty(len(q), dtype=np.uint8)
+        proofs = self._current_proofs()
+        states = np.empty(len(q), dtype=np.uint8)
         bad = classify(map_, q, states)
         if bad < 0:
             np.equal(states, FREE, out=out)
@@ -228,9 +230,11 @@ class BoundaryProofs:
 
     def __init__(self, problem: Problem) -> None:
         self._robot = problem.robot.shape.outer
-        self._size, self._rotations = problem.size, problem.rotations
+        self._size = problem.size
+        self._rotations = problem.rotations
         grid = problem.workspace.grid
-        self._dim, self._bounds = grid.dim, (np.asarray(grid.lower), np.asarray(grid.upper))
+        self._dim = grid.dim
+        self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
         # Balls and points need no containment test, because the distance from their center decides.
         parts = zip(
@@ -251,7 +255,9 @@ class BoundaryProofs:
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
     ) -> Containment:
         """Collect the points of the robot and of the obstacles that containment tests need."""
-        workspace, grid, robot = problem.workspace, problem.workspace.grid, self._robot
+        workspace = problem.workspace
+        grid = problem.workspace.grid
+        robot = self._robot
         missing_axis = (0, 3 - grid.dim)
         corners, starts = connected_parts(boundary)
         stops = np.append(starts[1:], len(corners))
@@ -306,7 +312,8 @@ class BoundaryProofs:
 
         See :class:`Proofs`.
         """
-        boundaries, (positions, matrices) = self._boundaries, self._place_robot(points)
+        boundaries = self._boundaries
+        positions, matrices = self._place_robot(points)
         spans = 0.5 * (boundaries.scale * lengths + boundaries.max_lever * angles)
         pairs = make_scratch().node_pairs
         return (
@@ -319,7 +326,8 @@ class BoundaryProofs:
 
         The shapes are (n, 3) and (n, 3, 3).
         """
-        positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+        positions = np.zeros((len(points), 3))
+        matrices = np.zeros((len(points), 3, 3))
         positions[:, : self._dim] = points[:, : self._dim]
         matrices[:, 2, 2] = 1.0
         matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
@@ -330,7 +338,8 @@ class BoundaryProofs:
 
         No boundaries may meet. Tests only the cases that :func:`edge_state` leaves MIXED.
         """
-        small, (positions, angles) = self._inputs.containment.anchors, self._place_robot(q)
+        small = self._inputs.containment.anchors
+        positions, angles = self._place_robot(q)
         own = self._anchors @ angles.swapaxes(1, 2) + positions[:, None]
         near = (small - positions[:, None]) @ angles
         nested = _contain_any(self._robot, self._robot.bounds, near[..., : self._dim])
@@ -444,7 +453,8 @@ def edge_state(
     contain the other at the first endpoint. An edge with equal endpoints is a point. If two arcs
     are equally long up to rounding, both must be proven.
     """
-    map_, boundaries = inputs.map, inputs.boundaries
+    map_ = inputs.map
+    boundaries = inputs.boundaries
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
     size = 0.0
@@ -454,7 +464,8 @@ def edge_state(
         if not length <= 2.0 * MAX_COORDINATE * map_.spacing:
             return BLOCKED
         size += length
-    scale, lever = boundaries.scale, boundaries.max_lever
+    scale = boundaries.scale
+    lever = boundaries.max_lever
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
     measured = 0
     for number in range(arc_count(r0, r1)):
@@ -467,7 +478,8 @@ def edge_state(
     if measured == 0:
         return FREE
     # While no boundaries meet, containment cannot change, so one test is enough.
-    place, matrix = reference_point(map_, p0, 1.0), matrix_rows(r0)
+    place = reference_point(map_, p0, 1.0)
+    matrix = matrix_rows(r0)
     state = corner_state(inputs.containment, place, matrix)
     if state == FREE and has_near_anchor(inputs.containment, place, matrix):
         return MIXED
@@ -488,7 +500,8 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int
         return measured
     count = max(1, math.ceil(length / (PIECE_CELLS * boundaries.scale * inputs.map.spacing)))
     for piece in range(count):
-        first, last = piece / count, (piece + 1) / count
+        first = piece / count
+        last = (piece + 1) / count
         measured = prove_part(inputs, arc, first, last, scratch, measured)
         if measured < 0:
             return -1
@@ -504,19 +517,29 @@ def prove_part(
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
     and leaves the remainders on both sides.
     """
-    map_, boundaries, parts = inputs.map, inputs.boundaries, scratch.parts
-    p0, r0, p1, r1, number = arc.p0, arc.r0, arc.p1, arc.r1, arc.number
-    parts[0, 0], parts[0, 1] = first, last
+    map_ = inputs.map
+    boundaries = inputs.boundaries
+    parts = scratch.parts
+    p0 = arc.p0
+    r0 = arc.r0
+    p1 = arc.p1
+    r1 = arc.r1
+    number = arc.number
+    parts[0, 0] = first
+    parts[0, 1] = last
     pending = 1
     while pending > 0:
         pending -= 1
-        first, last = parts[pending, 0], parts[pending, 1]
+        first = parts[pending, 0]
+        last = parts[pending, 1]
         if arc.angle_error == 0.0 and first < last:
-            start, end = position_along(p0, p1, first), position_along(p0, p1, last)
+            start = position_along(p0, p1, first)
+            end = position_along(p0, p1, last)
             turn = rotation_along(r0, r1, number, first)
             if edge_is_free(map_, start, turn, end, rotation_along(r0, r1, number, last)):
                 continue
-        half, center = 0.5 * (last - first), 0.5 * (first + last)
+        half = 0.5 * (last - first)
+        center = 0.5 * (first + last)
         position = position_along(p0, p1, center)
         rotation = rotation_along(r0, r1, number, center)
         state = state_at(map_, position, rotation)
@@ -526,7 +549,9 @@ def prove_part(
             return -1
         place = reference_point(map_, position, boundaries.scale)
         motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
-        trees, robot, others = boundaries.trees, boundaries.robot, boundaries.others
+        trees = boundaries.trees
+        robot = boundaries.robot
+        others = boundaries.others
         enough = half / ADVANCE_FACTOR
         proven = ADVANCE_FACTOR * free_fraction(
             trees, robot, others, motion, enough, scratch.node_pairs
@@ -535,8 +560,10 @@ def prove_part(
         if proven < min(half, MIN_ADVANCE):
             return -1
         if proven < half:
-            parts[pending, 0], parts[pending, 1] = center + proven, last
-            parts[pending + 1, 0], parts[pending + 1, 1] = first, center - proven
+            parts[pending, 0] = center + proven
+            parts[pending, 1] = last
+            parts[pending + 1, 0] = first
+            parts[pending + 1, 1] = center - proven
             pending += 2
     return measured
 
@@ -551,7 +578,8 @@ def path_slack(
     point of the robot moves farther than the span of the piece from there. All lengths are scaled
     like the trees. No part of robot or obstacles may lie inside the other.
     """
-    best, fixed = math.inf, (0.0, 0.0, 0.0)
+    best = math.inf
+    fixed = (0.0, 0.0, 0.0)
     for k in range(len(positions)):
         x, y, z = position = row_at(positions[k], 0)
         rows = matrices[k]
@@ -585,7 +613,9 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
 
     Return MIXED if that is undecided, otherwise FREE.
     """
-    spacing, state, k = containment.spacing, FREE, 0
+    spacing = containment.spacing
+    state = FREE
+    k = 0
     nx, ny, nz = containment.outer.shape
     while k < len(containment.corners):
         corner = containment.corners[k]
@@ -612,7 +642,8 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
 @kernel
 def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
     """Return True if a point of a small obstacle part lies in the robot's bounding box."""
-    low, high = containment.low, containment.high
+    low = containment.low
+    high = containment.high
     for k in range(len(containment.anchors)):
         offset = minus(row_at(containment.anchors[k], 0), position)
         x, y, z = rotate_back(matrix, offset)

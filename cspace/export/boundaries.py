@@ -31,10 +31,8 @@ def free_boundary(state: States, grid: Grid) -> Surface:
     """
     free = state == FREE
     if not free.any():
-        rule, hint = (
-            "a boundary needs at least one",
-            "build it with a smaller spacing, robot or margin",
-        )
+        rule = "a boundary needs at least one"
+        hint = "build it with a smaller spacing, robot or margin"
         raise InputError("the map", "has no FREE cell", rule, hint)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
@@ -64,7 +62,8 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     file.write(header.encode())
     file.write(vertices.astype("<f8").tobytes())
     rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-    rows["count"], rows["corners"] = 3, faces
+    rows["count"] = 3
+    rows["corners"] = faces
     file.write(rows.tobytes())
 
 

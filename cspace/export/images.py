@@ -24,10 +24,13 @@ _GEO_KEYS: Final = (
 )
 """GeoTIFF keys and their values."""
 
-_SCALE, _TIE_POINT, _DIRECTORY = 33550, 33922, 34735
+_SCALE = 33550
+_TIE_POINT = 33922
+_DIRECTORY = 34735
 """TIFF tags for the size of a pixel, the position of the upper left corner, and the keys."""
 
-_SHORT, _DOUBLE = 3, 12
+_SHORT = 3
+_DOUBLE = 12
 """Data types of TIFF tags."""
 
 
@@ -51,7 +54,8 @@ def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
         (_TIE_POINT, _DOUBLE, (0.0, 0.0, 0.0, grid.lower[0], grid.upper[1], 0.0)),
         (_DIRECTORY, _SHORT, directory),
     ):
-        tags[tag], tags.tagtype[tag] = values, kind
+        tags[tag] = values
+        tags.tagtype[tag] = kind
     image = Image.frombytes("P", state.shape, np.ascontiguousarray(state.T[::-1]).tobytes())
     image.putpalette([value for number in sorted(_COLOURS) for value in _COLOURS[number]])
     with replacing(path, overwrite) as temporary:

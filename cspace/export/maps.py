@@ -249,7 +249,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     0.0
     """
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
-    dim, cells = contents.grid.dim, contents.rotations.leading_axes(len(contents.rotations))
+    dim = contents.grid.dim
+    cells = contents.rotations.leading_axes(len(contents.rotations))
     variables: dict[str, Any] = {}
     labels: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 Message = TypeVar("Message")
 
-LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
+LETHAL = 254
+INSCRIBED = 253
+NO_INFORMATION = 255
 """Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the
 cell is unknown."""
 
@@ -76,7 +78,8 @@ def costmap_of(
     """
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
-    grid, workspace = space.grid, space.workspace
+    grid = space.grid
+    workspace = space.workspace
     if grid.dim == 3:
         hint = "build a map of the plane"
         raise InputError("the map", "is one in space", "a costmap is plane", hint)
@@ -209,7 +212,8 @@ def _fill_grid(
     if grid.dim == 3:
         hint = "cut it, or export another format"
         raise InputError("the map", "is one in space", f"{kind} is plane", hint)
-    position, orientation = f"{about}.origin.position", f"{about}.origin.orientation"
+    position = f"{about}.origin.position"
+    orientation = f"{about}.origin.orientation"
     every = {
         "header.frame_id": frame_id,
         f"{about}.resolution": grid.spacing,

@@ -43,7 +43,8 @@ def write_vti(
     extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
     origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
     spacing = " ".join([repr(grid.spacing)] * 3)
-    lines, offset = [], 0
+    lines = []
+    offset = 0
     for name, array in (*fields.items(), *arrays.items()):
         kind, stored = _VTK_TYPES[str(array.dtype)]
         lines.append(

@@ -210,7 +210,8 @@ def read_member(folder: StrPath, name: str, kind: str) -> bytes | None:
     """
     part = PurePath(name)
     if part.drive or part.root or ".." in part.parts:
-        rule, hint = "files outside the folder are never read", "do not trust it; fetch it again"
+        rule = "files outside the folder are never read"
+        hint = "do not trust it; fetch it again"
         raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
     file, what = inspect_path(Path(folder, part), kind)
     if not what and not file.is_symlink():

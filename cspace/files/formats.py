@@ -125,7 +125,8 @@ def read_dimension(path: StrPath) -> int:
 
     Raises InputError or FileError as :func:`find_constructor`.
     """
-    method, suffix = find_constructor(path), Path(path).suffix.lower()
+    method = find_constructor(path)
+    suffix = Path(path).suffix.lower()
     dimension = WORKSPACE_FORMATS[suffix].dimension
     if dimension is None:
         array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)

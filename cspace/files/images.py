@@ -104,7 +104,8 @@ def read_shades(path: StrPath, kind: str) -> Shades:
     rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
     with decoding(path, kind, rule, "save it again"):
         with _PILLOW_LIMIT_LOCK:
-            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+            limit = Image.MAX_IMAGE_PIXELS
+            Image.MAX_IMAGE_PIXELS = None
             try:
                 # Reading from memory bounds a chunk that claims gigabytes by the end of the file.
                 image = Image.open(io.BytesIO(data), formats=IMAGE_FORMATS)
@@ -196,7 +197,8 @@ def _parse_map_header(lines: list[str]) -> tuple[int, int]:
     sizes = {key: word for key, _, word in (line.partition(" ") for line in lines[1:3])}
     is_header = [*lines[:1], *lines[3:4]] == ["type octile", "map"]
     if is_header and sizes.keys() == {"height", "width"} and all(map(is_count, sizes.values())):
-        width, height = int(sizes["width"]), int(sizes["height"])
+        width = int(sizes["width"])
+        height = int(sizes["height"])
         if width and height:
             return width, height
     rule = "it must be 'type octile', 'height H', 'width W' and 'map', a line each, H and W above 0"

@@ -156,11 +156,13 @@ def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
     view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
     # Offsets and strides are in bytes: of the accessor in its view, and of the view in its buffer.
-    start, view_start = accessor.get("byteOffset", 0), view.get("byteOffset", 0)
+    start = accessor.get("byteOffset", 0)
+    view_start = view.get("byteOffset", 0)
     view_end = view_start + view["byteLength"]
     buffer = _look_up(header, "buffers", view["buffer"])
     content = memoryview(buffer["content"])[view_start:view_end]
-    count, stride = accessor["count"], view.get("byteStride", record.itemsize)
+    count = accessor["count"]
+    stride = view.get("byteStride", record.itemsize)
     end = start + (count - 1) * stride + record.itemsize
     if (
         min(start, view_start, view_end) < 0
@@ -198,7 +200,8 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is in no scene,
     or moved by a skin or a morph.
     """
-    scenes, nodes = header.get("scenes", []), header.get("nodes", [])
+    scenes = header.get("scenes", [])
+    nodes = header.get("nodes", [])
     if not scenes and header.get("meshes"):
         raise unsupported_part("meshes in no scene", "export it again with its scene")
     if len(scenes) > 1 and "scene" not in header:
@@ -396,7 +399,8 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
     unsupported element.
     """
     unit = _affine(np.diag([_read_unit(collada.root)] * 3))
-    visits, max_visits = 0, _MAX_EXTRA_VISITS + sum(1 for _ in collada.root.iter())
+    visits = 0
+    max_visits = _MAX_EXTRA_VISITS + sum(1 for _ in collada.root.iter())
     # Elements to visit, depth first, with the transform and the nodes above them.
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
         (child, unit, ()) for child in reversed(_find_scene(collada))
@@ -537,7 +541,8 @@ def _read_positions(vertices: Element, collada: _Collada) -> Floats:
     if array not in collada.arrays:
         collada.arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
     values = collada.arrays[array]
-    count, stride = int(accessor.get("count", "0")), int(accessor.get("stride", "1"))
+    count = int(accessor.get("count", "0"))
+    stride = int(accessor.get("stride", "1"))
     first = int(accessor.get("offset", "0"))
     names = [param.get("name") for param in accessor.findall("param")]
     if list(filter(None, names)) != ["X", "Y", "Z"] or len(names) > stride:

@@ -272,9 +272,11 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     if kind is None:
         known = ", ".join(f"{name} ({number})" for number, name in enumerate(PRIMITIVES, 1))
         raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {known}")
-    names, sizes = PRIMITIVES[kind], fields["dimensions"]
+    names = PRIMITIVES[kind]
+    sizes = fields["dimensions"]
     # Messages often pad dimensions to three numbers with zeros.
-    used, padding = sizes[: len(names)], sizes[len(names) :]
+    used = sizes[: len(names)]
+    padding = sizes[len(names) :]
     if len(used) < len(names) or any(padding) or min(used) <= 0.0:
         raise wrong_value(
             sizes, f"{place}.dimensions", f"a {kind} has {', '.join(names)}, metres above zero"
@@ -518,7 +520,8 @@ def read_request_message(path: StrPath) -> dict[str, Any]:
 
 def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
     """Return the values of joints in a parsed state of a robot."""
-    names, positions = state["joint_state"]["name"], state["joint_state"]["position"]
+    names = state["joint_state"]["name"]
+    positions = state["joint_state"]["position"]
     if len(names) != len(positions):
         raise ContentError(
             f"has {len(names)} joints but {len(positions)} positions at {place}",

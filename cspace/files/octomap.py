@@ -101,14 +101,18 @@ def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
 
 def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHeader:
     """Check the entries of a header and convert them."""
-    tree, size, resolution = entries.get("id", ""), entries.get("size", ""), entries.get("res", "")
+    tree = entries.get("id", "")
+    size = entries.get("size", "")
+    resolution = entries.get("res", "")
     if tree not in _COLOUR_BYTES:
         rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
         raise ContentError(f"holds a tree of type {tree!r:.60}", rule, "convert it with OctoMap")
     try:
-        count, side = int(size), float(resolution)
+        count = int(size)
+        side = float(resolution)
     except ValueError:
-        count, side = -1, math.nan
+        count = -1
+        side = math.nan
     if count < 0 or not 0.0 < side < math.inf:
         problem = f"says size {size[:40]!r} and res {resolution[:40]!r}"
         raise ContentError(problem, "they must be the number of nodes and the cell size in metres")
@@ -199,7 +203,8 @@ def _place_nodes(masks: Bytes, smallest: int) -> tuple[Ints, Ints]:
         [offset for child, offset in enumerate(_CHILD_OFFSETS.tolist()) if mask >> child & 1][::-1]
         for mask in range(256)
     ]
-    firsts, sides = array("q"), array("q")
+    firsts = array("q")
+    sides = array("q")
     pending = [(0, _SIDE)]  # the next node is the last
     for mask in masks.tobytes():
         if not pending:

@@ -172,7 +172,8 @@ def parse_xml(data: bytes) -> Element:
         raise ContentError("declares an XML entity, which is refused") from error
     except ParseError as error:
         raise ContentError(f"is not XML ({error})") from error
-    elements, level = [root], 0
+    elements = [root]
+    level = 0
     while elements:
         level += 1
         if level > _MAX_XML_LEVELS:

@@ -406,7 +406,8 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
         raise _ply_header_error()
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
-    form, name = "", ""
+    form = ""
+    name = ""
     for line, after in lines:
         match line.split():
             case ["format", form, _]:

@@ -128,13 +128,15 @@ def _read_header(path: StrPath) -> _MapHeader:
     """
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
-        problem, hint = f"holds {type(document).__name__}", "write e.g. 'resolution: 0.05'"
+        problem = f"holds {type(document).__name__}"
+        hint = "write e.g. 'resolution: 0.05'"
         raise _key_error(problem, "keys and values", hint)
     for key in _REQUIRED_MAP_KEYS:
         if key not in document:
             present = ", ".join(document) or "nothing"
             raise _key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
-    mode, negate = document.get("mode", MODES[0]), document["negate"]
+    mode = document.get("mode", MODES[0])
+    negate = document["negate"]
     if mode not in MODES:
         raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
     if negate not in (0, 1):
@@ -378,7 +380,8 @@ def read_occupancy_grid(
         raise InputError("msg.data", problem, rule, "pass the whole message", value=values)
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
-    free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
+    free = known & (percent / 100.0 < low)
+    occupied = known & (percent / 100.0 >= high)
     place = "info.origin.position"
     x, y = (
         float(check_finite(_get_field(msg, f"{place}.{name}"), f"msg.{place}.{name}"))
@@ -464,7 +467,8 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     not finite; `name` is the argument that messages name.
     """
     rule = "it must be at least three points, each of x and y in metres"
-    problem, hint = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
+    problem = f"is {footprint!r:.80}"
+    hint = "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = check_finite(value, name)
@@ -488,7 +492,8 @@ def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     file = os.fspath(path)
     tables = dict(_iterate_tables(read_yaml(path, "Nav2 parameter file"), ()))
     if not tables:
-        problem, rule = "holds neither footprint nor robot_radius", "a costmap has one of them"
+        problem = "holds neither footprint nor robot_radius"
+        rule = "a costmap has one of them"
         hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
         raise FileError(file, problem, rule, hint)
     robots = {

@@ -291,7 +291,8 @@ def fixed_links(urdf: URDF) -> list[str]:
 
     The root comes first.
     """
-    rigid, below = [root_link(urdf)], _children(urdf)
+    rigid = [root_link(urdf)]
+    below = _children(urdf)
     for name in rigid:  # the list grows in the loop
         rigid += [joint.child for joint in below[name] if joint.type == "fixed"]
     return rigid
@@ -305,8 +306,10 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     """
     from scipy.spatial.transform import Rotation
 
-    root, below = root_link(urdf), _children(urdf)
-    poses, order = {root: np.eye(4)}, [root]
+    root = root_link(urdf)
+    below = _children(urdf)
+    poses = {root: np.eye(4)}
+    order = [root]
     for name in order:  # the list grows in the loop
         for joint in below[name]:
             pose = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin)
@@ -497,7 +500,8 @@ class _Reader:
     """
 
     def __init__(self, root: Element, urdf: URDF) -> None:
-        self._root, self._links = root, urdf.link_map
+        self._root = root
+        self._links = urdf.link_map
         self._above = {joint.child: joint for joint in urdf.robot.joints}
         self._kinds = {joint.name: joint.type for joint in urdf.robot.joints}
         self._kinds |= {_attribute(each, "name"): "virtual" for each in root.iter("virtual_joint")}
@@ -600,7 +604,8 @@ class _Reader:
         """Return the end effectors by name."""
         effectors = {}
         for each in self._root.findall("end_effector"):
-            link, group = _attribute(each, "parent_link"), _attribute(each, "group")
+            link = _attribute(each, "parent_link")
+            group = _attribute(each, "group")
             if self._known([link], self._links):
                 effectors[_attribute(each, "name")] = EndEffector(
                     link, group, each.get("parent_group", "")

@@ -145,7 +145,8 @@ def _from_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]
     from shapely.geometry import shape
 
     if not isinstance(document, Mapping):
-        problem, hint = f"has geometry {document!r:.60}", "remove or correct the feature"
+        problem = f"has geometry {document!r:.60}"
+        hint = "remove or correct the feature"
         raise GeometryError(name, problem, "an obstacle needs one", hint, value=document)
     kind = document.get("type")
     if kind == "FeatureCollection":
@@ -193,7 +194,8 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     if len(broken):
         which = int(owners[broken[0]])
         problem = "has a vertex at ({}, {})".format(*points[broken[0]])
-        rule, hint = "NaN and infinities are refused", "drop or replace it"
+        rule = "NaN and infinities are refused"
+        hint = "drop or replace it"
         raise GeometryError(names[which], problem, rule, hint, value=shapes[which])
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])

@@ -97,7 +97,8 @@ class Layout:
         codecs = metadata["codecs"]
         names = [str(codec["name"]) for codec in codecs]
         endian = codecs[0].get("configuration", {}).get("endian", "little")
-        keys, grid = metadata["chunk_key_encoding"], metadata["chunk_grid"]
+        keys = metadata["chunk_key_encoding"]
+        grid = metadata["chunk_grid"]
         separator = keys.get("configuration", {}).get("separator", "/")
         rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
         if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
@@ -246,7 +247,8 @@ class ZarrArray:
         self._may_miss_chunks = declared == "fill_value" and isinstance(
             self._fill, bool | int | float
         )
-        self.shape, self.dtype = self._layout.shape, self._layout.dtype
+        self.shape = self._layout.shape
+        self.dtype = self._layout.dtype
         self.ndim = len(self.shape)
 
     def __getitem__(self, box: Sequence[slice]) -> NDArray[Any]:

@@ -163,7 +163,8 @@ def _draw_map(
     """Return axes, a function that moves the robot there, and the reach of the robot."""
     dim = space.grid.dim
     if dim == 2 and camera is not None:
-        problem, rule = "is given for a plane map", "it needs a map in space"
+        problem = "is given for a plane map"
+        rule = "it needs a map in space"
         raise InputError("camera", problem, rule, "omit it", value=camera)
     scene = make_scene(space, path=points)
     still = replace(scene, rotation=points[0, dim:], stations=scene.stations[:0])
@@ -179,7 +180,8 @@ def _draw_map(
 def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
     """Draw a plane map whose slice follows the robot."""
     axes, handles = draw_plane(scene, None)
-    image, still = axes.images[0], len(axes.collections)
+    image = axes.images[0]
+    still = len(axes.collections)
     side = artists.block_side(axes, scene.space.grid.shape)
 
     def move(q: Floats) -> None:

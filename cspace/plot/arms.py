@@ -83,7 +83,8 @@ class ArmFigure:
         """Return the corners of the box around an arm at configurations, and its margin, metres."""
         placed = [self.pose_links(q) for q in stands]
         corners = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        low = corners.min(axis=0)
+        high = corners.max(axis=0)
         return low, high, VIEW_MARGIN_SHARE * float(np.max(high - low))
 
 
@@ -131,12 +132,14 @@ def draw_arm(
     marks = collect_marks(space, path, points, None, None)
     stand = marks.get("goal", space.arm.rest) if q is None else q
     stand = space.arm.check_configuration(stand, "q")
-    label, ghosts = "arm along the path", points[:0]
+    label = "arm along the path"
+    ghosts = points[:0]
     if len(points) > 1:
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
         ghosts = interpolate_path(space.rotations, points, shares)
     elif "start" in marks and not len(points):
-        label, ghosts = "arm at the start", marks["start"][np.newaxis]
+        label = "arm at the start"
+        ghosts = marks["start"][np.newaxis]
     figure = ArmFigure(space)
     painting = paint_arm(figure, np.vstack([stand, ghosts]), camera, ax)
     for surface in figure.pose_links(stand).values():

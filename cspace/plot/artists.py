@@ -156,7 +156,8 @@ def draw_cells(
     left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
     # The last blocks may reach beyond the window; the limits of the axes hide that.
     rows, columns = colors.shape[:2]
-    right, top = left + grid.spacing * side * columns, bottom + grid.spacing * side * rows
+    right = left + grid.spacing * side * columns
+    top = bottom + grid.spacing * side * rows
     return ax.imshow(
         colors,
         extent=(left, right, bottom, top),

@@ -153,7 +153,8 @@ def plot(
 
     given: object = ax
     if given is not None and not isinstance(given, Axes):
-        problem, hint = f"is a {type(given).__name__}", "pass figure.add_subplot()"
+        problem = f"is a {type(given).__name__}"
+        hint = "pass figure.add_subplot()"
         raise InputError("ax", problem, "it must be matplotlib axes", hint, value=ax)
     drawn: Any = space
     if isinstance(space, Workspace):
@@ -180,7 +181,8 @@ def plot(
     else:
         painting = draw_surface(scene, ax, surface, cut, camera)
         painting.show()
-        axes, handles = painting.axes, list(painting.handles.values())
+        axes = painting.axes
+        handles = list(painting.handles.values())
     about = drawn.rotations.describe(scene.rotation)
     heading = "\n".join(filter(None, [title_of(drawn), about]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
@@ -211,14 +213,16 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
         if value is not None and kind not in kinds:
             rule = f"it needs view {' or '.join(kinds)}"
             raise InputError(name, f"is given with view {kind}", rule, "omit it", value=value)
-    zoom, center = options["zoom"], options["center"]
+    zoom = options["zoom"]
+    center = options["center"]
     if zoom is not None:
         check_positive(zoom, "zoom", "the map's longest side over that of the picture")
         if zoom < 1.0:
             rule = "it must be at least 1 (the whole map)"
             raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8", value=zoom)
     elif center is not None and kind != "sections":
-        problem, rule = "is given without zoom", "the whole map is drawn"
+        problem = "is given without zoom"
+        rule = "the whole map is drawn"
         raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it", value=center)
     return kind
 

@@ -92,8 +92,11 @@ class Body:
         if robot.dim == 2:
             self.rings = outline_rings(robot.shape.outer.outline)
             corners = np.concatenate(self.rings)
-            (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-            back, middle, half = right - (right - left) / 4, (bottom + top) / 2, (top - bottom) / 5
+            left, bottom = corners.min(axis=0)
+            right, top = corners.max(axis=0)
+            back = right - (right - left) / 4
+            middle = (bottom + top) / 2
+            half = (top - bottom) / 5
             tip = (right, middle)
             self.nose = np.array([tip, (back, middle + half), (back, middle - half), tip])
         else:
@@ -214,7 +217,9 @@ def make_scene(
 
     Raises InputError if an argument has the wrong shape or value.
     """
-    grid, rotations, dim = space.grid, space.rotations, space.grid.dim
+    grid = space.grid
+    rotations = space.rotations
+    dim = space.grid.dim
     shown = rotations.only_rotation
     if rotation is not None:
         shown = rotations.check_rotation(rotation)
@@ -227,8 +232,10 @@ def make_scene(
     if not space.robot.shape.shown:
         stations = stations[:0]
     extents = body.extents(stations)
-    lower, upper = np.array(grid.lower), np.array(grid.upper)
-    first, stop = np.zeros(dim, np.int64), np.array(grid.shape)
+    lower = np.array(grid.lower)
+    upper = np.array(grid.upper)
+    first = np.zeros(dim, np.int64)
+    stop = np.array(grid.shape)
     if zoom is None:
         corners = np.concatenate([[lower, upper], points[:, :dim], *extents])
         box = np.stack([corners.min(axis=0), corners.max(axis=0)])
@@ -270,7 +277,8 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
     points = check_finite(values, name)
     if points.ndim != ndim or points.shape[-1] != len(axes):
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
-        problem, hint = f"has shape {points.shape}", f"pass ({', '.join(axes)})"
+        problem = f"has shape {points.shape}"
+        hint = f"pass ({', '.join(axes)})"
         raise InputError(name, problem, f"it must be {shape}", hint, value=values)
     return points
 
@@ -299,7 +307,8 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
 
     ``chosen`` has shape (n - 1,). A line through the rows has gaps at the other steps.
     """
-    first, second = points[:-1][chosen], points[1:][chosen]
+    first = points[:-1][chosen]
+    second = points[1:][chosen]
     rows = np.stack([first, second, np.full_like(first, np.nan)], axis=1)
     return rows.reshape(-1, points.shape[1])
 
@@ -350,7 +359,8 @@ def _choose_center(
     point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
         lower, upper = (np.round(corner, 9).tolist() for corner in (grid.lower, grid.upper))
-        problem, rule = f"is {point.tolist()}", f"the grid is from {lower} to {upper}"
+        problem = f"is {point.tolist()}"
+        rule = f"the grid is from {lower} to {upper}"
         raise InputError("center", problem, rule, "pass a point in it", value=center)
     return point
 

@@ -20,7 +20,8 @@ _SECTIONS_INCHES: Final = (7.0, 6.5)
 
 def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
     """Draw a plane map; return the axes and the legend entries."""
-    grid, box = scene.space.grid, scene.box
+    grid = scene.space.grid
+    box = scene.box
     if ax is None:
         width, height = artists.axes_size(box)
         ax = artists.new_figure(max(width + 0.9, 4.2), height + 1.6).add_subplot()
@@ -70,7 +71,8 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     ax.axhline(scene.center[pair[1]], **trace)
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(scene.center[across]), digits) + 0.0  # no minus sign before zero
-    name, unit = grid.axes[across], grid.units[across]
+    name = grid.axes[across]
+    unit = grid.units[across]
     ax.set_title(f"{name} = {height:.10g} {unit}", loc="left", fontsize=9)
     ax.tick_params(labelsize=8)
     return classes
@@ -81,7 +83,8 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
 
     The path is faint, and the robot is not drawn, where the robot does not reach the section.
     """
-    level, body = scene.center[across], scene.body
+    level = scene.center[across]
+    body = scene.body
 
     def meets(points: Floats) -> Bools:
         """Return a mask of the configurations whose robot reaches the section."""

@@ -240,7 +240,8 @@ def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Int
 
     A wall is mostly solid layers, fewer than half of all.
     """
-    first, stop = np.zeros(3, np.int64), np.array(solid.shape)
+    first = np.zeros(3, np.int64)
+    stop = np.array(solid.shape)
     for axis in range(2 if is_cut else 3):
         shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))
         up = towards[axis] > 0.0

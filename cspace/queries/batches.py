@@ -92,7 +92,8 @@ def evaluate_edges(
 
     Raises InputError as :func:`evaluate` does.
     """
-    starts, ends = check_rows(q0, "q0", size), check_rows(q1, "q1", size)
+    starts = check_rows(q0, "q0", size)
+    ends = check_rows(q1, "q1", size)
     try:
         shape = np.broadcast_shapes(starts.shape, ends.shape)
     except ValueError as error:

@@ -60,7 +60,8 @@ def bind_numbers(
 
     So a kernel is compiled once for configurations of all sizes.
     """
-    look_up, before = bind_kernel(kernel, fixed, (0.0,) * total), (0.0,) * (total - given)
+    look_up = bind_kernel(kernel, fixed, (0.0,) * total)
+    before = (0.0,) * (total - given)
     return lambda *numbers: look_up((*before, *numbers))
 
 

@@ -45,7 +45,9 @@ class Components:
     def __init__(
         self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools
     ) -> None:
-        self._states, self._slice_of, self._exterior_open = states, slice_of, exterior_open
+        self._states = states
+        self._slice_of = slice_of
+        self._exterior_open = exterior_open
         rotation, column = np.nonzero(neighbors >= 0)
         pairs = np.sort(np.stack([rotation, neighbors[rotation, column]], axis=1), axis=1)
         self._rotation_pairs = np.unique(pairs, axis=0)
@@ -158,7 +160,8 @@ class LabelledCells:
 
     def component_of(self, cells: Ints) -> Ints:
         """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
-        rotations, positions = cells[..., 0], cells[..., 1:]
+        rotations = cells[..., 0]
+        positions = cells[..., 1:]
         shape = np.array(self.labels.shape[1:])
         inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
         within = np.clip(positions, 0, shape - 1)
@@ -210,7 +213,8 @@ def _labels_at_border(labels: Labels) -> Ints:
 
 def _shared_labels(labels: Labels, slices: Ints) -> Ints:
     """Return the pairs of labels that share a cell of two slices, shape (2, n)."""
-    first, second = labels[slices[0]].ravel(), labels[slices[1]].ravel()
+    first = labels[slices[0]].ravel()
+    second = labels[slices[1]].ravel()
     # A pair that equals that of the cell before is left out, before the rest is sorted.
     is_new = np.ones(len(first), dtype=np.bool_)
     is_new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])

@@ -90,7 +90,9 @@ class DistanceMap:
     """
 
     def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
-        self._states, self._exterior, self._lock = states, exterior, lock
+        self._states = states
+        self._exterior = exterior
+        self._lock = lock
         self._table: DistanceTable | None = None
         self._ready = np.zeros(len(states), dtype=np.bool_)
         self.known: DistanceTable | None = None
@@ -133,7 +135,8 @@ class DistanceMap:
 
     def _fill(self, table: DistanceTable, s: int) -> None:
         """Compute the distances and the box of a slice."""
-        states, exterior = self._states[s], self._exterior[s]
+        states = self._states[s]
+        exterior = self._exterior[s]
         table.boxes[s] = find_box(states, exterior)
         compute_distances(states, exterior, table.cells.reshape(self._states.shape)[s])
 
@@ -150,7 +153,8 @@ def find_box(states: States, exterior: Ints) -> Floats:
     if exterior[-1] != FREE:
         return np.repeat([[-math.inf], [math.inf]], dim, axis=1)
     box = np.repeat([[math.inf], [-math.inf]], dim, axis=1)
-    first, last = exterior[:dim], exterior[dim:-1]
+    first = exterior[:dim]
+    last = exterior[dim:-1]
     if (first <= last).all():
         box[:] = first, last + 1.0
     taken = ndimage.find_objects((states != FREE).view(np.uint8))
@@ -180,12 +184,15 @@ def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, 
     There is at most one box beyond each side of the grid.
     """
     dim = len(shape)
-    low, high = exterior[:dim].astype(np.float64), exterior[dim:-1].astype(np.float64) + 1.0
+    low = exterior[:dim].astype(np.float64)
+    high = exterior[dim:-1].astype(np.float64) + 1.0
     if exterior[-1] != FREE:
-        low, high = np.full(dim, -math.inf), np.full(dim, math.inf)
+        low = np.full(dim, -math.inf)
+        high = np.full(dim, math.inf)
     boxes = list[tuple[Floats, Floats]]()
     for axis, count in enumerate(shape):
-        below, above = high.copy(), low.copy()
+        below = high.copy()
+        above = low.copy()
         below[axis] = min(high[axis], 0.0)
         above[axis] = max(low[axis], count)
         boxes += [(low, below), (above, high)]
@@ -210,7 +217,8 @@ def _spread_along(squares: Distances) -> None:
     count = squares.shape[1] + 1
 
     def spread(start: int, stop: int) -> int:
-        borders, firsts = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        borders = np.empty(count, dtype=np.int64)
+        firsts = np.empty(count, dtype=np.int64)
         spread_squares(squares, borders, np.empty(count), firsts, start, stop)
         return -1
 
@@ -236,7 +244,8 @@ def spread_squares(
     _, count, depth = squares.shape
     for line in range(start, stop):
         a, b = line // depth, line % depth
-        top, before = -1, math.inf
+        top = -1
+        before = math.inf
         for border in range(count + 1):
             after = float(squares[a, border, b]) if border < count else math.inf
             height = min(before, after)
@@ -279,11 +288,13 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     """
     if state_at(map_, position, rotation) != FREE:
         return 0.0
-    s, skipped = slice_of(map_, rotation), 3 - map_.dim
+    s = slice_of(map_, rotation)
+    skipped = 3 - map_.dim
     box_square = beyond_square = spread = 0.0
     for axis in range(skipped, 3):
         u, v = coordinates(map_, position, axis)
-        low, high = table.boxes[s, 0, axis - skipped], table.boxes[s, 1, axis - skipped]
+        low = table.boxes[s, 0, axis - skipped]
+        high = table.boxes[s, 1, axis - skipped]
         box_gap = max(0.0, low - u, u - high)
         box_square += box_gap * box_gap
         beyond = u - 0.5 - v
@@ -293,10 +304,13 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     best = math.sqrt(box_square) * ROUNDING_FACTOR
     mean_square = 0.0
     for corner in range(1 << map_.dim):
-        cell, weight, gap_square = s, 1.0, 0.0
+        cell = s
+        weight = 1.0
+        gap_square = 0.0
         for axis in range(skipped, 3):
             u, v = coordinates(map_, position, axis)
-            k, count = math.floor(v), map_.states.shape[axis + 1]
+            k = math.floor(v)
+            count = map_.states.shape[axis + 1]
             share = v - k
             if (corner >> (axis - skipped)) & 1:
                 k = min(k + 1, count - 1)

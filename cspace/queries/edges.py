@@ -65,7 +65,9 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
         return quaternion_edge_is_free(map_, p0, r0, p1, r1)
     if state_at(map_, p1, r1) != FREE:  # most edges of a planner that collide do so at their end
         return False
-    borders, yaw0, yaw1 = map_.rotations.borders, r0[0], r1[0]
+    borders = map_.rotations.borders
+    yaw0 = r0[0]
+    yaw1 = r1[0]
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
     start = wrap_to_cells(borders, yaw0)
@@ -76,11 +78,13 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
         while not low > max(
             start, start + angle
         ):  # also for NaN, which the test of the segment refuses
-            begin, stop = 0.0, 1.0
+            begin = 0.0
+            stop = 1.0
             if angle != 0.0:
                 enter = min(max((low - start) / angle, 0.0), 1.0)
                 leave = min(max((high - start) / angle, 0.0), 1.0)
-                begin, stop = min(enter, leave), max(enter, leave)
+                begin = min(enter, leave)
+                stop = max(enter, leave)
             s = int(map_.rotations.slice_of[k])
             if not segment_is_free(
                 map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)
@@ -99,7 +103,9 @@ def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Number
         arc = find_arc(r0, r1, number)
         if not arc.tangent < 2.0:  # NaN
             return False
-        done, begin, more = 0.0, 0.0, True
+        done = 0.0
+        begin = 0.0
+        more = True
         while more:
             cell, done, time, more = next_part(borders, arc, done)
             stop = max(time, begin) if more else 1.0
@@ -136,8 +142,12 @@ def between(first: float, second: float, t: float) -> float:
 @kernel
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
-    lower, upper, p, q = map_.lower, map_.upper, in_cells(map_, first), in_cells(map_, last)
-    inside, total = True, 0.0
+    lower = map_.lower
+    upper = map_.upper
+    p = in_cells(map_, first)
+    q = in_cells(map_, last)
+    inside = True
+    total = 0.0
     for axis in range(3):
         inside &= (
             min(first[axis], last[axis]) >= lower[axis]
@@ -161,7 +171,8 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
         left, right = cells_between(p[1], q[1], start, stop)
         for j in range(max(low[1], left), min(high[1], right) + 1):
             enter, leave = slab_times(p[1], q[1], j)
-            enter, leave = max(enter, start), min(leave, stop)
+            enter = max(enter, start)
+            leave = min(leave, stop)
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
@@ -180,7 +191,8 @@ def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
     rate = 1.0 / (q - p)
-    enter, leave = (cell - SLACK - p) * rate, (cell + 1 + SLACK - p) * rate
+    enter = (cell - SLACK - p) * rate
+    leave = (cell + 1 + SLACK - p) * rate
     return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
 
 
@@ -191,5 +203,6 @@ def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, i
     The result is the first and the last cell. A segment has the coordinates p + t (q - p), in
     cells, for t from ``start`` to ``stop``.
     """
-    begin, end = p + start * (q - p), p + stop * (q - p)
+    begin = p + start * (q - p)
+    end = p + stop * (q - p)
     return closed_cells(min(begin, end) - SLACK, max(begin, end) + SLACK)

@@ -89,7 +89,8 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
     if is_open:
         # A shortest path outside leads along the border of the grid, through these cells.
         passable = np.pad(passable, 1, constant_values=True)
-        start, goal = start + 1.0, goal + 1.0
+        start = start + 1.0
+        goal = goal + 1.0
     last = np.array(passable.shape) - 1
     cells = [np.clip(np.floor(q), 0, last).astype(np.int64) for q in (start, goal)]
     if not all(passable[tuple(cell)] for cell in cells):
@@ -112,8 +113,10 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
 def _find_pinches(passable: Bools) -> Bools:
     """Return the corners where just two opposite cells are passable, shape (nx + 1, ny + 1)."""
     around = np.pad(passable, 1)
-    low_low, low_high = around[:-1, :-1], around[:-1, 1:]
-    high_low, high_high = around[1:, :-1], around[1:, 1:]
+    low_low = around[:-1, :-1]
+    low_high = around[:-1, 1:]
+    high_low = around[1:, :-1]
+    high_high = around[1:, 1:]
     return np.asarray((low_low == high_high) & (low_high == high_low) & (low_low != low_high))
 
 
@@ -149,7 +152,8 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
 def _list_moves() -> Moves:
     """List the moves between corners of cells, and the cells that each needs."""
     near_cells = list(itertools.product((-2, -1, 0, 1), repeat=2))
-    steps, needed = [], []
+    steps = []
+    needed = []
     for step in itertools.product((-2, -1, 0, 1, 2), repeat=2):
         if math.gcd(*step) != 1:
             continue

@@ -68,10 +68,12 @@ def count_overlaps(
         if not is_usable(position, rotation):
             return n
         i, j, k = cell_of(map_, position)
-        s, total = slice_of(map_, rotation), 0
+        s = slice_of(map_, rotation)
+        total = 0
         for row in range(robot.stops[s - 1] if s > 0 else 0, robot.stops[s]):
             x, y = i + robot.rows[row, 0], j + robot.rows[row, 1]
-            first, length = k + robot.rows[row, 2], robot.rows[row, 3]
+            first = k + robot.rows[row, 2]
+            length = robot.rows[row, 3]
             inside = 0
             if 0 <= x < nx and 0 <= y < ny:
                 begin = min(max(first, 0), nz)

@@ -73,7 +73,8 @@ def pulled_straight(
         path = _cheapest_subpath(path, check, cost)
     total = _measure(path, rotations, cost)
     for _ in range(MAX_CUTTING_ROUNDS):
-        path, before = _cut_corners(path, rotations, check, cost), total
+        path = _cut_corners(path, rotations, check, cost)
+        before = total
         total = _measure(path, rotations, cost)
         if total > (1.0 - MIN_GAIN_SHARE) * before:
             break
@@ -95,7 +96,8 @@ def path_length(path: Floats, rotations: Rotations) -> float:
 
     A radian counts as :data:`METRES_PER_RADIAN`.
     """
-    steps, dim = rotations.steps_between(path[:-1], path[1:]), path.shape[1] - len(rotations.names)
+    steps = rotations.steps_between(path[:-1], path[1:])
+    dim = path.shape[1] - len(rotations.names)
     lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(
         steps[:, dim:], axis=1
     )
@@ -108,18 +110,22 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
     """
-    shares, kept = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None], [path[0]]
+    shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None]
+    kept = [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
         corners = np.repeat(corner[None], len(shares), axis=0)
         backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, kept[-1]))
         forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
-        first, last = kept[-1].tolist(), after.tolist()
+        first = kept[-1].tolist()
+        last = after.tolist()
         if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
             continue
-        low, high = 0, SHARES_PER_EDGE
+        low = 0
+        high = SHARES_PER_EDGE
         while high - low > 1:
             center = (low + high) // 2
-            before, beyond = backward[center].tolist(), forward[center].tolist()
+            before = backward[center].tolist()
+            beyond = forward[center].tolist()
             # Rounding may make a part of a free edge fail.
             is_free = check(*before, *beyond) and check(*first, *before) and check(*beyond, *last)
             if is_free and _saves(cost, before, corner.tolist(), beyond):
@@ -138,17 +144,16 @@ def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
 
     An edge may skip to the 2nd, 4th, 8th, ... waypoint ahead.
     """
-    rows, least, previous = (
-        points.tolist(),
-        np.full(len(points), math.inf),
-        np.zeros(len(points), dtype=np.int64),
-    )
+    rows = points.tolist()
+    least = np.full(len(points), math.inf)
+    previous = np.zeros(len(points), dtype=np.int64)
     least[0] = 0.0
     for here in range(1, len(rows)):
         for before in [here - 2**k for k in range(LONGEST_STRIDE_LOG + 1) if here >= 2**k]:
             total = least[before] + cost(*rows[before], *rows[here])
             if total < least[here] and (here == before + 1 or check(*rows[before], *rows[here])):
-                least[here], previous[here] = total, before
+                least[here] = total
+                previous[here] = before
     kept = [len(rows) - 1]
     while kept[-1]:
         kept.append(int(previous[kept[-1]]))
@@ -164,17 +169,21 @@ def _saves(
 
 def _skip_points(points: Floats, check: Check) -> Floats:
     """Skip waypoints with strides of doubling length."""
-    kept, last = [0], len(points) - 1
+    kept = [0]
+    last = len(points) - 1
     while kept[-1] < last:
         here = kept[-1]
         first = points[here].tolist()  # one at a time, because all may exceed the map's memory
-        farthest, stride, blocked = here + 1, 2, last + 1
+        farthest = here + 1
+        stride = 2
+        blocked = last + 1
         while farthest < last:
             candidate = min(here + stride, last)
             if not check(*first, *points[candidate].tolist()):
                 blocked = candidate
                 break
-            farthest, stride = candidate, 2 * stride
+            farthest = candidate
+            stride = 2 * stride
         while blocked - farthest > 1:
             center = (farthest + blocked) // 2
             if center > last:

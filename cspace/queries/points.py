@@ -71,7 +71,8 @@ def is_usable(position: Row, rotation: Numbers) -> bool:
 @inlined
 def in_cells(map_: Map, position: Row) -> Row:
     """Return a position in cells from the lower corner of the grid."""
-    (a, b, c), h = map_.lower, map_.spacing
+    a, b, c = map_.lower
+    h = map_.spacing
     return (position[0] - a) / h, (position[1] - b) / h, (position[2] - c) / h
 
 
@@ -88,7 +89,8 @@ def cell_along(place: float, coordinate: float, upper: float, count: int) -> int
 @inlined
 def cell_of(map_: Map, position: Row) -> Cell:
     """Return the cell of a position, which may be outside the grid."""
-    (u, v, w), (x, y, z) = in_cells(map_, position), map_.upper
+    u, v, w = in_cells(map_, position)
+    x, y, z = map_.upper
     _, nx, ny, nz = map_.states.shape
     return (
         cell_along(u, position[0], x, nx),
@@ -106,7 +108,8 @@ def slice_of(map_: Map, rotation: Numbers) -> int:
 @inlined
 def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     """Return the state of a configuration; NOT_USABLE if its position is not finite."""
-    s, (u, v, w) = slice_of(map_, rotation), in_cells(map_, position)
+    s = slice_of(map_, rotation)
+    u, v, w = in_cells(map_, position)
     _, nx, ny, nz = map_.states.shape
     # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
     # test for negative ones.
@@ -164,7 +167,8 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     _, nx, ny, nz = map_.states.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
     if in_grid:
-        start, stop = max(first, 0), min(last, nz - 1)
+        start = max(first, 0)
+        stop = min(last, nz - 1)
         # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
         for k in range(start + 1, stop):
             if map_.states[s, i, j, k] != FREE:
@@ -176,7 +180,8 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     low, high = exterior_box(map_, s)
     if not (low[0] <= i <= high[0] and low[1] <= j <= high[1]):
         return True
-    begin, end = max(first, low[2]), min(last, high[2])
+    begin = max(first, low[2])
+    end = min(last, high[2])
     return begin > end or (in_grid and begin >= 0 and end < nz)
 
 
@@ -250,7 +255,8 @@ def around_is_free(
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
         return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
-    start, reach = wrap_to_cells(borders, rotation[0]), min(angle, math.pi)
+    start = wrap_to_cells(borders, rotation[0])
+    reach = min(angle, math.pi)
     first = first_widened_cell(borders, start - reach)
     for cell in range(first, first + borders.shape[0] - 1):
         k, low, _ = widened_bounds(borders, cell)
@@ -266,7 +272,8 @@ def quaternions_around_are_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
     """Return the answer of :func:`around_is_free` for quaternions."""
-    borders, q = map_.rotations.borders[0], normalise(rotation, 1.0)
+    borders = map_.rotations.borders[0]
+    q = normalise(rotation, 1.0)
     reach = (
         math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
     )  # a rotation's angle is twice that of its quaternion

@@ -76,7 +76,8 @@ def nearest(
     A radian counts as half a metre.
     """
     angular = rotations.angles_to_centers(q) / 2.0
-    best, min_distance = None, math.inf
+    best = None
+    min_distance = math.inf
     seen = set[int]()
     for rotation in np.argsort(angular, kind="stable").tolist():
         number = int(slice_of[rotation])
@@ -89,7 +90,8 @@ def nearest(
         if center is not None:
             distance = math.hypot(*(center - q[: grid.dim])) + angular[rotation]
             if distance < min_distance:
-                best, min_distance = np.array([*center, *rotations.centers[rotation]]), distance
+                best = np.array([*center, *rotations.centers[rotation]])
+                min_distance = distance
     return best
 
 
@@ -128,6 +130,7 @@ def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats)
     They are squared distances less the one of ``nearest_point``, and scaled, because squares of far
     positions would lose the difference, or overflow.
     """
-    offsets, beyond = centers - nearest_point, nearest_point - position
+    offsets = centers - nearest_point
+    beyond = nearest_point - position
     scale = max(1.0, float(np.abs(beyond).max()))
     return np.asarray((offsets**2).sum(axis=1) / scale + 2.0 * (offsets @ (beyond / scale)))

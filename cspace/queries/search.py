@@ -253,11 +253,13 @@ def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, fl
     The box is a cell with the corner ``lower``. The first fraction is above the second one if the
     segment misses the box.
     """
-    enter, leave = 0.0, 1.0
+    enter = 0.0
+    leave = 1.0
     for along, low in zip(step, lower, strict=True):
         if along != 0:
             sides = low / along, (low + 1) / along
-            enter, leave = max(enter, min(sides)), min(leave, max(sides))
+            enter = max(enter, min(sides))
+            leave = min(leave, max(sides))
         elif not low <= 0.0 <= low + 1.0:
             return 1.0, 0.0
     return enter, leave
@@ -293,7 +295,8 @@ def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: fl
 
 def _rotation_costs(graph: Graph, goal: int) -> Floats:
     """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells."""
-    costs, previous = np.full(len(graph.slice_of), np.inf), np.empty(0)
+    costs = np.full(len(graph.slice_of), np.inf)
+    previous = np.empty(0)
     costs[goal] = 0.0
     while not np.array_equal(costs, previous):
         previous = costs
@@ -326,7 +329,8 @@ def search(
         np.ones(1, dtype=np.int64),
     )
     progress.previous[start] = start + 1
-    progress.keys[0], progress.queue[0] = 0.0, start
+    progress.keys[0] = 0.0
+    progress.queue[0] = start
     degree = len(graph.moves.steps) + graph.neighbors.shape[1]
     while not expand_cells(graph, estimate, progress, goal):
         check_deadline(until)
@@ -343,8 +347,10 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
     Return False after many cells, or if the queue is nearly full; the next call goes on.
     """
     nx, ny, nz = estimate.positions.shape
-    steps, near_cells = graph.moves.steps, graph.moves.near_cells
-    n_moves, n_neighbors = steps.shape[0], graph.neighbors.shape[1]
+    steps = graph.moves.steps
+    near_cells = graph.moves.near_cells
+    n_moves = steps.shape[0]
+    n_neighbors = graph.neighbors.shape[1]
     for _ in range(POPS_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return True
@@ -427,7 +433,8 @@ def reach_cell(
 @kernel
 def push(progress: Progress, key: float, cell: int) -> None:
     """Add a cell to the heap."""
-    keys, queue = progress.keys, progress.queue
+    keys = progress.keys
+    queue = progress.queue
     at = progress.length[0]
     progress.length[0] += 1
     while at > 0 and keys[(at - 1) // 2] > key:
@@ -441,13 +448,16 @@ def push(progress: Progress, key: float, cell: int) -> None:
 @kernel
 def pop_first(progress: Progress) -> int:
     """Remove the cell of the lowest key from the heap, and return it."""
-    keys, queue = progress.keys, progress.queue
+    keys = progress.keys
+    queue = progress.queue
     first: int = queue[0]
     progress.length[0] -= 1
     count = progress.length[0]
     # The last entry sinks from the root.
-    key, cell = keys[count], queue[count]
-    at, child = 0, 1
+    key = keys[count]
+    cell = queue[count]
+    at = 0
+    child = 1
     while child < count:
         if child + 1 < count and keys[child + 1] < keys[child]:
             child += 1
@@ -455,7 +465,8 @@ def pop_first(progress: Progress) -> int:
             break
         keys[at] = keys[child]
         queue[at] = queue[child]
-        at, child = child, 2 * child + 1
+        at = child
+        child = 2 * child + 1
     keys[at] = key
     queue[at] = cell
     return first

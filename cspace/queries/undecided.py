@@ -69,10 +69,8 @@ class Undecided:
             False  # start and goal are free wherever the centers of their cells are
         )
         undecided = mixed.copy()
-        slice_of, turns = (
-            np.arange(len(self.rotations)),
-            (self.rotations.neighbors, self.turn_costs),
-        )
+        slice_of = np.arange(len(self.rotations))
+        turns = (self.rotations.neighbors, self.turn_costs)
         while clock() < until:
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
@@ -117,10 +115,8 @@ class Undecided:
 
         They lie in the boxes around edges, shape (n, 2, size), and are set in ``which``.
         """
-        rotations, positions = (
-            self.rotations.find_cells(edges),
-            self.grid.cell_of(edges[..., : self.grid.dim]),
-        )
+        rotations = self.rotations.find_cells(edges)
+        positions = self.grid.cell_of(edges[..., : self.grid.dim])
         found = []
         for turned, (first, last) in zip(rotations, np.sort(positions, axis=1), strict=True):
             box = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]

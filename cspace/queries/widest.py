@@ -188,11 +188,13 @@ def flood(
         if level == 0 or cell == goal:
             return True
         queue.first[level] = queue.following[cell]
-        rotation, x = cell // (nx * ny * nz), cell // (ny * nz) % nx
+        rotation = cell // (nx * ny * nz)
+        x = cell // (ny * nz) % nx
         y, z = cell // nz % ny, cell % nz
         for step in range(SIDE_STEPS + neighbors.shape[1]):
             r, i, j, k = rotation, x, y, z
-            axis, sign = step // 2, 2 * (step % 2) - 1
+            axis = step // 2
+            sign = 2 * (step % 2) - 1
             if step >= SIDE_STEPS:
                 r = neighbors[rotation, step - SIDE_STEPS]
             elif axis == 0:
@@ -230,7 +232,8 @@ def find_widest_path(
     result has length 0 if no path exists. If not ``straight``, waypoints are the centers of the
     cells passed. Raises TimeoutError after ``until``.
     """
-    rotations, ends = widths.rotations, endpoints[1]
+    rotations = widths.rotations
+    ends = endpoints[1]
     q = rotations.make_canonical(endpoints[0])
     up, down = (widths.climb(cell) for cell in ends)
     width = widths.bottleneck(up[-1], down[-1], until)

@@ -94,7 +94,8 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
         cells = raster.cells.view(np.int8).reshape((1, *raster.cells.shape)[-3:])
         gap = np.int8(0)
         steps = np.diff(cells, axis=2, prepend=gap, append=gap)
-        first, stop = np.argwhere(steps == 1), np.argwhere(steps == -1)
+        first = np.argwhere(steps == 1)
+        stop = np.argwhere(steps == -1)
         lower = (0, *raster.lower)[-3:]
         runs.append(np.column_stack([first + lower, stop[:, 2] - first[:, 2]]))
     owner = np.repeat(np.arange(len(rasters)), [len(found) for found in runs])

@@ -71,7 +71,8 @@ def _find_edge_runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], ...]:
     The lattice lines divide the first axis. Returns line, start, stop (both along the line) and
     step of each run.
     """
-    lines, length = len(cells) + 1, cells.shape[1]
+    lines = len(cells) + 1
+    length = cells.shape[1]
     steps = np.zeros((lines, length + 2), dtype=np.int8)
     steps[:-1, 1:-1] = cells
     steps[1:, 1:-1] -= cells
@@ -125,7 +126,8 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
         1 if the face points outward, -1 otherwise.
     """
     corners = tuple(n + 1 for n in cells.shape)
-    quads, windings = [], []
+    quads = []
+    windings = []
     for axis in range(3):
         first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
         gap = np.int8(0)
@@ -291,7 +293,8 @@ def _rotate_image(
 
     ``exterior_solid`` says whether the area around the image is solid.
     """
-    cos, sin = math.cos(info.yaw), math.sin(info.yaw)
+    cos = math.cos(info.yaw)
+    sin = math.sin(info.yaw)
     lower, upper = _rotated_bounds(info, solid.shape, cos, sin)
     # The grid is wider than the bounding box by more than the rounding of the corners.
     counts = np.ceil((upper - lower) / info.resolution + 2.0 * SLACK)
@@ -314,7 +317,8 @@ def _sample_image(info: MapInfo, cells: Bools, grid: Grid) -> Bools:
 
     Centers outside the image give True.
     """
-    cos, sin = math.cos(info.yaw), math.sin(info.yaw)
+    cos = math.cos(info.yaw)
+    sin = math.sin(info.yaw)
     x, y = (grid.centers(axis) - info.origin[axis] for axis in range(2))
     sampled = np.ones(grid.shape, dtype=np.bool_)
     # Column by column, because the positions of all cells would take 32 bytes each.

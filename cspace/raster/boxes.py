@@ -75,13 +75,15 @@ def rounded_rasters(
     grows by ``outward`` for the outer raster and shrinks by ``inward`` for the inner raster, both
     shape (n,), metres. Raises InputError if the robot has too many cells.
     """
-    lows, highs = boxes.lows / spacing, boxes.highs / spacing
+    lows = boxes.lows / spacing
+    highs = boxes.highs / spacing
     wide = (boxes.radii + outward) / spacing
     tight = boxes.radii / spacing - inward / spacing
     reach = wide[:, None] + 1.0
     outer, lower = allocate_bitmap((lows - reach).min(axis=0), (highs + reach).max(axis=0))
     inner = np.zeros_like(outer)
-    lows, highs = lows - lower, highs - lower
+    lows = lows - lower
+    highs = highs - lower
     mark_touched(outer, RoundedBoxes(lows, highs, wide), -1.0, 1.0)
     mark_inside(inner, RoundedBoxes(lows, highs, tight), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)

@@ -208,12 +208,14 @@ def mark_touched(
             low, high = _segment_over_slab(px + ox, py + oy, qx + ox, qy + oy, x0, x1)
             if radius > 0.0:
                 lo, hi = _segment_over_slab(px - ox, py - oy, qx - ox, qy - oy, x0, x1)
-                low, high = min(low, lo), max(high, hi)
+                low = min(low, lo)
+                high = max(high, hi)
                 for cx, cy in ((px, py), (qx, qy)):
                     dx = max(max(0.0, x0 - cx), cx - x1)
                     if dx <= radius:
                         half = math.sqrt(radius * radius - dx * dx)
-                        low, high = min(low, cy - half), max(high, cy + half)
+                        low = min(low, cy - half)
+                        high = max(high, cy + half)
             if low > high:
                 continue
             start = max(0, math.ceil(low - slack - b1))

@@ -74,9 +74,11 @@ class WindingNumber:
     """
 
     def __init__(self, triangles: Floats, windings: Ints) -> None:
-        self._triangles, self._windings = np.ascontiguousarray(triangles), windings
+        self._triangles = np.ascontiguousarray(triangles)
+        self._windings = windings
         x = self._triangles[..., 0]
-        self._low, self._high = x.min(axis=1), x.max(axis=1)
+        self._low = x.min(axis=1)
+        self._high = x.max(axis=1)
 
     def evaluate(self, points: Floats) -> Ints:
         """Return the winding numbers at points, shape (n,).
@@ -114,8 +116,12 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
     its ends. The point is computed from the nearer end, so that all triangles at an edge compute
     the same point.
     """
-    sign, crossings = 0, 0
-    low_y, low_z, high_y, high_z = 0.0, 0.0, 0.0, 0.0
+    sign = 0
+    crossings = 0
+    low_y = 0.0
+    low_z = 0.0
+    high_y = 0.0
+    high_z = 0.0
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
         if (p[0] <= x) == (q[0] <= x):
@@ -127,9 +133,12 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
         z = interpolate_at(x, p[0], q[0], p[2], q[2])
         is_highest = crossings == 0 or y > high_y
         if crossings == 0 or not is_highest:
-            low_y, low_z = y, z
+            low_y = y
+            low_z = z
         if is_highest:
-            sign, high_y, high_z = direction, y, z
+            sign = direction
+            high_y = y
+            high_z = z
         crossings += 1
     return sign, low_y, low_z, high_y, high_z
 
@@ -162,7 +171,8 @@ def _sum_crossings(
     """
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]
-        low, high = min(a, b, c), max(a, b, c)
+        low = min(a, b, c)
+        high = max(a, b, c)
         for p in range(first[t], stop[t]):
             x, y, z = points[p]
             if low <= y <= high:
@@ -237,7 +247,8 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
     if a surface to be filled has too many cells.
     """
     triangles = (solid.triangles - np.asarray(grid.lower)) / grid.spacing
-    lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    lower = triangles.min(axis=(0, 1))
+    upper = triangles.max(axis=(0, 1))
     reach = float(max(np.abs(lower).max(), np.abs(upper).max()))
     hint = _REACH_HINT.format("cut it to the map")
     check_reach(reach, solid.source, "the map's corner", hint)
@@ -249,7 +260,8 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
     if solid.on_empty:
         _check_filled_size(stop - first, solid.source)
     else:
-        first, stop = low, high
+        first = low
+        stop = high
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
     if (low >= high).any():

@@ -232,7 +232,8 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
         if low <= p[0] <= high:
-            clipped[count, 0], clipped[count, 1] = p[1], p[2]
+            clipped[count, 0] = p[1]
+            clipped[count, 1] = p[2]
             count += 1
         first, second = (low, high) if p[0] < q[0] else (high, low)
         for plane in (first, second):
@@ -249,15 +250,18 @@ def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[
 
     The polygon is convex, with ``n`` corners (y, z). Returns (inf, -inf) if there is no such part.
     """
-    lowest, highest = math.inf, -math.inf
+    lowest = math.inf
+    highest = -math.inf
     for e in range(n):
         p, q = polygon[e], polygon[(e + 1) % n]
         if low <= p[0] <= high:
-            lowest, highest = min(lowest, p[1]), max(highest, p[1])
+            lowest = min(lowest, p[1])
+            highest = max(highest, p[1])
         for plane in (low, high):
             if min(p[0], q[0]) < plane < max(p[0], q[0]):
                 z = interpolate_at(plane, p[0], q[0], p[1], q[1])
-                lowest, highest = min(lowest, z), max(highest, z)
+                lowest = min(lowest, z)
+                highest = max(highest, z)
     return lowest, highest
 
 
@@ -284,7 +288,8 @@ def _mark_touched(
             n = _clip(triangles[t], i + before, i + after, polygon)
             if n == 0:
                 continue
-            low, high = polygon[0, 0], polygon[0, 0]
+            low = polygon[0, 0]
+            high = polygon[0, 0]
             for e in range(n):
                 low = min(low, polygon[e, 0])
                 high = max(high, polygon[e, 0])

@@ -179,7 +179,8 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if
     the robot rotates, and ``shapes`` if the obstacles have shapes.
     """
-    workspace, grid = contents.workspace, contents.grid
+    workspace = contents.workspace
+    grid = contents.grid
     arrays: dict[str, Any] = {
         "cell_states": read_only(contents.states),
         "outer": workspace.outer,

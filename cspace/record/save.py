@@ -327,7 +327,8 @@ def _make_contents(
     shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
     if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
         raise ValueError("its robot, obstacles and grid differ in dimension")
-    outside, outer = attributes["outside"], arrays["outer"]
+    outside = attributes["outside"]
+    outer = arrays["outer"]
     return Contents(
         Workspace(
             grid,
@@ -380,7 +381,8 @@ def check_exterior(table: Ints, outside: str) -> Exterior:
 
     Raises ValueError if they contradict the state of the space outside.
     """
-    boxes, states = table[:, :-1], table[:, -1]
+    boxes = table[:, :-1]
+    states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():
         raise ValueError(f"its exterior has other states than space that is {outside} outside")
     if boxes.min() < -_MAX_EXTERIOR_CELL or boxes.max() > _MAX_EXTERIOR_CELL:

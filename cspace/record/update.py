@@ -130,10 +130,8 @@ class Patch:
             )
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
-            problem, rule = (
-                f"has entry {lost}, which is not in cells",
-                "it must be a subset of cells",
-            )
+            problem = f"has entry {lost}, which is not in cells"
+            rule = "it must be a subset of cells"
             raise InputError("inner", problem, rule, "add it to cells", value=lost)
         return cls(first, outer, within)
 
@@ -187,8 +185,12 @@ class Updater:
         exterior: Exterior,
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
-        self._grid, self._layers, self._states = contents.grid, layers, contents.states
-        self._outside, self._rasters, self._exterior = contents.outside, rasters, exterior
+        self._grid = contents.grid
+        self._layers = layers
+        self._states = contents.states
+        self._outside = contents.outside
+        self._rasters = rasters
+        self._exterior = exterior
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
         self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
@@ -312,7 +314,8 @@ class Updater:
         Inner and outer cells are one array if they are equal.
         """
         here, there = intersect_boxes(window, patch.window)
-        outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
+        outer = self._workspace.outer[window].copy()
+        inner = self._workspace.inner
         inner = outer if self._are_same(patch) else inner[window].copy()
         inner[here] = patch.inner[there]
         outer[here] = patch.outer[there]
@@ -332,10 +335,13 @@ class Updater:
 
         Inner and outer cells become two arrays when they first differ.
         """
-        old, window = self._workspace, patch.window
+        old = self._workspace
+        window = patch.window
         if old.inner is old.outer and not self._are_same(patch):
-            outer, inner = old.outer.copy(), old.outer.copy()
-            outer[window], inner[window] = patch.outer, patch.inner
+            outer = old.outer.copy()
+            inner = old.outer.copy()
+            outer[window] = patch.outer
+            inner[window] = patch.inner
             parts = frozen(outer), frozen(inner), old.source, old.unknown, old.shapes
             self._workspace = Workspace(old.grid, *parts, live=True)
         else:
@@ -366,7 +372,8 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) ->
 
     A robot that touches the blocked exterior from everywhere depends on no cell.
     """
-    low, high = np.full(3, _NEVER), np.full(3, -_NEVER)
+    low = np.full(3, _NEVER)
+    high = np.full(3, -_NEVER)
     for side in sides:
         for runs in ClippedRuns.of(side, to_three_axes(shape)):
             if len(runs.table) and not (runs.clipped and exterior_blocked):

@@ -102,7 +102,8 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
         path = find_arc(first, second, arc)
         a, b = path.first, path.second
         angle = 2.0 * path.half_angle
-        weight0, weight1 = 1.0 - t, t
+        weight0 = 1.0 - t
+        weight1 = t
         if angle > MIN_ARC_ANGLE:
             weight0 = math.sin(weight0 * angle)
             weight1 = math.sin(weight1 * angle)
@@ -126,7 +127,8 @@ def matrix_rows(rotation: Numbers) -> Matrix:
             (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
             (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
         )
-    cosine, sine = math.cos(rotation[0]), math.sin(rotation[0])
+    cosine = math.cos(rotation[0])
+    sine = math.sin(rotation[0])
     return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -154,7 +156,8 @@ def find_cell(borders: Floats, yaw: float) -> int:
     low = int(guess) if 0.0 <= guess < count else 0
     if borders[low] <= yaw < borders[low + 1]:
         return low
-    low, high = 0, count
+    low = 0
+    high = count
     while high - low > 1:
         center = (low + high) // 2
         if yaw >= borders[center]:
@@ -293,7 +296,8 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
     a, b = normalise(q0, 1.0), normalise(q1, 1.0)
     if (dot_product(a, b) < 0.0) != (arc == 1):
         b = normalise(b, -1.0)
-    half_square, sum_square = 0.0, 0.0
+    half_square = 0.0
+    sum_square = 0.0
     for n in range(4):
         half_square += (b[n] - a[n]) ** 2
         sum_square += (b[n] + a[n]) ** 2
@@ -321,16 +325,20 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     chart, i, j, k = find_parts(borders, q)
     parts = i, j, k
     sign = math.copysign(1.0, q[chart])
-    largest, largest1 = sign * q[chart], sign * b[chart]
+    largest = sign * q[chart]
+    largest1 = sign * b[chart]
     share = 1.0
     for n in range(3):
         component = OTHER_COMPONENTS[chart][n]
-        other, other1 = sign * q[component], sign * b[component]
+        other = sign * q[component]
+        other1 = sign * b[component]
         low = borders[parts[n]] - QUOTIENT_SLACK
         high = borders[parts[n] + 1] + QUOTIENT_SLACK
         # Zero on a boundary of the cell, and negative inside.
-        above, above1 = other - high * largest, other1 - high * largest1
-        below, below1 = low * largest - other, low * largest1 - other1
+        above = other - high * largest
+        above1 = other1 - high * largest1
+        below = low * largest - other
+        below1 = low * largest1 - other1
         if above1 > 0.0:
             share = min(share, above / (above - above1))
         if below1 > 0.0:
@@ -349,7 +357,8 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
     zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other / largest))| <=
     reach``, where r is the length of the two components.
     """
-    last, length = borders.shape[0] - 2, math.hypot(largest, other)
+    last = borders.shape[0] - 2
+    length = math.hypot(largest, other)
     if not reach < length:
         return 0, last
     center = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER_PI

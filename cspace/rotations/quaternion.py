@@ -187,7 +187,8 @@ class QuaternionRotations(Rotations):
     def check_dimension(self, dim: int) -> None:
         """Raise InputError for maps of the plane."""
         if dim == 2:
-            rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
+            rule = "a robot in the plane turns by its yaw"
+            hint = "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
     def preserve(self, shape: Symmetric) -> bool:
@@ -280,9 +281,11 @@ class QuaternionRotations(Rotations):
         It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each
         boundary that is left out.
         """
-        n, borders = self.n, self.borders
+        n = self.n
+        borders = self.borders
         parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
-        low, widths = borders[parts[:, 1:]], np.diff(borders)[parts[:, 1:]]
+        low = borders[parts[:, 1:]]
+        widths = np.diff(borders)[parts[:, 1:]]
         # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell
         # nearest to zero.
         max_density = 1.0 + (np.maximum(np.maximum(low, -low - widths), 0.0) ** 2).sum(axis=1)
@@ -315,7 +318,8 @@ class QuaternionRotations(Rotations):
         largest.
         """
         parts = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
-        charts, parts = parts[:, 0], parts[:, 1:]
+        charts = parts[:, 0]
+        parts = parts[:, 1:]
         middles = (self.borders[:-1] + self.borders[1:]) / 2.0
         columns = []
         for axis in range(3):

@@ -133,7 +133,8 @@ class YawRotations(Rotations):
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of yaws."""
-        cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
+        cos = np.cos(rotation[..., 0])
+        sin = np.sin(rotation[..., 0])
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
         matrices[..., 0, 0] = cos
         matrices[..., 0, 1] = -sin

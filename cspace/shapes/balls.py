@@ -52,7 +52,8 @@ class Balls(ExactShape):
     kind = "balls"
 
     def __init__(self, centers: Floats, radii: Floats) -> None:
-        self.centers, self.radii = frozen(centers), frozen(radii)
+        self.centers = frozen(centers)
+        self.radii = frozen(radii)
         self.dim = centers.shape[1]
 
     @classmethod
@@ -161,7 +162,8 @@ class Balls(ExactShape):
         import trimesh
 
         ball = trimesh.creation.icosphere(subdivisions=3 if len(self.radii) < 64 else 1)
-        corners, faces = np.asarray(ball.vertices), np.asarray(ball.faces, dtype=np.int64)
+        corners = np.asarray(ball.vertices)
+        faces = np.asarray(ball.faces, dtype=np.int64)
         vertices = self.centers[:, None] + self.radii[:, None, None] * corners
         shifts = len(corners) * np.arange(len(self.radii))
         return vertices.reshape(-1, 3), (faces + shifts[:, None, None]).reshape(-1, 3)
@@ -253,22 +255,22 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
             raise InputError(
                 "radii", "is given besides a decomposition", rule, "omit it", value=radii
             )
-        radii, centers = centers.radii, centers.centers
+        radii = centers.radii
+        centers = centers.centers
     elif radii is None:
         raise InputError(
             "radii", "is missing", "balls need one number, or one per center", "pass it in metres"
         )
-    points, sizes = check_finite(centers, "centers"), check_finite(radii, "radii")
+    points = check_finite(centers, "centers")
+    sizes = check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
         raise InputError(
             "centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers
         )
     if sizes.shape not in {(), (len(points),)}:
-        rule, hint = (
-            f"it must be one number or ({len(points)},)",
-            "pass one number, or one per center",
-        )
+        rule = f"it must be one number or ({len(points)},)"
+        hint = "pass one number, or one per center"
         raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"

@@ -132,7 +132,9 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     body, count = _label_bodies(edge, meeting <= max_shared)
     balanced, manifold = _balance(edge, direction, body, count, first)
     # Rule 1. The given directions decide which way a body faces, unless copies cancel.
-    multiplicity, closed, directed = first.astype(np.int64), balanced.copy(), balanced.copy()
+    multiplicity = first.astype(np.int64)
+    closed = balanced.copy()
+    directed = balanced.copy()
     directed[body[np.abs(net) < copies]] = False
     if not first.all():  # rule 2
         all_triangles = np.ones(len(first), dtype=np.bool_)
@@ -154,10 +156,8 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     # A body whose facing is open to choice faces outward.
     volume = _volumes(triangles, multiplicity, body, count)
     inward = closed & ~directed & (volume < 0.0)
-    multiplicity, volume = (
-        np.where(inward[body], -multiplicity, multiplicity),
-        np.where(inward, -volume, volume),
-    )
+    multiplicity = np.where(inward[body], -multiplicity, multiplicity)
+    volume = np.where(inward, -volume, volume)
     by_body = np.argsort(body, kind="stable")
     parts = np.split(by_body, np.cumsum(np.bincount(body, minlength=count))[:-1])
     return [
@@ -173,7 +173,8 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
     face outward. Any other body that faces inward would wrongly cancel whatever it overlaps.
     """
     volume = np.array([body.volume for body in bodies])
-    outward, inward = volume > 0.0, volume < 0.0
+    outward = volume > 0.0
+    inward = volume < 0.0
     if not inward.any():
         return bodies
     multiplicity = np.concatenate([body.turns for body in bodies])
@@ -184,7 +185,8 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
         # The winding number of the outward bodies around the corners of an inward body decides.
         from cspace.raster.surfaces import WindingNumber
 
-        around, within = outward[owner] & (multiplicity != 0), np.flatnonzero(inward[owner])
+        around = outward[owner] & (multiplicity != 0)
+        within = np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
         winding = WindingNumber(triangles[around] - center, multiplicity[around])

@@ -140,7 +140,8 @@ class Mesh(ExactShape):
         """Check the arrays, and copy them."""
         check_word(self.solid, "solid", SOLIDS)
         check_unmasked(self.faces, f"faces of {self.source}")
-        vertices, faces = _check_vertices(self.vertices, self.source), np.asarray(self.faces)
+        vertices = _check_vertices(self.vertices, self.source)
+        faces = np.asarray(self.faces)
         if faces.size == 0:
             hint = "for a cloud of points use Workspace.from_points"
             raise GeometryError(self.source, "has no triangles", "a mesh needs one", hint)
@@ -407,7 +408,8 @@ class Mesh(ExactShape):
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Mesh:
         """Make the mesh of a :attr:`spec`."""
-        vertices, faces = _decode(spec["vertices"], "<f8"), _decode(spec["faces"], "<i8")
+        vertices = _decode(spec["vertices"], "<f8")
+        faces = _decode(spec["faces"], "<i8")
         mesh = cls(vertices, faces, spec["solid"], str(spec["source"]))
         # The user was warned when the spec was made.
         object.__setattr__(mesh, "_warned", True)
@@ -456,7 +458,8 @@ class Mesh(ExactShape):
 
     def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
         """Yield a warning for each kind of body without an interior."""
-        surface, fill = option.format("surface"), option.format("fill")
+        surface = option.format("surface")
+        fill = option.format("fill")
         open_bodies = [body for body in self.bodies if not body.closed]
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
@@ -518,7 +521,8 @@ def _check_vertices(values: Any, source: str) -> Floats:
     """
     vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        rule, hint = "it must be (V, 3), in metres", "pass x, y, z of each vertex"
+        rule = "it must be (V, 3), in metres"
+        hint = "pass x, y, z of each vertex"
         raise GeometryError(
             f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values
         )

@@ -75,7 +75,8 @@ class Polygons(ExactShape):
         check_shapes(parts, names)
         for name, part in zip(names, parts, strict=True):
             if part.geom_type != "Polygon":
-                problem, rule = f"is a {part.geom_type}", "each part must be a Polygon"
+                problem = f"is a {part.geom_type}"
+                rule = "each part must be a Polygon"
                 raise GeometryError(name, problem, rule, "remove other parts", value=part)
             if not part.area > 0.0:
                 problem = f"has area {part.area:g}"
@@ -139,7 +140,8 @@ class Polygons(ExactShape):
         """Return the parts that can touch a grid."""
         import shapely
 
-        lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
+        lower = np.asarray(grid.lower) - grid.spacing
+        upper = np.asarray(grid.upper) + grid.spacing
         if (lower <= self.bounds[0]).all() and (self.bounds[1] <= upper).all():
             return self.parts
         numbers = np.sort(self._index.query(shapely.box(*lower, *upper)))
@@ -224,7 +226,8 @@ def _as_geometries(
         return shape
     vertices = check_finite(shape, "polygon")
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
-        rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
+        rule = "it must be (n, 2) with n at least 3"
+        hint = "pass its vertices in order"
         raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
     return [shapely.Polygon(vertices)]
 

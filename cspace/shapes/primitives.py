@@ -50,10 +50,8 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
     """Make a rectangle, `length` along x and `width` along y; metres."""
     import shapely
 
-    half_length, half_width = (
-        check_positive(length, "length") / 2,
-        check_positive(width, "width") / 2,
-    )
+    half_length = check_positive(length, "length") / 2
+    half_width = check_positive(width, "width") / 2
     x, y = check_point(center).tolist()
     box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
     return NamedShape(f"rectangle {length:g} m x {width:g} m", Polygons.of(box))
@@ -64,10 +62,8 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
 
     Its semi-axes lie along x and y.
     """
-    radii, center_point = (
-        (check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")),
-        check_point(center),
-    )
+    radii = (check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y"))
+    center_point = check_point(center)
     outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
     is_disc = radii[0] == radii[1] and not center_point.any()
     return NamedShape(
@@ -212,7 +208,8 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
     kind = SHORT_TEXTS[name]
     separator = "," if "," in kind.form else "x"
     sizes, at, place = rest.partition("@")
-    values, center = _numbers(sizes, separator), _numbers(place, ",")
+    values = _numbers(sizes, separator)
+    center = _numbers(place, ",")
     count = len(kind.form.split(separator))
     if len(values) != count or min(values) <= 0.0 or bool(at) != bool(center):
         rule = (

@@ -78,7 +78,9 @@ def read_urdf(
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
-    pairs, meshes, poses = [], find_meshes(urdf, links, path, folders), zero_poses(urdf)
+    pairs = []
+    meshes = find_meshes(urdf, links, path, folders)
+    poses = zero_poses(urdf)
     for name in links:
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for number, collision in enumerate(urdf.link_map[name].collisions):
@@ -107,7 +109,8 @@ def _check_shapes(
     left = [name for name in filled if name not in links]
     if len(left) == len(filled):
         hint = f"name links that have: {', '.join(filled)}" if filled else "add <collision>"
-        problem, rule = f"is {', '.join(links) or 'empty'}", "no such link has collision geometry"
+        problem = f"is {', '.join(links) or 'empty'}"
+        rule = "no such link has collision geometry"
         raise InputError("link", problem, rule, hint, value=given)
     if given is None and left:
         warn_user(
@@ -148,7 +151,8 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     They are the same object if it is not curved.
     """
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
-    shape, place = getattr(geometry, kind), f"{place}: {kind}"
+    shape = getattr(geometry, kind)
+    place = f"{place}: {kind}"
     if kind == "mesh":
         surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place)
         return surface, surface
@@ -164,7 +168,8 @@ def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
     """Read the surface of a mesh, scaled by one factor or three."""
     factors = check_finite(np.broadcast_to(1.0 if scale is None else scale, 3), f"{place}: scale")
     if not factors.all():
-        problem, rule = f"is {factors.tolist()}", "no factor may be zero"
+        problem = f"is {factors.tolist()}"
+        rule = "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule, "correct it", value=scale)
     return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
 
@@ -271,7 +276,8 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
     fields = read_scene_message(path)
     with decoding(path, SCENE_KIND):
         reader = _Reader(path, folders)
-        frames, shapes = set[str](), list[SceneShape]()
+        frames = set[str]()
+        shapes = list[SceneShape]()
         for item in fields["world"]["collision_objects"]:
             frames.add(item["header"]["frame_id"] or WORLD)
             shapes += reader.read_object(item)
@@ -314,7 +320,8 @@ class _Reader:
 
     def read_attached(self, item: Mapping[str, Any]) -> AttachedShapes:
         """Return the shapes of an attached object."""
-        link, carried = item["link_name"], item["object"]
+        link = item["link_name"]
+        carried = item["object"]
         frame = carried["header"]["frame_id"]
         if not frame:
             problem = f"has no header.frame_id at object {carried['id']!r}"

@@ -173,7 +173,8 @@ class Shape(ABC):
     @cached_property
     def symmetries(self) -> list[Floats]:
         """Signed permutation matrices, shape (dim, dim), that map the shape to itself."""
-        matrices, bounds = _signed_permutations(self.dim), np.array(self.outer.bounds)
+        matrices = _signed_permutations(self.dim)
+        bounds = np.array(self.outer.bounds)
         corners = np.sort(bounds @ matrices.mT, axis=1)
         return [
             matrix
@@ -297,7 +298,8 @@ class ExactShape(Shape):
         """
         import shapely
 
-        outline, origin = self.outline, shapely.Point(0.0, 0.0)
+        outline = self.outline
+        origin = shapely.Point(0.0, 0.0)
         return (
             float(shapely.distance(outline.boundary, origin))
             if shapely.covers(outline, origin)
@@ -332,7 +334,8 @@ class ExactShape(Shape):
     @property
     def boxes(self) -> Boxes:
         """Boxes along the axes that make up the shape, if :attr:`is_boxes`."""
-        problem, rule = "is not a union of boxes", "only boxes and cells in space are"
+        problem = "is not a union of boxes"
+        rule = "only boxes and cells in space are"
         raise GeometryError("shape", problem, rule, "ask for its boundary", value=self)
 
     @property
@@ -361,7 +364,8 @@ class ExactShape(Shape):
 @cache
 def _signed_permutations(dim: int) -> Floats:
     """Return all signed permutation matrices, shape (n, dim, dim)."""
-    orders, signs = permutations(np.eye(dim)), product((1.0, -1.0), repeat=dim)
+    orders = permutations(np.eye(dim))
+    signs = product((1.0, -1.0), repeat=dim)
     return np.array([np.array(sign)[:, None] * order for order, sign in product(orders, signs)])
 
 
@@ -417,7 +421,9 @@ class BoundedShape(Shape):
     def __init__(
         self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False
     ) -> None:
-        self._outer, self._inner, self.dim = outer, inner, outer.dim
+        self._outer = outer
+        self._inner = inner
+        self.dim = outer.dim
         self._is_round_about_z = is_round_about_z
 
     @property
@@ -476,7 +482,8 @@ class BoundedShape(Shape):
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> BoundedShape:
         """Make the shape of a :attr:`spec`."""
-        outer, inner = shape_from_spec(spec["outer"]), shape_from_spec(spec["inner"])
+        outer = shape_from_spec(spec["outer"])
+        inner = shape_from_spec(spec["inner"])
         return cls(outer.outer, inner.inner, bool(spec["is_round_about_z"]))
 
 
@@ -568,7 +575,8 @@ def _revolve(profile: Floats) -> Surface:
         np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()
     ]
     poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
-    first, count = np.arange(CIRCLE_SIDES), CIRCLE_SIDES * len(rings)
+    first = np.arange(CIRCLE_SIDES)
+    count = CIRCLE_SIDES * len(rings)
     second = (first + 1) % CIRCLE_SIDES
     faces: list[tuple[ArrayLike, ...]] = [
         (count, second, first),

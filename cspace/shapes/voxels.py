@@ -50,8 +50,10 @@ class Box(ExactShape):
     is_boxes = True
 
     def __init__(self, extents: Floats, center: Floats) -> None:
-        self.extents, self.center = frozen(extents), frozen(center)
-        self.lower, self.upper = frozen(center - extents / 2), frozen(center + extents / 2)
+        self.extents = frozen(extents)
+        self.center = frozen(center)
+        self.lower = frozen(center - extents / 2)
+        self.upper = frozen(center + extents / 2)
 
     @classmethod
     def of(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Box:
@@ -86,7 +88,8 @@ class Box(ExactShape):
         if rotation.matrix is not None:
             from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            triangles, windings = self.boundary().simplices, np.ones(12, dtype=np.int64)
+            triangles = self.boundary().simplices
+            windings = np.ones(12, dtype=np.int64)
             solid = SolidSurface(triangles, triangles, windings, source="box")
             return surface_rasters(solid, spacing, margin, rotation)
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
@@ -154,8 +157,11 @@ class Voxels(ExactShape):
     kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
-        self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
-        self.dim, self.is_boxes = occupied.ndim, occupied.ndim == 3
+        self.occupied = frozen(occupied)
+        self.side = side
+        self.lower = frozen(lower)
+        self.dim = occupied.ndim
+        self.is_boxes = occupied.ndim == 3
 
     @classmethod
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:

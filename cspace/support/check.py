@@ -349,10 +349,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             value=values,
         ) from error
     if array.ndim not in (2, 3) or array.size == 0:
-        rule, hint = (
-            "it must have two or three axes and at least one cell",
-            "pass an array indexed [x, y] or [x, y, z]",
-        )
+        rule = "it must have two or three axes and at least one cell"
+        hint = "pass an array indexed [x, y] or [x, y, z]"
         raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
     if array.dtype.kind == "f":
         check_finite(array, name)

@@ -24,7 +24,8 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """
 
     def __init__(self, make: Callable[[Any], Part]) -> None:
-        self._make, self._name = make, make.__name__
+        self._make = make
+        self._name = make.__name__
         self.__doc__ = make.__doc__
 
     @overload

@@ -104,7 +104,8 @@ class ArmCanvas(Canvas):
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
-        space, arm = self._space, self._space.arm
+        space = self._space
+        arm = self._space.arm
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         self.about = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
@@ -156,7 +157,8 @@ class ArmCanvas(Canvas):
         except InputError:  # the arm has no obstacle and no pair of links to check
             return STATES[state]
         self._draw_line("/contact", contact.points, CONTACT_COLOR, 4.0)
-        pair, apart = f"{contact.link} and {contact.other}", f"{contact.distance:.3f} m"
+        pair = f"{contact.link} and {contact.other}"
+        apart = f"{contact.distance:.3f} m"
         label = apart if contact.distance else pair
         self._server.scene.add_label(
             "/contact/label", label, position=contact.points.mean(axis=0), anchor="bottom-left"
@@ -175,7 +177,8 @@ class ArmCanvas(Canvas):
 
     def invalidate(self) -> None:
         """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
-        space, scene = self._space, self._server.scene
+        space = self._space
+        scene = self._server.scene
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
         arms = {"robot": ([*figure.links], ROBOT_FILL_COLOR, 1.0)}
         arms |= {name: (figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()}

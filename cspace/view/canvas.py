@@ -88,7 +88,9 @@ class Canvas(ABC):
     tool: ToolFrame | None = None
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
-        self._server, self._space, self.endpoints = server, space, endpoints
+        self._server = server
+        self._space = space
+        self.endpoints = endpoints
         scene = server.scene
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
@@ -192,7 +194,9 @@ class Canvas(ABC):
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Place initial cameras so that a box is in view."""
-        center, half, back = (lower + upper) / 2, (upper - lower) / 2, back / np.linalg.norm(back)
+        center = (lower + upper) / 2
+        half = (upper - lower) / 2
+        back = back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -200,7 +204,8 @@ class Canvas(ABC):
         distance = 1.1 * float(np.max(across / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back))
         camera = self._server.initial_camera
         camera.fov = FIELD_OF_VIEW
-        camera.near, camera.far = 1e-3 * distance, 1e2 * distance
+        camera.near = 1e-3 * distance
+        camera.far = 1e2 * distance
         camera.up = (0.0, 0.0, 1.0)
         camera.look_at = center
         camera.position = center + distance * back

@@ -107,7 +107,9 @@ class MapCanvas(Canvas):
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
-        space, grid, angles = self._space, self._space.grid, self.poses.angles
+        space = self._space
+        grid = self._space.grid
+        angles = self.poses.angles
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         suffix = f" x {space.rotations}" if space.rotations.names else ""
         self.title = space.robot.name
@@ -136,7 +138,8 @@ class MapCanvas(Canvas):
 
     def describe(self, q: Floats) -> str:
         """Return state, clearance and rotation of a configuration as text."""
-        space, text = self._space, STATES[int(self._space.classify(q))]
+        space = self._space
+        text = STATES[int(self._space.classify(q))]
         with suppress(ConfigurationError):  # a tiled map lacks some clearances
             distance = float(space.clearance(q))
             if 0.0 < distance < math.inf:
@@ -190,7 +193,8 @@ class MapCanvas(Canvas):
         Return them by label.
         """
         added: dict[str, Any] = {}
-        stage, grid = self.stage, self._space.grid
+        stage = self.stage
+        grid = self._space.grid
         if stage.has_height:
             label = f"cut at {grid.labels[2]}"
             numbers = stage.lower[2] + grid.spacing, stage.upper[2], self._step, self.cut
@@ -295,7 +299,8 @@ class Poses:
     """
 
     def __init__(self, dim: int, rotations: Rotations) -> None:
-        self.dim, self._rotations = dim, rotations
+        self.dim = dim
+        self._rotations = rotations
         q = np.array([*np.zeros(dim), *rotations.from_matrix(np.eye(3))])
         self.angles = ANGLES[3 - (rotations.steps_between(q, q).shape[-1] - dim) :]
 
@@ -336,7 +341,8 @@ def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
 
     They are upright, if possible.
     """
-    dim, upright = space.grid.dim, space.rotations.from_matrix(np.eye(3))
+    dim = space.grid.dim
+    upright = space.rotations.from_matrix(np.eye(3))
     center = np.add(space.grid.lower, space.grid.upper) / 2
     samples = sample_free_configurations(sampled, np.array([*center, *upright]))
     turned = np.hstack([samples[:, :dim], np.tile(upright, (len(samples), 1))])

@@ -88,7 +88,8 @@ class Panel:
     def __init__(
         self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
     ) -> None:
-        self._gui, self._canvas = gui, canvas
+        self._gui = gui
+        self._canvas = canvas
         gui.configure_theme(
             show_logo=False,
             show_share_button=False,
@@ -120,7 +121,8 @@ class Panel:
 
     def _add_plan(self, choices: Choices) -> None:
         """Add the inputs and messages of a search."""
-        gui, canvas = self._gui, self._canvas
+        gui = self._gui
+        canvas = self._canvas
         self.planner = gui.add_dropdown(
             "planner",
             (AUTOMATIC, *choices.planners),
@@ -203,7 +205,9 @@ class Page:
     ) -> None:
         import planners
 
-        self._server, self._space, self._canvas = server, space, canvas
+        self._server = server
+        self._space = space
+        self._canvas = canvas
         self.marks = dict(canvas.endpoints)
         self.plan: Plan | None = None
         self.trajectory: Trajectory | None = None
@@ -223,7 +227,8 @@ class Page:
 
     def _connect(self) -> None:
         """Connect the inputs of the panel to actions."""
-        panel, canvas = self.panel, self._canvas
+        panel = self.panel
+        canvas = self._canvas
 
         def slide_robot(event: Any) -> None:
             if event.client is not None:
@@ -323,7 +328,8 @@ class Page:
         """Plan from the start to the pose to which the tool frame was dragged."""
         tool = self._canvas.tool
         if tool is not None and tool.is_held:
-            tool.is_held, self._goal = False, tool.goal
+            tool.is_held = False
+            self._goal = tool.goal
             self._planner.request()
 
     def mark(self, name: str, q: Floats) -> None:
@@ -399,10 +405,13 @@ class Page:
         """Plan, and show the result."""
         import planners
 
-        panel, tool, pose = self.panel, self._canvas.tool, self._goal
+        panel = self.panel
+        tool = self._canvas.tool
+        pose = self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
-        planner, radius = panel.planner.value, panel.turning_radius
+        planner = panel.planner.value
+        radius = panel.turning_radius
         options: dict[str, Any] = {
             "planner": None if planner == AUTOMATIC else planner,
             "time_limit": float(panel.time_limit.value),
@@ -513,9 +522,12 @@ class Worker:
     """
 
     def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
-        self._task, self._report = task, report
+        self._task = task
+        self._report = report
         self._changed = threading.Condition()
-        self._requested, self._busy, self._open = False, False, True
+        self._requested = False
+        self._busy = False
+        self._open = True
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -545,7 +557,8 @@ class Worker:
                 self._changed.wait_for(lambda: self._requested or not self._open)
                 if not self._open:
                     return
-                self._requested, self._busy = False, True
+                self._requested = False
+                self._busy = True
             try:
                 self._task()
             except Exception as error:  # the page must stay usable

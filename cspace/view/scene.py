@@ -111,7 +111,8 @@ class Stage:
     """
 
     def __init__(self, grid: Grid, wall: float) -> None:
-        self.grid, self.has_height = grid, grid.dim == 3
+        self.grid = grid
+        self.has_height = grid.dim == 3
         self.shape = np.array([*grid.shape, 1][:3])
         self.wall = wall
         self._cell = np.array(

@@ -62,7 +62,9 @@ class ToolFrame:
         self, space: Any, server: ViserServer, size: float, name: str | None = None
     ) -> None:
         arm = space.arm
-        self._space, self.is_held, self.pose = space, False, np.eye(4)
+        self._space = space
+        self.is_held = False
+        self.pose = np.eye(4)
         counts = {frame: count_joints(arm, frame) for frame in arm.frames}
         self.frames = tuple(frame for frame, count in counts.items() if count)
         deepest = max(
@@ -89,7 +91,8 @@ class ToolFrame:
         By default only its position matters if fewer than six joints move it.
         """
         few = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
-        self.name, self.position_only = name, few if position_only is None else position_only
+        self.name = name
+        self.position_only = few if position_only is None else position_only
         self._gizmo.disable_rotations = self.position_only
 
     def follow(self, q: Floats) -> None:
@@ -100,7 +103,8 @@ class ToolFrame:
     def move(self, pose: Floats) -> None:
         """Move the gizmo to a pose, shape (4, 4)."""
         self.pose = pose
-        self._gizmo.position, self._gizmo.wxyz = pose[:3, 3], to_quaternion(pose)
+        self._gizmo.position = pose[:3, 3]
+        self._gizmo.wxyz = to_quaternion(pose)
 
     def on_drag(self, dragged: Callable[[str], None]) -> None:
         """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""

@@ -82,7 +82,8 @@ class Viewer:
 
         is_arm = isinstance(space, ArmSpace)
         if frame is not None and not is_arm:
-            problem, rule = f"is {frame!r}", "a map has no frames"
+            problem = f"is {frame!r}"
+            rule = "a map has no frames"
             raise InputError("frame", problem, rule, "leave it out", value=frame)
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
@@ -205,7 +206,8 @@ def _quiet() -> Iterator[None]:
     import rich
 
     console = rich.get_console()
-    before, console.quiet = console.quiet, True
+    before = console.quiet
+    console.quiet = True
     try:
         yield
     finally:
@@ -222,7 +224,8 @@ def is_same_site(origin: str | None, asked: str, host: str) -> bool:
     """
     if origin is None:
         return True
-    page, server = urlsplit(origin), urlsplit(f"//{asked}")
+    page = urlsplit(origin)
+    server = urlsplit(f"//{asked}")
     return page.netloc == server.netloc and (is_local(server.hostname) or not is_local(host))
 
 
@@ -251,7 +254,8 @@ def _free_port(host: str, port: int | None) -> int:
             return FIRST_PORT if port is None else int(trial.getsockname()[1])
     except OSError as error:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
-            rule, hint = "other programs use it", "pass another port from 1024 on, or 0 for any"
+            rule = "other programs use it"
+            hint = "pass another port from 1024 on, or 0 for any"
             raise InputError("port", f"is {port}", rule, hint, value=port) from error
         rule = "it must be an address of this machine"
         hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
