@@ -18,7 +18,7 @@ from cspace.support.arrays import Floats
 from cspace.support.check import check_flag, check_rng
 from cspace.support.words import Drive
 from planners.local_planner import HOLONOMIC, local_planner
-from planners.states import check_information, kind_of
+from planners.states import check_information, find_state_kind
 
 _DRAWS_PER_BATCH: Final = 256
 """Random draws per call of numpy."""
@@ -48,7 +48,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         check_information(si, space)
         check_flag(exact, "exact")
         super().__init__(si)
-        self._kind = kind_of(space)
+        self._kind = find_state_kind(space)
         self._space = space
         self.is_free = self._kind.of_state(space.point_checker(exact=exact))
 
@@ -177,7 +177,7 @@ class FreeStateSampler(ob.ValidStateSampler):
             )
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
-        self._kind = kind_of(space)
+        self._kind = find_state_kind(space)
         self._rotations = space.rotations
         # Batches, because a single draw would spend its time in the overhead of a call.
         self._points = _draw_batches(lambda n: space.sample_free(n, rng))

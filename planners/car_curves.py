@@ -152,7 +152,7 @@ def curve_cost(
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 
-    They are numbers after zeros, as of :func:`straight_edge_cost`. The midpoint rule has steps of
+    They are numbers after zeros, as of :func:`integrate_straight_edge`. The midpoint rule has steps of
     at most one cell and 5 degrees.
     """
     kind, radius = curve

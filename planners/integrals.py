@@ -43,7 +43,7 @@ class CostDensity(NamedTuple):
     """Cost of a metre, by the value of a field.
 
     It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
-    ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of the cost
+    ``rotation_weight`` metres. ``mean_per_metre`` selects the mean cost of a metre, instead of the cost
     of the whole edge.
     """
 
@@ -51,7 +51,7 @@ class CostDensity(NamedTuple):
     slope: float
     weight: float
     rotation_weight: float
-    by_metre: bool = False
+    mean_per_metre: bool = False
 
 
 @kernel
@@ -69,7 +69,7 @@ def cost_at(
 
 
 @kernel
-def straight_edge_cost(
+def integrate_straight_edge(
     map_: Map, values: Values, density: CostDensity, size: int, both: Numbers
 ) -> float:
     """Integrate the cost along a straight edge.
@@ -89,7 +89,10 @@ def straight_edge_cost(
         t = (k + 0.5) / steps
         rotation = rotation_along(r0, r1, 0, t)
         total += cost_at(map_, values, density, position_along(p0, p1, t), rotation)
-    return (1.0 if density.by_metre else metres + density.rotation_weight * angle) * total / steps
+    mean_cost = total / steps
+    if density.mean_per_metre:
+        return mean_cost
+    return mean_cost * (metres + density.rotation_weight * angle)
 
 
 def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:

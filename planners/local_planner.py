@@ -37,8 +37,8 @@ from planners.car_curves import (
     prove_length,
     shortest_word,
 )
-from planners.integrals import CostDensity, Field, bind_cost, straight_edge_cost
-from planners.states import check_space, kind_of, with_wrapped_angles
+from planners.integrals import CostDensity, Field, bind_cost, integrate_straight_edge
+from planners.states import check_space, find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace.tiles.space import TiledCSpace
@@ -143,7 +143,7 @@ class LocalPlanner:
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
-        return kind_of(self.space).make()
+        return find_state_kind(self.space).make()
 
     def straight_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves a straight edge free."""
@@ -156,7 +156,7 @@ class LocalPlanner:
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""
-        check = kind_of(self.space).of_states(self.edge_checker())
+        check = find_state_kind(self.space).of_states(self.edge_checker())
         if not self.bidirectional:
             return check
         return lambda first, second: check(first, second) and check(second, first)
@@ -177,7 +177,7 @@ class LocalPlanner:
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
-        return bind_cost(straight_edge_cost, self.cells, field, density, self.space.size)
+        return bind_cost(integrate_straight_edge, self.cells, field, density, self.space.size)
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
@@ -432,7 +432,7 @@ class CarCurves(LocalPlanner):
 
         OMPL's curve must be as short as ours, because only the shortest curves are proven.
         """
-        prove = kind_of(self.space).of_states(self.length_prover())
+        prove = find_state_kind(self.space).of_states(self.length_prover())
         states = self.make_states()
         tolerance = 1e-6 * self.radius
 

@@ -20,7 +20,7 @@ from cspace.support.check import check_not_negative, check_positive
 from cspace.support.words import Drive
 from planners.integrals import CostDensity, Field
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
-from planners.states import check_information, kind_of
+from planners.states import check_information, find_state_kind
 
 LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
@@ -89,7 +89,7 @@ class WeightedLength(ob.OptimizationObjective):
         edges = local_planner(space, False, drive, turning_radius)
         self._field = field
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
-        self._kind = kind_of(space)
+        self._kind = find_state_kind(space)
         self._space = space
         dim = space.grid.dim
         size = space.size
@@ -106,7 +106,7 @@ class WeightedLength(ob.OptimizationObjective):
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost per metre at a state."""
         q = self._kind.read(state)
-        return ob.Cost(self._by_metre(*q, *q))
+        return ob.Cost(self._cost_per_metre(*q, *q))
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost of an edge."""
@@ -117,9 +117,9 @@ class WeightedLength(ob.OptimizationObjective):
         return ob.Cost(self._line(first, second))
 
     @cached_property
-    def _by_metre(self) -> Callable[..., float]:
+    def _cost_per_metre(self) -> Callable[..., float]:
         """Cost per metre at a configuration, as a function."""
-        density = self._density._replace(by_metre=True)
+        density = self._density._replace(mean_per_metre=True)
         return LocalPlanner(self._space).edge_cost(self._field, density)
 
 

@@ -51,7 +51,7 @@ from planners.objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_p
 from planners.result import Plan, Times
 from planners.search import GRACE_SECONDS, NO_SEARCH, SearchResult, Task, run_ompl
 from planners.setup import MakeObjective, make_bounded_states
-from planners.states import check_space, kind_of
+from planners.states import check_space, find_state_kind
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -672,7 +672,7 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
     status, hint = _describe_outcome(task, result, exists)
     reached = 0
     if len(result.path):
-        reached = kind_of(task.edges.space).reached_goal(result.path, task.endpoints)
+        reached = find_state_kind(task.edges.space).reached_goal(result.path, task.endpoints)
     edges = task.edges
     waypoints = result.path
     solved = len(waypoints) > 0

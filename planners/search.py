@@ -36,7 +36,7 @@ from planners.lattice import shorten_path
 from planners.local_planner import HOLONOMIC, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners.objectives import LENGTH, ClearanceObjective, WeightedLength
 from planners.setup import MakeObjective, make_setup
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -166,7 +166,7 @@ def run_ompl(task: Task) -> SearchResult:
         run = _Run(task)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
         if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
-            return SearchResult(kind_of(edges.space).unwind(np.array(ends)), NO_SEARCH)
+            return SearchResult(find_state_kind(edges.space).unwind(np.array(ends)), NO_SEARCH)
         return run.solve()
 
 
@@ -192,7 +192,7 @@ class _Run:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._edges = task.edges
-        self._kind = kind_of(task.edges.space)
+        self._kind = find_state_kind(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
         self._deadline = deadline = Deadline(raises=not self._is_threaded)
         make = make_objective(task)

@@ -16,7 +16,7 @@ from cspace.support.check import check_rng
 from cspace.support.words import Drive
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
@@ -79,7 +79,7 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     space = edges.space
     states = edges.make_states()
     lower, upper = space.check_bounds()
-    kind_of(space).set_bounds(states, lower, upper)
+    find_state_kind(space).set_bounds(states, lower, upper)
     _check_extent(space, states)
     if not states.getType():
         states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space

@@ -86,7 +86,7 @@ class StateKind(NamedTuple):
         return next(ends, 0)
 
 
-def kind_of(space: Space) -> StateKind:
+def find_state_kind(space: Space) -> StateKind:
     """Return the conversions between configurations of ``space`` and OMPL's states.
 
     Raises InputError for a pose of a kind that OMPL has no states for.

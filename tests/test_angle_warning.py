@@ -13,7 +13,7 @@ import pytest
 import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
@@ -77,7 +77,7 @@ def test_batches_and_callbacks_do_not_warn() -> None:
     space, q = turning(), (1.0, 1.0, 90.0)
     si = planners.simple_setup(space).getSpaceInformation()
     state = si.allocState()
-    kind_of(space).write(state, *q)
+    find_state_kind(space).write(state, *q)
     for query in (
         lambda: space.is_free([q, q]),
         lambda: space.certify_path([q, q]),

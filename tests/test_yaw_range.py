@@ -18,7 +18,7 @@ import planners
 from cspace import Robot, Workspace
 from cspace.errors import ConfigurationError
 from cspace.support.arrays import Floats
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.maps import proven_paths
 from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.strategies import rotation_cells, seeds
@@ -132,7 +132,7 @@ def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None
             ),
         ):
             states.append(si.allocState())
-            kind_of(space).write(states[-1], *q)
+            find_state_kind(space).write(states[-1], *q)
             assert si.satisfiesBounds(states[-1]) and si.isValid(states[-1])
         setup.setStartAndGoalStates(*states)
         ou.setLogLevel(ou.LOG_NONE)

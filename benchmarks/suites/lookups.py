@@ -18,7 +18,7 @@ from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
 from cspace.support.arrays import Floats
 from cspace.support.threads import cores
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 EDGE_CELLS, CALLBACK_EDGE_CELLS = 50.0, 100.0
 """Lengths of edges in batches and in callbacks, cells."""
@@ -52,7 +52,7 @@ def at_half_a_cell(space: CSpace, si: Any) -> None:
 
 def states_of(space: CSpace, si: Any, q: Iterable[Floats]) -> list[Any]:
     """Return OMPL's states of configurations."""
-    kind, states = kind_of(space), []
+    kind, states = find_state_kind(space), []
     for numbers in space.rotations.make_canonical(np.asarray(q)).tolist():
         states.append(si.getStateSpace().allocState())
         kind.write(states[-1], *numbers)

@@ -23,7 +23,7 @@ from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
 from cspace.rotations.base import METRES_PER_RADIAN, wrapped
 from cspace.support.arrays import Floats
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 Query = tuple[Floats, Floats]
 
@@ -310,5 +310,5 @@ def find_by_ompl(
 
 def _rows(space: CSpace, setup: Any) -> Floats:
     """Return the configurations of the path of a set-up."""
-    read = kind_of(space).read
+    read = find_state_kind(space).read
     return np.array([read(state) for state in setup.getSolutionPath().getStates()])

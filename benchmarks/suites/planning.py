@@ -30,7 +30,7 @@ from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
 from cspace.support.arrays import Floats
-from planners.states import kind_of
+from planners.states import find_state_kind
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
@@ -222,5 +222,5 @@ def solve(
     taken = time.perf_counter() - began
     if not setup.haveExactSolutionPath():
         return taken, None
-    kind = kind_of(space)
+    kind = find_state_kind(space)
     return taken, np.array([kind.read(state) for state in setup.getSolutionPath().getStates()])

@@ -262,7 +262,7 @@ class Arm:
         chosen = None if joints is None else _choose_joints(joints, read.groups, tree)
         assembly = _Assembly(file, urdf, tree, base or root_link(urdf), tip, chosen)
         assembly.hold({} if held_joints is None else held_joints)
-        arm = assembly.arm(read, folders, solid)
+        arm = assembly.build_arm(read, folders, solid)
         if srdf is None:
             arm = replace(arm, allowed_collisions=assembly.default_allowed(arm))
         return arm
@@ -886,7 +886,7 @@ class _Assembly:
             pending += below.get(self._order[-1].child, ())
         above = {joint.child: joint for joint in self._order}
         branch = set(above) if tip is None else _links_to(tip, base, above)
-        self._moving = [
+        self._moving_names = [
             joint.name
             for joint in self._order
             if is_independent(joint)
@@ -895,7 +895,7 @@ class _Assembly:
         ]
         for joint in self._order:
             self._check_leader(joint)
-        if not self._moving:
+        if not self._moving_names:
             raise InputError(
                 file,
                 "has no joint that moves there",
@@ -919,14 +919,14 @@ class _Assembly:
 
     def _is_moved(self, joint: Joint) -> bool:
         """Return True if the arm's configuration moves a joint."""
-        return joint.kind != FIXED and joint.leader in self._moving and joint.factor != 0.0
+        return joint.kind != FIXED and joint.leader in self._moving_names and joint.factor != 0.0
 
     def hold(self, values: Mapping[str, float]) -> None:
         """Hold joints that do not move at values within limits."""
         names = [
             joint.name
             for joint in self._order
-            if is_independent(joint) and joint.name not in self._moving
+            if is_independent(joint) and joint.name not in self._moving_names
         ]
         if isinstance(values, JointValues):
             check_joint_values(values, "held_joints", self._joints)
@@ -944,8 +944,8 @@ class _Assembly:
                     value=value,
                 )
 
-    def arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
-        """Build the arm."""
+    def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
+        """Build the arm from the joints, links and groups of its URDF."""
         bodies = {self._base: Frame(0, np.eye(4))}
         parents = [0]
         frames = [np.eye(4)]
@@ -976,19 +976,19 @@ class _Assembly:
                 "an arm's links need some",
                 "add <collision>",
             )
-        moving = [self._joints[name] for name in self._moving]
+        moving = [self._joints[name] for name in self._moving_names]
         return Arm(
             name=str(self._urdf.robot.name),
-            joints=tuple(self._moving),
+            joints=tuple(self._moving_names),
             lower=np.array([joint.lower for joint in moving]),
             upper=np.array([joint.upper for joint in moving]),
             links=links,
             allowed_collisions=srdf.allowed,
             chain=self._chain(parents, frames, joints),
             units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
-            max_velocity=np.array([self._max_velocity(name) for name in self._moving]),
+            max_velocity=np.array([self._max_velocity(name) for name in self._moving_names]),
             groups={
-                name: tuple(joint for joint in self._moving if joint in group)
+                name: tuple(joint for joint in self._moving_names if joint in group)
                 for name, group in srdf.groups.items()
             },
             end_effectors=srdf.end_effectors,
@@ -996,7 +996,7 @@ class _Assembly:
             placements=bodies,
             carriers={},
             base_is_root=len(bodies) == len(self._urdf.link_map),
-            _passive=frozenset(self._joints.keys() - {*self._moving, *self._held}),
+            _passive=frozenset(self._joints.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
 
@@ -1080,7 +1080,9 @@ class _Assembly:
             frames=frames,
             axes=np.stack([np.zeros(3), *(joint.axis for joint in joints)]),
             kinds=np.array([FIXED, *(joint.kind for joint in joints)]),
-            joint_indices=np.array([0, *(self._moving.index(joint.leader) for joint in joints)]),
+            joint_indices=np.array(
+                [0, *(self._moving_names.index(joint.leader) for joint in joints)]
+            ),
             factors=np.array([0.0, *(joint.factor for joint in joints)]),
             offsets=np.array([0.0, *(joint.offset for joint in joints)]),
             between=between,

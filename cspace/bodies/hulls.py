@@ -182,8 +182,11 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             continue
         depth = boxes[node, 3:6].min()
         if not is_rounded and (node == 0 or not is_tile):
-            hull, enclosed, depth, boxes[node, 7] = _find_corners(hull)
-            is_convex = node == 0 and volume > (1.0 - 1e-9) * enclosed
+            fit = _fit_hull(hull)
+            hull = fit.corners
+            depth = fit.depth
+            boxes[node, 7] = fit.growth
+            is_convex = node == 0 and volume > (1.0 - 1e-9) * fit.volume
             if len(hull) > MAX_HULL_CORNERS:
                 continue
             if is_convex:
@@ -219,18 +222,27 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     return corners[places < counts[:, None]], np.append(0, np.cumsum(counts))
 
 
-def _find_corners(points: Floats) -> tuple[Floats, float, float, float]:
-    """Return the corners of a hull, its volume, the largest depth of a point, and its growth.
+class HullFit(NamedTuple):
+    """Convex hull of points.
 
-    The hull of the corners, grown by the last number, contains all points. A flat set returns all
-    points and an infinite volume.
+    The hull of the ``corners``, shape (n, 3), grown by ``growth``, contains all points. ``depth``
+    is the largest depth of a point in it. Metres.
     """
+
+    corners: Floats
+    volume: float
+    depth: float
+    growth: float
+
+
+def _fit_hull(points: Floats) -> HullFit:
+    """Fit a convex hull to points; a flat set keeps all points and has infinite volume."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return points, math.inf, 0.0, 0.0
+        return HullFit(points, math.inf, 0.0, 0.0)
     normals = hull.equations[:, :3]
     offsets = hull.equations[:, 3]
     heights = np.concatenate(
@@ -243,7 +255,7 @@ def _find_corners(points: Floats) -> tuple[Floats, float, float, float]:
     growth = _largest_gap(beside, hull.points[hull.simplices])
     if len(beside):
         growth += HULL_ROUNDING * float(np.abs(points).max())
-    return points[hull.vertices], float(hull.volume), -float(heights.min()), growth
+    return HullFit(points[hull.vertices], float(hull.volume), -float(heights.min()), growth)
 
 
 def _largest_gap(points: Floats, triangles: Floats) -> float:

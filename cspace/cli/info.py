@@ -84,17 +84,17 @@ def info(
 
 
 def _guess_kind(file: str) -> FileKind:
-    """Guess the kind of object in a file by its name.
-
-    Read a URDF to tell arms from robots.
-    """
+    """Guess the kind of object from a file's name, or from a URDF's joints."""
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
         return "map"
     if path.suffix.lower() == ".urdf" and _has_moving_joints(path):
         return "arm"
-    described = Path(file.partition("#")[0]).suffix.lower() == ".urdf"
-    return "robot" if described or (":" in file and not path.exists()) else "workspace"
+    is_robot_urdf = Path(file.partition("#")[0]).suffix.lower() == ".urdf"
+    is_robot_text = ":" in file and not path.exists()
+    if is_robot_urdf or is_robot_text:
+        return "robot"
+    return "workspace"
 
 
 def _has_moving_joints(path: Path) -> bool:

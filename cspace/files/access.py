@@ -70,7 +70,7 @@ def check_file(
         rule = f"{_with_article(kind)} must be a plain file"
         hint = suggest_file(file, "check the name and the folder")
         raise FileError(str(file), problem, rule, hint)
-    with _reading(file, kind), file.open("rb") as stream:
+    with _name_file_in_errors(file, kind), file.open("rb") as stream:
         size = file.stat().st_size
         start = stream.read(len(_LFS_POINTER_START))
     if start == _LFS_POINTER_START and size <= _MAX_LFS_POINTER_BYTES:
@@ -89,7 +89,7 @@ def inspect_path(path: StrPath, kind: str) -> tuple[Path, str]:
     Raises InputError if `path` is not a file name. Raises FileError if the system denies access.
     """
     file = check_name(path)
-    with _reading(file, kind):
+    with _name_file_in_errors(file, kind):
         if file.is_file():
             return file, "file"
         if file.is_dir():
@@ -98,7 +98,7 @@ def inspect_path(path: StrPath, kind: str) -> tuple[Path, str]:
 
 
 @contextmanager
-def _reading(file: Path, kind: str) -> Iterator[None]:
+def _name_file_in_errors(file: Path, kind: str) -> Iterator[None]:
     """Turn an error of the system into one that names the file."""
     try:
         yield
@@ -197,7 +197,7 @@ def read_bytes(
     read the file.
     """
     file = check_file(path, kind, memory, limit)
-    with _reading(file, kind):
+    with _name_file_in_errors(file, kind):
         return file.read_bytes()
 
 

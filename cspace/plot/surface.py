@@ -282,10 +282,10 @@ def _choose_top(scene: Scene, cut: float | None) -> float:
 
 
 def split_triangles(triangles: Floats, size: float) -> Floats:
-    """Return triangles, shape (n, 3, 3), as polygons with four corners.
+    """Split long triangles, shape (n, 3, 3); return polygons, shape (m, 4, 3).
 
     Edges longer than a tenth of ``size`` are split, because matplotlib sorts large triangles
-    wrongly.
+    wrongly. Each polygon repeats its last corner.
     """
     from trimesh.remesh import subdivide_to_size
 
@@ -293,4 +293,5 @@ def split_triangles(triangles: Floats, size: float) -> Floats:
     faces = np.arange(len(corners)).reshape(-1, 3)
     subdivide: Any = subdivide_to_size
     vertices, faces = subdivide(corners, faces, size / 10.0)
-    return np.asarray(vertices[faces][:, [0, 1, 2, 2]])
+    with_last_corner_twice = [0, 1, 2, 2]
+    return np.asarray(vertices[faces][:, with_last_corner_twice])

@@ -104,7 +104,7 @@ class WidthMap:
         """
         first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
         levels = np.minimum(LEVELS_PER_CELL * self.widths, MAX_LEVEL).astype(np.uint16)
-        queue = Queue.of(
+        queue = LevelQueue.of(
             math.prod(self.shape), first, int(levels[self.slice_of[start[0]], *start[1:]])
         )
         missing_axes = (1,) * (4 - self.widths.ndim)
@@ -133,8 +133,8 @@ def narrow_states(widths: Distances, min_width: float) -> Bytes:
 # ---- the bottleneck ------------------------------------------------------------------------------
 
 
-class Queue(NamedTuple):
-    """Queue of cells by level, widest first.
+class LevelQueue(NamedTuple):
+    """LevelQueue of cells by level, widest first.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Queue(NamedTuple):
     reached: Bools
 
     @classmethod
-    def of(cls, cells: int, start: int, level: int) -> Queue:
+    def of(cls, cells: int, start: int, level: int) -> LevelQueue:
         """Create a queue with one cell."""
         queue = cls(
             np.array([level]),
@@ -170,7 +170,7 @@ class Queue(NamedTuple):
 
 @kernel
 def flood(
-    levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: Queue
+    levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: LevelQueue
 ) -> bool:
     """Take cells from the queue, widest first; return True at the goal, or at the end.
 

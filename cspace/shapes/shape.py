@@ -440,13 +440,15 @@ class BoundedShape(Shape):
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
-        return self.outer.rasters(spacing, margin, rotation)[0], self.inner.rasters(
-            spacing, 0.0, rotation
-        )[1]
+        outer, _ = self.outer.rasters(spacing, margin, rotation)
+        _, inner = self.inner.rasters(spacing, 0.0, rotation)
+        return outer, inner
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
-        return self.outer.cells(grid)[0], self.inner.cells(grid)[1]
+        outer, _ = self.outer.cells(grid)
+        _, inner = self.inner.cells(grid)
+        return outer, inner
 
     @property
     def is_round(self) -> bool:

@@ -45,7 +45,7 @@ class Cells:
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
         self._space = space
-        self.at = lru_cache(_MAX_CACHED_SLICES)(self._reduce)
+        self.at = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
         self.invalidate()
 
     def invalidate(self) -> None:
@@ -58,8 +58,8 @@ class Cells:
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
             self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
 
-    def _reduce(self, cell: int | None) -> Blocks:
-        """Return the blocks of the map at a rotation cell, or without one of the workspace."""
+    def _reduce_to_blocks(self, cell: int | None) -> Blocks:
+        """Reduce the map at a rotation cell to blocks; without a cell, reduce the workspace."""
         space = self.drawn
         if cell is None:
             classes = classify_ground(space.workspace)

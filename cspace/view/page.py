@@ -171,7 +171,7 @@ class Panel:
 
 
 class Page:
-    """A page, and its actions for users and programs.
+    """Page in the browser that shows a space and plans in it.
 
     Parameters
     ----------

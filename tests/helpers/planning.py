@@ -19,7 +19,7 @@ import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
 from planners.car_curves import advance, shortest_word
 from planners.local_planner import CURVES, CarCurves
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.handmade import fill_boxes, map_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
@@ -127,7 +127,7 @@ def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
 def make_state(space: CSpace, si: Any, q: Any) -> Any:
     """Return the OMPL state of a configuration."""
     state = si.allocState()
-    kind_of(space).write(state, *map(float, q))
+    find_state_kind(space).write(state, *map(float, q))
     return state
 
 

@@ -12,7 +12,7 @@ from ompl import base as ob
 import planners
 from cspace import ArmSpace, InputError
 from cspace.arms import Arm, build_arm_space
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import joint, link, planar, posed_box, post, write_urdf
 
@@ -121,11 +121,11 @@ def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: P
     setup = planners.simple_setup(space)
     checker, state = setup.getStateValidityChecker(), setup.getSpaceInformation().allocState()
     for q in (START, GOAL, (0.37, 0.0)):  # the last configuration is in collision
-        kind_of(space).write(state, *q)
+        find_state_kind(space).write(state, *q)
         assert checker.clearance(state) == space.obstacle_distance(q) and (
             checker.clearance(state) > 0.0
         ) == (q != (0.37, 0.0))
-    kind_of(space).write(state, 0.0, 9.0)  # beyond the limits of the elbow
+    find_state_kind(space).write(state, 0.0, 9.0)  # beyond the limits of the elbow
     assert checker.clearance(state) == 0.0
 
 

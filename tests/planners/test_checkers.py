@@ -55,7 +55,7 @@ def test_a_valid_motion_is_free_along_its_length(space: CSpace) -> None:
         (setup := planners.simple_setup(space)).getSpaceInformation(),
         setup.getStateSpace(),
     )
-    between, read, kinds = si.allocState(), planners.states.kind_of(space).read, set()
+    between, read, kinds = si.allocState(), planners.states.find_state_kind(space).read, set()
     for a, b in zip(*draw_edges(space, 150, 5), strict=True):
         first, second = make_state(space, si, a), make_state(space, si, b)
         valid = si.checkMotion(first, second)

@@ -10,7 +10,7 @@ import pytest
 import planners
 from cspace import InputError
 from planners.local_planner import local_planner
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.planning import (
     SPACES,
     SPACES_WITH_CURVES,
@@ -26,7 +26,7 @@ from tests.helpers.planning import (
 def test_the_cost_of_an_edge_is_the_integral_along_it(
     name: str, curve: str | None, reach: float
 ) -> None:
-    space, read = build_room(name), kind_of(build_room(name)).read
+    space, read = build_room(name), find_state_kind(build_room(name)).read
     options = options_for(curve)
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()

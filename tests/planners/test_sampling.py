@@ -11,7 +11,7 @@ from ompl import util as ou
 
 import planners
 from cspace import MIXED, Arm, ConfigurationError, CSpace, InputError, Robot, build_arm_space
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES,
@@ -42,7 +42,7 @@ def test_samples_are_free_and_spread_over_the_free_cells(space: CSpace) -> None:
     sampler, state, read, drawn = (
         si.allocValidStateSampler(),
         si.allocState(),
-        kind_of(space).read,
+        find_state_kind(space).read,
         [],
     )
     for _ in range(3000):
@@ -83,7 +83,7 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
     space, dim = build_room(name), build_room(name).grid.dim
     si, read = (
         planners.simple_setup(space, rng=np.random.default_rng(1)).getSpaceInformation(),
-        kind_of(space).read,
+        find_state_kind(space).read,
     )
     state, centre = make_state(space, si, [9.0] * dim + _turn(space)), make_state(space, si, near)
     sampler, drawn = si.allocValidStateSampler(), []
@@ -124,7 +124,7 @@ def test_samples_repeat_with_a_generator_or_ompls_seed(space: CSpace) -> None:
         sampler, state, read, out = (
             si.allocValidStateSampler(),
             si.allocState(),
-            kind_of(space).read,
+            find_state_kind(space).read,
             [],
         )
         centre = make_state(space, si, space.sample_free(rng=np.random.default_rng(0)))

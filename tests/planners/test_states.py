@@ -5,7 +5,7 @@ import pytest
 from ompl import base as ob
 
 import planners
-from planners.states import kind_of
+from planners.states import find_state_kind
 from tests.helpers.planning import SPACES, build_room
 
 IN_EVERY_SPACE = pytest.mark.parametrize("name", SPACES)
@@ -13,7 +13,11 @@ IN_EVERY_SPACE = pytest.mark.parametrize("name", SPACES)
 
 @IN_EVERY_SPACE
 def test_a_state_stores_a_configuration_exactly(name: str) -> None:
-    dim, size, kind = build_room(name).grid.dim, build_room(name).size, kind_of(build_room(name))
+    dim, size, kind = (
+        build_room(name).grid.dim,
+        build_room(name).size,
+        find_state_kind(build_room(name)),
+    )
     states = kind.make()
     kind.set_bounds(states, [-5.0] * dim, [7.0] * dim)
     first, second = states.allocState(), states.allocState()
@@ -39,7 +43,11 @@ def _normalize(q: np.ndarray, dim: int) -> np.ndarray:
 
 @IN_EVERY_SPACE
 def test_a_radian_counts_as_half_a_metre(name: str) -> None:
-    dim, size, kind = build_room(name).grid.dim, build_room(name).size, kind_of(build_room(name))
+    dim, size, kind = (
+        build_room(name).grid.dim,
+        build_room(name).size,
+        find_state_kind(build_room(name)),
+    )
     states = kind.make()
     kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
     first, second = states.allocState(), states.allocState()
@@ -66,4 +74,4 @@ def test_each_space_has_its_own_type_of_states() -> None:
     assert (
         build_room("turning").size == build_room("space").size
     )  # the size alone does not determine the space
-    assert kind_of(build_room("turning")) is not kind_of(build_room("space"))
+    assert find_state_kind(build_room("turning")) is not find_state_kind(build_room("space"))
