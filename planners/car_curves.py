@@ -152,8 +152,8 @@ def curve_cost(
 ) -> float:
     """Integrate the cost along the shortest curve between ``both`` configurations.
 
-    They are numbers after zeros, as of :func:`integrate_straight_edge`. The midpoint rule has steps of
-    at most one cell and 5 degrees.
+    They are numbers after zeros, as of :func:`integrate_straight_edge`. The midpoint rule has steps
+    of at most one cell and 5 degrees.
     """
     kind, radius = curve
     x0, y0, yaw0, x1, y1, yaw1 = both[-6:]

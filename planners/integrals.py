@@ -43,8 +43,8 @@ class CostDensity(NamedTuple):
     """Cost of a metre, by the value of a field.
 
     It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
-    ``rotation_weight`` metres. ``mean_per_metre`` selects the mean cost of a metre, instead of the cost
-    of the whole edge.
+    ``rotation_weight`` metres. ``mean_per_metre`` selects the mean cost of a metre, instead of the
+    cost of the whole edge.
     """
 
     offset: float

@@ -134,7 +134,7 @@ def narrow_states(widths: Distances, min_width: float) -> Bytes:
 
 
 class LevelQueue(NamedTuple):
-    """LevelQueue of cells by level, widest first.
+    """Queue of cells by level, widest first.
 
     Attributes
     ----------
