@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cspace.spectral.bump import sphere_measure
 from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor
-from cspace.spectral.spectra import Complexes, ball_spectrum
+from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, Complexes, ball_spectrum
 from cspace.spectral.trees import HIT, MISS, UNDECIDED
 from cspace.support.arrays import Bytes, Floats, Ints
 from cspace.support.compiling import allocating
@@ -126,7 +126,13 @@ class Spectrum(NamedTuple):
     error: float
 
     @classmethod
-    def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
+    def of(
+        cls,
+        balls: BallDescriptor,
+        center: Floats,
+        rings: Rings,
+        accuracy: float = MIN_SPECTRUM_TOLERANCE,
+    ) -> Spectrum:
         """Compute the spectrum of balls about a point."""
         box = ball_spectrum(
             balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy
