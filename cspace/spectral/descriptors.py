@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, overload
 
@@ -280,7 +280,7 @@ class BallDescriptor(Balls):
         """Integral over the plane or space, metres to ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
-    @property
+    @cached_property
     def center(self) -> Floats:
         """Center of the bounding box of the centers, metres."""
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
