@@ -28,7 +28,6 @@ from cspace.spectral.regions import (
     bound_balls_to_shape,
     bound_distance,
     bound_shape_to_balls,
-    cube_gaps,
 )
 from cspace.support.arrays import Floats, Ints, frozen
 from cspace.support.check import check_count, check_positive, check_word
@@ -262,7 +261,9 @@ def _cover_shape(
             value=value,
         )
     centers = lattice.to_metres(balls.centers)
-    radii = _radii_of(balls, lattice)
+    # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
+    # their cells and no ball sticks out too far.
+    radii = (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
@@ -275,15 +276,6 @@ def _cover_shape(
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
-    """Return radii, metres, with which balls contain their cells.
-
-    The difference is larger than the rounding of coordinates and depths, so that no ball sticks out
-    too far.
-    """
-    return (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
-
-
 def _nearest_balls(
     lattice: Lattice, choices: list[LatticeBalls | None]
 ) -> tuple[Floats, Floats, Floats, Gap | None]:
@@ -294,7 +286,6 @@ def _nearest_balls(
     with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
     the bounds are None.
     """
-    points = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0])
     best = math.inf
     found: tuple[Floats, Floats, Floats, Gap | None] = (
         np.empty((0, lattice.region.dim)),
@@ -306,15 +297,10 @@ def _nearest_balls(
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
-        # The points alone show for most choices that they are not the nearest.
-        if (
-            best == math.inf
-            or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best
-        ):
-            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
-            if high < best:
-                best = high
-                found = (centers, depths, growths, (low, high))
+        low, high, growths = bound_shape_to_balls(lattice, centers, depths)
+        if high < best:
+            best = high
+            found = (centers, depths, growths, (low, high))
     return found
 
 
@@ -493,16 +479,14 @@ class CellCounts(NamedTuple):
     """Number of balls that contain each cell, for kernels.
 
     ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for
-    ignored cells. ``prefix_sums``, shape (nx, ny, nz + 1), are the numbers of open cells before a
-    cell in its row, and ``open_counts``, shape (nx, ny), those of rows. ``half``, shape (3,), is
-    half a cell along each axis if balls must contain whole cells, else 0. Scratch for the rows of
-    cells in a ball: ``rows``, shape (nx * ny, 4), are i, j, first k and stop k, and ``squares`` the
-    part of the squared distance along the first two axes.
+    ignored cells. ``open_before``, shape (nx, ny, nz + 1), are the numbers of open cells before a
+    cell in its row. ``half``, shape (3,), is half a cell along each axis if balls must contain whole
+    cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are i, j,
+    first k and stop k, and ``squares`` the part of the squared distance along the first two axes.
     """
 
     counts: NDArray[np.int32]
-    prefix_sums: NDArray[np.int32]
-    open_counts: NDArray[np.int32]
+    open_before: NDArray[np.int32]
     half: Floats
     rows: Ints
     squares: Floats
@@ -520,20 +504,11 @@ class Cover:
         self._lattice = lattice
         counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
         counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
-        prefix_sums = np.cumsum(
-            np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32
-        )
-        rows = math.prod(counts.shape[:2])
+        open_before = np.zeros(np.add(counts.shape, (0, 0, 1)), dtype=np.int32)
+        np.cumsum(counts == 0, axis=2, out=open_before[:, :, 1:])
+        rows = np.empty((math.prod(counts.shape[:2]), 4), dtype=np.int64)
         half = lattice.half if whole else np.zeros(3)
-        open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
-        self._cells = CellCounts(
-            counts,
-            prefix_sums,
-            open_counts,
-            half,
-            np.empty((rows, 4), dtype=np.int64),
-            np.empty(rows),
-        )
+        self._cells = CellCounts(counts, open_before, half, rows, np.empty(len(rows)))
 
     @property
     def open_cells(self) -> Floats:
@@ -548,11 +523,7 @@ class Cover:
         bounds = np.minimum(
             UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
         )
-        chosen = np.empty(min(max_balls, len(bounds)), dtype=np.int64)
-        open_count = int(self._cells.open_counts.sum())
-        return chosen[
-            : choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)
-        ]
+        return choose(self._cells, balls.centers, balls.reaches, bounds, max_balls)
 
     def trim(self, balls: LatticeBalls) -> Floats:
         """Shrink the balls to the cells that only they contain.
@@ -561,23 +532,16 @@ class Cover:
         first; then balls that stick out most are shrunk first.
         """
         reaches = balls.reaches.copy()
-        trim(
-            self._cells, balls.centers, reaches, np.argsort(reaches, kind="stable"), only_drop=True
-        )
-        trim(
-            self._cells,
-            balls.centers,
-            reaches,
-            np.argsort(balls.depths - reaches, kind="stable"),
-            only_drop=False,
-        )
+        by_size = np.argsort(reaches, kind="stable")
+        trim(self._cells, balls.centers, reaches, by_size, only_drop=True)
+        by_growth = np.argsort(balls.depths - reaches, kind="stable")
+        trim(self._cells, balls.centers, reaches, by_growth, only_drop=False)
         return reaches
 
     def polish(self, centers: Floats, radii: Floats) -> None:
         """Move balls inside the shape to contain more cells, in place."""
         lattice, border = self._lattice, self._lattice.region.inner
-        lattice_frame = lattice.corner, lattice.side, border.error
-        polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
+        polish(self._cells, border.tree, centers, radii, lattice.corner, lattice.side, border.error)
 
 
 @kernel
@@ -587,77 +551,65 @@ def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
 
 
 @kernel
-def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool) -> tuple[int, int]:
+def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
     """Find the rows of cells in a ball; count rows and open cells.
 
-    They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows
-    of the lattice without open cells are skipped.
+    They fill the first rows of ``cells.rows``. ``center`` has shape (3,).
     """
-    nx, ny, nz = cells.counts.shape
     half = cells.half
+    nx, ny, nz = cells.counts.shape
     radius = reach - LATTICE_ROUNDING
     count, gain = 0, 0
     for i in range(*_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > radius * radius:
             continue
-        for j in range(
-            *_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)
-        ):
-            if only_open and cells.open_counts[i, j] == 0:
-                continue
+        reach_y = math.sqrt(radius * radius - square_x) - half[1]
+        for j in range(*_cell_range(center[1], reach_y, ny)):
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if square_xy > radius * radius:
                 continue
-            first, stop = _cell_range(
-                center[2], math.sqrt(radius * radius - square_xy) - half[2], nz
-            )
+            reach_z = math.sqrt(radius * radius - square_xy) - half[2]
+            first, stop = _cell_range(center[2], reach_z, nz)
             if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
                 cells.squares[count] = square_xy
                 count += 1
-                gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
+                gain += cells.open_before[i, j, stop] - cells.open_before[i, j, first]
     return count, gain
 
 
 @kernel
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
     """Add a ball to the counts of its cells, or remove it."""
-    counts, prefix_sums = cells.counts, cells.prefix_sums
-    for n in range(_find_rows(cells, center, reach, False)[0]):
+    counts, open_before = cells.counts, cells.open_before
+    for n in range(_find_rows(cells, center, reach)[0]):
         i, j, first, stop = cells.rows[n]
         for k in range(first, stop):
             if counts[i, j, k] >= 0:
                 counts[i, j, k] += step
         for k in range(first, counts.shape[2]):
-            prefix_sums[i, j, k + 1] = prefix_sums[i, j, k] + (counts[i, j, k] == 0)
-        cells.open_counts[i, j] = prefix_sums[i, j, counts.shape[2]]
+            open_before[i, j, k + 1] = open_before[i, j, k] + (counts[i, j, k] == 0)
 
 
 @allocating
 def choose(
-    cells: CellCounts,
-    centers: Floats,
-    reaches: Floats,
-    bounds: Floats,
-    open_count: int,
-    chosen: Ints,
-) -> int:
-    """Choose the balls that add most cells, greedily.
+    cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, max_balls: int
+) -> Ints:
+    """Choose at most ``max_balls`` balls that add most cells, greedily.
 
-    ``chosen`` receives their indices; returns their number. ``centers`` has shape (n, 3),
-    ``reaches`` and ``bounds`` (n,). A ball adds at most ``bounds`` cells, and never more than
-    before other balls were chosen (M. Minoux, "Accelerated greedy algorithms for maximizing
-    submodular set functions", 1978). The choice ends when none of the ``open_count`` open cells
-    remains.
+    Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` and ``bounds``
+    (n,). A ball adds at most ``bounds`` cells, and never more than before other balls were chosen
+    (M. Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978).
     """
+    chosen = np.empty(min(max_balls, len(centers)), dtype=np.int64)
     count = 0
     queue = [(-bounds[ball], ball) for ball in range(len(centers))]
     heapq.heapify(queue)
-    while len(queue) > 0 and count < len(chosen) and open_count > 0:
+    while len(queue) > 0 and count < len(chosen):
         _, ball = heapq.heappop(queue)
-        _, gain = _find_rows(cells, centers[ball], reaches[ball], True)
+        _, gain = _find_rows(cells, centers[ball], reaches[ball])
         if gain == 0:
             continue
         # The gain is up to date. If another ball may gain more, queue this one again.
@@ -667,8 +619,7 @@ def choose(
         _count_ball(cells, centers[ball], reaches[ball], 1)
         chosen[count] = ball
         count += 1
-        open_count -= gain
-    return count
+    return chosen[:count]
 
 
 @kernel
@@ -680,7 +631,7 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
     """
     for ball in order:
         farthest = -1.0
-        for row in range(_find_rows(cells, centers[ball], reaches[ball], False)[0]):
+        for row in range(_find_rows(cells, centers[ball], reaches[ball])[0]):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
                 if cells.counts[i, j, k] == 1:
@@ -696,51 +647,28 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
 
 
 @kernel
-def _measure_trial(
-    cells: CellCounts,
-    tree: PieceTree,
-    center: Floats,
-    max_radius: float,
-    lattice_frame: tuple[Floats, float, float],
-    point: Floats,
-) -> tuple[float, int]:
-    """Return the radius of a ball around a center, and the open cells in it.
-
-    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in
-    metres.
-    """
-    corner, side, error = lattice_frame
-    for axis in range(3):
-        point[axis] = corner[axis] + side * center[axis]
-    cap = 1.01 * side * max_radius + 4.0 * error
-    radius = (bound_distance(tree, point, cap)[0] - error) / side
-    if radius <= 0.0:
-        return 0.0, -1
-    return radius, _find_rows(cells, center, radius, True)[1]
-
-
-@kernel
 def polish(
     cells: CellCounts,
     tree: PieceTree,
     centers: Floats,
     radii: Floats,
-    lattice_frame: tuple[Floats, float, float],
-    scratch: Floats,
+    corner: Floats,
+    side: float,
+    error: float,
 ) -> None:
     """Move balls inside the shape to contain more cells, in place.
 
     A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go
     along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
-    ``lattice_frame`` is the corner of the lattice in the space of the tree, its side, and the error
-    of distances. ``scratch``, shape (2, 3), holds a trial point in both frames.
+    ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
+    cell, and ``error`` that of distances; metres.
     """
-    trial, point = scratch[0], scratch[1]
     for round_index in range(6):
         moved = False
         for ball in range(len(centers)):
-            _count_ball(cells, centers[ball], radii[ball], -1)
-            best = _find_rows(cells, centers[ball], radii[ball], True)[1]
+            center = centers[ball]
+            _count_ball(cells, center, radii[ball], -1)
+            best = _find_rows(cells, center, radii[ball])[1]
             step = 2.0 / (1 << round_index)
             for _ in range(4):
                 better = False
@@ -748,20 +676,23 @@ def polish(
                     axis = direction // 2
                     if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[ball]:
                         continue
-                    for along in range(3):
-                        trial[along] = centers[ball, along]
-                    trial[axis] += step if direction % 2 else -step
+                    before = center[axis]
+                    center[axis] += step * (2 * (direction % 2) - 1)
+                    x = corner[0] + side * center[0]
+                    y = corner[1] + side * center[1]
+                    z = corner[2] + side * center[2]
                     # A radius grows by a step at most.
-                    radius, gain = _measure_trial(
-                        cells, tree, trial, radii[ball] + step, lattice_frame, point
-                    )
+                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error
+                    radius = (bound_distance(tree, (x, y, z), cap)[0] - error) / side
+                    gain = _find_rows(cells, center, radius)[1] if radius > 0.0 else -1
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
-                        centers[ball, axis] = trial[axis]
                         radii[ball] = radius
+                    else:
+                        center[axis] = before
                 if not better:
                     step *= 0.5
-            _count_ball(cells, centers[ball], radii[ball], 1)
+            _count_ball(cells, center, radii[ball], 1)
         if not moved:
             break

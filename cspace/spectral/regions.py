@@ -14,7 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints, Row
 from cspace.support.compiling import allocating, kernel
 from cspace.support.threads import in_chunks
 from cspace.support.vectors import box_distance, point_segment, point_triangle, row_at
@@ -109,9 +109,9 @@ class ShapeBoundary:
             return abs(self.shape.measure), abs(self.shape.measure)
         return _bound_volume(self.shape)
 
-    def depths(self, points: Floats) -> Floats:
-        """Compute lower bounds of the depths of points, negative outside."""
-        near, far = self.distances(points)
+    def depths(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of depths, negative outside, at most ``cap``."""
+        near, far = self.distances(points, cap)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
@@ -175,15 +175,8 @@ class Region:
 
     def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
         """Return masks: points proven inside, and not proven ``radius`` away."""
-        contained = self.outer.shape.contains(points)
-        error = self.outer.error
-        near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
-        is_inside = (
-            contained & (near > error)
-            if self.inner is self.outer
-            else self.inner.depths(points) > 0.0
-        )
-        return is_inside, contained | (near <= radius + error)
+        cap = 1.01 * radius + 2.0 * self.outer.error
+        return self.depths(points, cap) > 0.0, self.gaps(points, cap) <= radius
 
     @property
     def box_volume(self) -> float:
@@ -303,9 +296,8 @@ class PieceTree(NamedTuple):
 
 
 @allocating
-def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
+def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
     """Return bounds of the distance to the nearest piece, at most ``cap``."""
-    position = row_at(point, 0)
     near = cap
     far = cap
     pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
@@ -348,17 +340,10 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
     """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
 
-    ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if
-    consecutive points are close together.
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
     """
     for n in range(len(points)):
-        limit = cap
-        if n > 0:  # the triangle inequality with the previous point
-            square = 0.0
-            for axis in range(3):
-                square += (points[n, axis] - points[n - 1, axis]) ** 2
-            limit = min(cap, (far[n - 1] + math.sqrt(square)) * 1.000001 + 1e-300)
-        near[n], far[n] = bound_distance(tree, points[n], limit)
+        near[n], far[n] = bound_distance(tree, row_at(points[n], 0), cap)
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
