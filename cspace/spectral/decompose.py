@@ -200,30 +200,25 @@ def _fill_shape(
     the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
-    is_proven, gap = False, None
-    if number is None:
-        cover, balls = _choose_cover(
-            lattice, inside, (tolerance or 0.0) / lattice.side, inside=True
-        )
+    is_proven = False
+    if tolerance is not None:
+        cover, balls = _choose_cover(lattice, inside, tolerance / lattice.side, inside=True)
         is_proven = not len(cover.open_cells)
         centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
-        centers, radii, _, gap = _nearest_balls(
-            lattice,
-            [_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)],
-        )
+        count = number or UNLIMITED_BALLS
+        choices = _fill_greedily(lattice, count), _cover_with(lattice, inside, count, inside=True)
+        centers, radii, _ = _nearest_balls(lattice, *choices)
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
     if not len(radii):
         problem, rule = "is too thin for any ball that was found", "inner balls need an inside"
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
-    if gap is None or not inside_shape.all():
-        gap = bound_shape_to_balls(lattice, centers, radii)[:2]
+    gap = bound_shape_to_balls(lattice, centers, radii)[:2]
     if tolerance is not None and gap[1] > tolerance:
-        if (
-            is_proven and inside_shape.all()
-        ):  # all cells lie in the balls grown by less than the tolerance
+        # All cells may lie in the balls grown by less than the tolerance.
+        if is_proven and inside_shape.all():
             return centers, radii, (min(gap[0], tolerance), tolerance)
         problem = (
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
@@ -268,39 +263,31 @@ def _cover_shape(
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
         # it is smooth, so they are tried too.
-        centers, depths, growths, _ = _nearest_balls(
-            lattice, [_fill_greedily(lattice, number), balls]
-        )
+        centers, depths, growths = _nearest_balls(lattice, _fill_greedily(lattice, number), balls)
         radii = (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
 def _nearest_balls(
-    lattice: Lattice, choices: list[LatticeBalls | None]
-) -> tuple[Floats, Floats, Floats, Gap | None]:
+    lattice: Lattice, *choices: LatticeBalls | None
+) -> tuple[Floats, Floats, Floats]:
     """Select the balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
-    centers (n, d) and radii (n,) in metres, negative outside the shape; the growth of each ball
-    with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
-    the bounds are None.
+    centers (n, d) and radii (n,) in metres, negative outside the shape, and the growth of each ball
+    with which all cover the shape (n,). Without any choice, n is 0.
     """
     best = math.inf
-    found: tuple[Floats, Floats, Floats, Gap | None] = (
-        np.empty((0, lattice.region.dim)),
-        *np.empty((2, 0)),
-        None,
-    )
+    found: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), *np.empty((2, 0))
     for choice in choices:
         if choice is None or not len(choice.centers):
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
-        low, high, growths = bound_shape_to_balls(lattice, centers, depths)
-        if high < best:
-            best = high
-            found = (centers, depths, growths, (low, high))
+        _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
+        if distance < best:
+            best, found = distance, (centers, depths, growths)
     return found
 
 
@@ -370,39 +357,30 @@ def _choose_cover(
     The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers
     must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
     """
-    from scipy.spatial import KDTree
-
     cover = Cover(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
-    # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of
-    # the shape.
-    for stage in range(3):
-        open_cells = cover.open_cells
-        if not len(open_cells) or len(balls.reaches) == max_balls:
-            break
-        offered = (
-            _deepest_points(lattice, open_cells)
-            if stage == 2
-            else (candidates, _balls_at_cell_centers(lattice))[stage]
-        )
+    offered = candidates
+    # Cells that the candidates leave open get balls of their own.
+    for _ in range(2):
         offered = offered._replace(reaches=offered.depths + reach)
-        offered = offered.select(offered.depths > (0.0 if inside else -np.inf))
-        if len(open_cells) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
-            bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
-            offered = offered.select(
-                KDTree(open_cells).query(offered.centers, distance_upper_bound=bound)[0]
-                <= offered.reaches
-            )
         balls = balls.append(offered.select(cover.choose(offered, max_balls - len(balls.reaches))))
+        cells = cover.open_cells
+        if not len(cells) or len(balls.reaches) == max_balls:
+            break
+        if inside:
+            offered = _deepest_points(lattice, cells)
+        else:
+            offered = _balls_around(lattice, cells)
     return cover, balls
 
 
 # ---- candidates ----------------------------------------------------------------------------------
 
 
-def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
-    """Return the largest ball in the shape around each cell center."""
-    return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
+def _balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
+    """Return the largest ball in the shape around each point."""
+    depths = lattice.depths_at(points)
+    return LatticeBalls(points, depths, depths)
 
 
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
@@ -427,9 +405,8 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
         "mode": "constant",
         "cval": -np.inf,
     }
-    balls = _balls_at_cell_centers(lattice).select(
-        ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
-    )
+    is_medial = ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
+    balls = _balls_around(lattice, lattice.cell_centers[is_medial])
     # Thin out the candidates evenly, but keep the largest ball.
     kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
     if len(kept):
@@ -439,7 +416,7 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
     """Return a ball around a deep point of each cell, if any."""
-    points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
+    points = _balls_around(lattice, cells[:0])
     for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
         if not len(cells):
             break
@@ -447,9 +424,10 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
             (np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half
         ]
         trials = cells[:, None] + np.array(list(product(*ticks)))
-        depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
-        rows, best = np.arange(len(cells)), depths.argmax(axis=1)
-        deepest = LatticeBalls(trials[rows, best], depths[rows, best], depths[rows, best])
+        balls = _balls_around(lattice, trials.reshape(-1, 3))
+        number = trials.shape[1]
+        best = balls.depths.reshape(-1, number).argmax(axis=1) + number * np.arange(len(cells))
+        deepest = balls.select(best)
         points = points.append(deepest.select(deepest.depths > 0.0))
         cells = cells[deepest.depths <= 0.0]
     return points

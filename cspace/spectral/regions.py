@@ -186,21 +186,11 @@ class Region:
     def make_grid(self, spacing: float) -> Grid:
         """Create a grid, of a spacing in metres, that just covers the region.
 
-        Raises InputError if it has too many cells or does not fit into memory.
+        Raises InputError if it does not fit into memory.
         """
-        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
+        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing).astype(np.int64) + 1
+        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts)
         hint = "use a larger tolerance or fewer balls"
-        if float(np.prod(counts)) > 1.5 * MAX_LATTICE_CELLS:
-            problem = (
-                f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of "
-                f"{spacing:g} m"
-            )
-            raise InputError(
-                "tolerance", problem, f"it may have {MAX_LATTICE_CELLS} cells at most", hint
-            )
-        grid = Grid(
-            self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64)
-        )
         check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
         return grid
 
