@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from cspace.errors import GeometryError, InputError
 from cspace.shapes import ShapeLike, as_shape
-from cspace.spectral.bump import UNIT_BALL_VOLUME
 from cspace.spectral.regions import (
     Lattice,
     PieceTree,
@@ -202,9 +201,9 @@ def _fill_shape(
     inside = _inner_candidates(lattice)
     is_proven = False
     if tolerance is not None:
-        cover, balls = _choose_cover(lattice, inside, tolerance / lattice.side, inside=True)
-        is_proven = not len(cover.open_cells)
-        centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
+        cells, balls = _choose_cover(lattice, inside, tolerance / lattice.side, inside=True)
+        is_proven = not len(cells.open_cells)
+        centers = lattice.to_metres(cells.trim(balls).centers)
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
         count = number or UNLIMITED_BALLS
@@ -301,12 +300,13 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     """Choose at most ``number`` balls that contain many cell centers."""
     inside = _inner_candidates(lattice)
-    cover = Cover(lattice, whole=False)
-    chosen = cover.choose(inside, number)
+    cells, border = CellCounts.of(lattice, whole=False), lattice.region.inner
+    chosen = choose(cells, inside.centers, inside.reaches, number)
     if not len(chosen):  # the shape is so thin that it contains no cell center
         chosen = np.argsort(-inside.depths)[:number]
     balls = inside.select(chosen)
-    cover.polish(balls.centers, balls.depths)
+    frame = lattice.corner, lattice.side, border.error
+    polish(cells, border.tree, balls.centers, balls.depths, *frame)
     return balls
 
 
@@ -337,11 +337,8 @@ def _cover_within(
 
     Returns None if that takes more than ``number`` balls.
     """
-    cover, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
-    if len(cover.open_cells):
-        return None
-    balls = balls._replace(reaches=cover.trim(balls))
-    return balls.select(balls.reaches > 0.0)
+    cells, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
+    return None if len(cells.open_cells) else cells.trim(balls)
 
 
 def _choose_cover(
@@ -351,27 +348,26 @@ def _choose_cover(
     *,
     inside: bool,
     max_balls: int = UNLIMITED_BALLS,
-) -> tuple[Cover, LatticeBalls]:
+) -> tuple[CellCounts, LatticeBalls]:
     """Choose at most ``max_balls`` balls until every cell lies in one.
 
     The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers
-    must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
+    must lie in the shape. The returned counts have open cells if ``max_balls`` do not suffice.
     """
-    cover = Cover(lattice, whole=True)
+    cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
     offered = candidates
     # Cells that the candidates leave open get balls of their own.
     for _ in range(2):
         offered = offered._replace(reaches=offered.depths + reach)
-        balls = balls.append(offered.select(cover.choose(offered, max_balls - len(balls.reaches))))
-        cells = cover.open_cells
-        if not len(cells) or len(balls.reaches) == max_balls:
+        more = max_balls - len(balls.reaches)
+        chosen = choose(cells, offered.centers, offered.reaches, more)
+        balls = balls.append(offered.select(chosen))
+        rest = cells.open_cells
+        if not len(rest) or len(balls.reaches) == max_balls:
             break
-        if inside:
-            offered = _deepest_points(lattice, cells)
-        else:
-            offered = _balls_around(lattice, cells)
-    return cover, balls
+        offered = _deepest_points(lattice, rest) if inside else _balls_around(lattice, rest)
+    return cells, balls
 
 
 # ---- candidates ----------------------------------------------------------------------------------
@@ -454,13 +450,16 @@ class LatticeBalls(NamedTuple):
 
 
 class CellCounts(NamedTuple):
-    """Number of balls that contain each cell, for kernels.
+    """Number of chosen balls that contain each cell, for kernels.
+
+    A ball contains a cell if it contains the center, or all of the cell.
 
     ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for
     ignored cells. ``open_before``, shape (nx, ny, nz + 1), are the numbers of open cells before a
-    cell in its row. ``half``, shape (3,), is half a cell along each axis if balls must contain whole
-    cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are i, j,
-    first k and stop k, and ``squares`` the part of the squared distance along the first two axes.
+    cell in its row. ``half``, shape (3,), is half a cell along each axis if balls must contain
+    whole cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are
+    i, j, first k and stop k, and ``squares`` the part of the squared distance along the first two
+    axes.
     """
 
     counts: NDArray[np.int32]
@@ -469,57 +468,33 @@ class CellCounts(NamedTuple):
     rows: Ints
     squares: Floats
 
-
-class Cover:
-    """Cells of a lattice, and balls chosen for them.
-
-    With ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered.
-    Otherwise a ball contains a cell if it contains the center, and only centers in the shape must
-    be covered.
-    """
-
-    def __init__(self, lattice: Lattice, *, whole: bool) -> None:
-        self._lattice = lattice
+    @classmethod
+    def of(cls, lattice: Lattice, *, whole: bool) -> CellCounts:
+        """Start without balls, which must contain whole cells, or centers in the shape."""
         counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
         counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
         open_before = np.zeros(np.add(counts.shape, (0, 0, 1)), dtype=np.int32)
         np.cumsum(counts == 0, axis=2, out=open_before[:, :, 1:])
         rows = np.empty((math.prod(counts.shape[:2]), 4), dtype=np.int64)
         half = lattice.half if whole else np.zeros(3)
-        self._cells = CellCounts(counts, open_before, half, rows, np.empty(len(rows)))
+        return cls(counts, open_before, half, rows, np.empty(len(rows)))
 
     @property
     def open_cells(self) -> Floats:
         """Centers of the cells in no ball, shape (n, 3)."""
-        return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
+        return np.argwhere(self.counts == 0) + np.float64(0.5)
 
-    def choose(self, balls: LatticeBalls, max_balls: int) -> Ints:
-        """Choose at most ``max_balls`` balls; return their indices, in that order."""
-        # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
-        lattice, dim = self._lattice, self._lattice.region.dim
-        enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(
-            UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
-        )
-        return choose(self._cells, balls.centers, balls.reaches, bounds, max_balls)
+    def trim(self, balls: LatticeBalls) -> LatticeBalls:
+        """Shrink the balls to the cells that only they contain; drop balls without such cells.
 
-    def trim(self, balls: LatticeBalls) -> Floats:
-        """Shrink the balls to the cells that only they contain.
-
-        Returns their reaches, shape (n,), 0 for balls without such cells. Small balls are dropped
-        first; then balls that stick out most are shrunk first.
+        Small balls are dropped first; then balls that stick out most are shrunk first.
         """
         reaches = balls.reaches.copy()
         by_size = np.argsort(reaches, kind="stable")
-        trim(self._cells, balls.centers, reaches, by_size, only_drop=True)
+        trim(self, balls.centers, reaches, by_size, only_drop=True)
         by_growth = np.argsort(balls.depths - reaches, kind="stable")
-        trim(self._cells, balls.centers, reaches, by_growth, only_drop=False)
-        return reaches
-
-    def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls inside the shape to contain more cells, in place."""
-        lattice, border = self._lattice, self._lattice.region.inner
-        polish(self._cells, border.tree, centers, radii, lattice.corner, lattice.side, border.error)
+        trim(self, balls.centers, reaches, by_growth, only_drop=False)
+        return balls._replace(reaches=reaches).select(reaches > 0.0)
 
 
 @kernel
@@ -572,18 +547,16 @@ def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> N
 
 
 @allocating
-def choose(
-    cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, max_balls: int
-) -> Ints:
+def choose(cells: CellCounts, centers: Floats, reaches: Floats, max_balls: int) -> Ints:
     """Choose at most ``max_balls`` balls that add most cells, greedily.
 
-    Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` and ``bounds``
-    (n,). A ball adds at most ``bounds`` cells, and never more than before other balls were chosen
-    (M. Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978).
+    Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` (n,). A ball
+    never adds more cells than before other balls were chosen (M. Minoux, "Accelerated greedy
+    algorithms for maximizing submodular set functions", 1978).
     """
     chosen = np.empty(min(max_balls, len(centers)), dtype=np.int64)
     count = 0
-    queue = [(-bounds[ball], ball) for ball in range(len(centers))]
+    queue = [(-math.inf, ball) for ball in range(len(centers))]
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen):
         _, ball = heapq.heappop(queue)

@@ -243,7 +243,7 @@ class FourierOverlap:
         a, b, *inner = sets.values()
         for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
-        rounded = (balls.round_radii(number, up=True) for balls in (a, b))
+        rounded = (balls.round_radii(number) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
         made = cls(*grown, tolerance=tolerance)
         made.pair = replace(

@@ -14,7 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.support.arrays import Bools, Floats, Ints, Row
+from cspace.support.arrays import Floats, Ints, Row
 from cspace.support.compiling import allocating, kernel
 from cspace.support.threads import in_chunks
 from cspace.support.vectors import box_distance, point_segment, point_triangle, row_at
@@ -172,11 +172,6 @@ class Region:
     def measure(self) -> tuple[float, float]:
         """Lower and upper bound of the area or volume."""
         return self.inner.measure[0], self.outer.measure[1]
-
-    def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
-        """Return masks: points proven inside, and not proven ``radius`` away."""
-        cap = 1.01 * radius + 2.0 * self.outer.error
-        return self.depths(points, cap) > 0.0, self.gaps(points, cap) <= radius
 
     @property
     def box_volume(self) -> float:
@@ -396,9 +391,10 @@ def bound_shape_to_balls(
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
-        is_inside, is_near = region.locate(
-            box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error
-        )
+        radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error
+        cap = 1.01 * radius + 2.0 * region.outer.error
+        is_inside = region.depths(box_centers[kept], cap) > 0.0
+        is_near = region.gaps(box_centers[kept], cap) <= radius
         low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
         kept = kept[is_near]
         box_centers, far, owners = box_centers[kept], far[kept], owners[kept]
