@@ -42,10 +42,7 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     all_radii = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
     tails = [
-        sum(
-            count * radius**a.dim * np.interp(radius * frequencies, k, above)
-            for radius, count in zip(*np.unique(balls.radii, return_counts=True), strict=True)
-        )
+        balls.radii**a.dim @ np.interp(np.outer(balls.radii, frequencies), k, above)
         for balls in (a, b)
     ]
     is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound

@@ -437,44 +437,34 @@ class _Score:
         trust = np.full(len(slopes), 0.5 * spacing)
         sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
-        live = np.arange(len(slopes))
         for _ in range(40):
-            steps = np.einsum("nij,nj->ni", inverse[live], slopes[live])
+            steps = np.einsum("nij,nj->ni", inverse, slopes)
             lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
-            steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
-            moving = lengths > ASCENT_LENGTHS[0] * spacing
-            live, steps, lengths = (
-                live[moving],
-                steps[moving],
-                np.minimum(lengths, trust[live])[moving],
-            )
-            if not len(live):
+            if (lengths <= ASCENT_LENGTHS[0] * spacing).all():
                 break
-            tried, others = self._scored(self._moved(poses.select(live), steps), turn)
-            inverse[live] = _update_inverse(inverse[live], steps, slopes[live] - others)
-            better = tried.scores > poses.scores[live]
-            trust[live] = np.where(
-                better, np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing), 0.3 * lengths
-            )
-            slopes[live[better]] = others[better]
+            steps *= np.minimum(1.0, trust / lengths)[:, None]
+            lengths = np.minimum(lengths, trust)
+            tried, others = self._scored(self._moved(poses, steps), turn)
+            inverse = _update_inverse(inverse, steps, slopes - others)
+            better = tried.scores > poses.scores
+            longer = np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing)
+            trust = np.where(better, longer, 0.3 * lengths)
+            slopes[better] = others[better]
             for column, new in zip(poses, tried, strict=True):
-                column[live[better]] = new[better]
+                column[better] = new[better]
         return poses
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
         """Move poses by translations and rotations about the centroid."""
+        from scipy.spatial.transform import Rotation
+
         rotations = poses.rotations
         turns = steps[:, self.dim :] / self.gyration
-        if turns.shape[1] == 1:
-            cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
-            rotations = (
-                np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2) @ rotations
-            )
-        elif turns.shape[1] == 3:
-            from scipy.spatial.transform import Rotation
-
-            rotations = Rotation.from_rotvec(turns).as_matrix() @ rotations
-        return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
+        if turns.size:
+            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))
+            turned = Rotation.from_rotvec(vectors).as_matrix()[:, : self.dim, : self.dim]
+            rotations = turned @ rotations
+        return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
         """Score poses, and compute the derivatives by steps."""
@@ -483,12 +473,9 @@ class _Score:
         scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
         parts = [forces.sum(axis=1)]
         if turn:
-            pairs = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]
-            twists = [
-                (arms[..., i] * forces[..., j] - arms[..., j] * forces[..., i]).sum(axis=1)
-                for i, j in pairs
-            ]
-            parts.append(np.stack(twists, axis=1) / self.gyration)
+            margins = (0, 0), (0, 0), (0, 3 - self.dim)
+            twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
+            parts.append(twists[:, 2 if self.dim == 2 else 0 :] / self.gyration)
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(
             parts, axis=1
         )
