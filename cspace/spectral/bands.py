@@ -129,11 +129,11 @@ class Spectrum(NamedTuple):
         center: Floats,
         rings: Rings,
         accuracy: float = MIN_SPECTRUM_TOLERANCE,
+        weights: Floats | None = None,
     ) -> Spectrum:
-        """Compute the spectrum of balls about a point."""
-        box = ball_spectrum(
-            balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy
-        )
+        """Compute the spectrum of balls about a point, times ``weights``, at most 1."""
+        shape = balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts
+        box = ball_spectrum(*shape, accuracy, weights=weights)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (
             2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved

@@ -26,8 +26,6 @@ from cspace.spectral.descriptors import (
 from cspace.spectral.pairs import norm_square, sum_pairs
 from cspace.spectral.spectra import (
     MAX_FREQUENCIES,
-    MIN_SPECTRUM_TOLERANCE,
-    ball_spectrum,
     evaluate_real_series,
 )
 from cspace.spectral.trees import HIT, MISS, UNDECIDED, ContactTest, build_tree, rotate_tree
@@ -611,15 +609,9 @@ class _Level:
         weighted balls.
         """
         rings, a = self.band.rings, self._a
-        shape = (
-            a.centers - self._pivot,
-            a.radii,
-            a.bump,
-            rings.lengths,
-            rings.counts,
-            MIN_SPECTRUM_TOLERANCE,
-        )
-        moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
+        moments = [
+            Spectrum.of(a, self._pivot, rings, weights=column).values for column in a.centers.T
+        ]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
         scale = rings.twice / rings.volume * self.band.spectrum_b.values

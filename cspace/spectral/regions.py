@@ -418,16 +418,11 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     its radius minus that depth. The lower bound comes from points of the spheres.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
-    directions = np.random.default_rng(0).normal(size=(200, region.dim))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    low = 0.0
-    for part in np.array_split(
-        np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MAX_GAP_BOXES)
-    ):
-        points = (
-            centers[part, None] + radii[part, None, None] * (1.0 - MEASURE_ROUNDING) * directions
-        )
-        low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
+    count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
+    directions = np.random.default_rng(0).normal(size=(count, region.dim))
+    directions *= (1.0 - MEASURE_ROUNDING) / np.linalg.norm(directions, axis=1)[:, None]
+    points = centers[:, None] + radii[:, None, None] * directions
+    low = float(region.gaps(points.reshape(-1, region.dim)).max())
     return min(low, high), high
 
 

@@ -32,29 +32,25 @@ def build_tree(centers: Floats, radii: Floats) -> Floats:
     from scipy.spatial import cKDTree
 
     order = cKDTree(centers, leafsize=1).indices
-    points = np.pad(centers, ((0, 0), (0, 3 - centers.shape[1])))[order]
-    sizes = radii[order, None]
-    tree = np.empty((2 * len(points) - 1, 5))
-    # The nodes of a level, in the order of their balls: node, first ball, number of balls.
-    level = np.array([[0, 0, len(points)]])
-    while level[:, 2].max() > 1:
-        nodes, starts, counts = level.T
+    points = np.pad(centers, ((0, 0), (0, 3 - centers.shape[1])))
+    nodes: list[Floats] = []
+    _add_nodes(nodes, points[order], radii[order, None])
+    return np.array(nodes)
+
+
+def _add_nodes(nodes: list[Floats], points: Floats, radii: Floats) -> None:
+    """Append the tree of balls, shapes (n, 3) and (n, 1), which are halved."""
+    center, reach, size = points[0], radii[0], len(points)
+    if size > 1:
         # The center is the bounding box's; the radius reaches beyond the farthest ball, in spite of
         # rounding.
-        lower = np.minimum.reduceat(points - sizes, starts)
-        upper = np.maximum.reduceat(points + sizes, starts)
-        middle = 0.5 * (lower + upper)
-        gaps = np.linalg.norm(points - np.repeat(middle, counts, axis=0), axis=1, keepdims=True)
-        reaches = (1.0 + 2.0**-40) * np.maximum.reduceat(gaps + sizes, starts)
-        tree[nodes] = np.column_stack([middle, reaches, counts])
-        # A leaf is its own second half, and its first half has no ball.
-        halves = counts // 2
-        first = np.stack([nodes + 1, starts, halves], axis=1)
-        second = np.stack([nodes + 2 * halves, starts + halves, counts - halves], axis=1)
-        level = np.stack([first, second], axis=1).reshape(-1, 3)
-        level = level[level[:, 2] > 0]
-    tree[level[:, 0]] = np.column_stack([points, sizes, level[:, 2]])
-    return tree
+        center = 0.5 * ((points - radii).min(axis=0) + (points + radii).max(axis=0))
+        gaps = np.linalg.norm(points - center, axis=1, keepdims=True)
+        reach = (1.0 + 2.0**-40) * (gaps + radii).max(axis=0)
+    nodes.append(np.concatenate([center, reach, [size]]))
+    if size > 1:
+        _add_nodes(nodes, points[: size // 2], radii[: size // 2])
+        _add_nodes(nodes, points[size // 2 :], radii[size // 2 :])
 
 
 def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
