@@ -452,9 +452,8 @@ def union(
             raise InputError(
                 "others", problem, "they must agree", "sample them on one grid first", value=each
             )
-    centers, radii = (
-        np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii")
-    )
+    centers = np.concatenate([each.centers for each in balls])
+    radii = np.concatenate([each.radii for each in balls])
     return BallDescriptor(centers, radii, balls[0].bump)
 
 
