@@ -201,14 +201,13 @@ def _fill_shape(
     inside = _inner_candidates(lattice)
     is_proven = False
     if tolerance is not None:
-        cells, balls = _choose_cover(lattice, inside, tolerance / lattice.side, inside=True)
-        is_proven = not len(cells.open_cells)
-        centers = lattice.to_metres(cells.trim(balls).centers)
+        balls, is_proven = _choose_cover(lattice, inside, tolerance / lattice.side)
+        centers = lattice.to_metres(balls.centers)
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
         count = number or UNLIMITED_BALLS
-        choices = _fill_greedily(lattice, count), _cover_with(lattice, inside, count, inside=True)
-        centers, radii, _ = _nearest_balls(lattice, *choices)
+        cover, _ = _cover_with(lattice, inside, count)
+        centers, radii, _ = _nearest_balls(lattice, _fill_greedily(lattice, count), cover)
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
     if not len(radii):
@@ -239,12 +238,12 @@ def _cover_shape(
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
-        balls = _cover_within(
-            lattice, candidates, tolerance / lattice.side, UNLIMITED_BALLS, inside=False
-        )
+        length = tolerance / lattice.side
+        balls, is_whole = _choose_cover(lattice, candidates, length, inside=False)
     else:
-        balls = _cover_with(lattice, candidates, number or UNLIMITED_BALLS, inside=False)
-    if balls is None:
+        count = number or UNLIMITED_BALLS
+        balls, is_whole = _cover_with(lattice, candidates, count, inside=False)
+    if not is_whole:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         raise InputError(
@@ -268,9 +267,7 @@ def _cover_shape(
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _nearest_balls(
-    lattice: Lattice, *choices: LatticeBalls | None
-) -> tuple[Floats, Floats, Floats]:
+def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Floats, Floats]:
     """Select the balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
@@ -280,7 +277,7 @@ def _nearest_balls(
     best = math.inf
     found: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), *np.empty((2, 0))
     for choice in choices:
-        if choice is None or not len(choice.centers):
+        if not len(choice.centers):
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
@@ -311,34 +308,26 @@ def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
 
 
 def _cover_with(
-    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool
-) -> LatticeBalls | None:
-    """Choose at most ``number`` balls that cover all cells, or return None.
+    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool = True
+) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``number`` balls that cover all cells; return True if they do.
 
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found.
     """
     bad = 1.001 * lattice.diagonal
     good = 2.0 * lattice.region.size / lattice.side
-    best = _cover_within(lattice, candidates, good, number, inside=inside)
+    best, is_whole = _choose_cover(lattice, candidates, good, inside=inside, max_balls=number)
     for _ in range(12):
-        if best is None or good < 1.02 * bad:
+        if not is_whole or good < 1.02 * bad:
             break
         length = math.sqrt(good * bad)
-        balls = _cover_within(lattice, candidates, length, number, inside=inside)
-        best, bad, good = (best, length, good) if balls is None else (balls, bad, length)
-    return best
-
-
-def _cover_within(
-    lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
-) -> LatticeBalls | None:
-    """Choose balls that cover all cells, sticking out at most ``length`` sides.
-
-    Returns None if that takes more than ``number`` balls.
-    """
-    cells, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
-    return None if len(cells.open_cells) else cells.trim(balls)
+        balls, fits = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
+        if fits:
+            best, good = balls, length
+        else:
+            bad = length
+    return best, is_whole
 
 
 def _choose_cover(
@@ -346,13 +335,13 @@ def _choose_cover(
     candidates: LatticeBalls,
     reach: float,
     *,
-    inside: bool,
+    inside: bool = True,
     max_balls: int = UNLIMITED_BALLS,
-) -> tuple[CellCounts, LatticeBalls]:
-    """Choose at most ``max_balls`` balls until every cell lies in one.
+) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``max_balls`` balls until every cell lies in one; return True if it does.
 
-    The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers
-    must lie in the shape. The returned counts have open cells if ``max_balls`` do not suffice.
+    The reach of a ball is its depth in the shape plus ``reach``, in sides, or less. With
+    ``inside``, centers must lie in the shape.
     """
     cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
@@ -367,7 +356,7 @@ def _choose_cover(
         if not len(rest) or len(balls.reaches) == max_balls:
             break
         offered = _deepest_points(lattice, rest) if inside else _balls_around(lattice, rest)
-    return cells, balls
+    return cells.trim(balls), not len(cells.open_cells)
 
 
 # ---- candidates ----------------------------------------------------------------------------------
