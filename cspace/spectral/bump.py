@@ -162,13 +162,11 @@ class Bump:
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not
         converge.
         """
-        values = (
-            check_positive(first, "first"),
-            check_positive(second, "second"),
-            check_not_negative(distance, "distance"),
-        )
+        a = np.array([check_positive(first, "first")])
+        b = np.array([check_positive(second, "second")])
+        gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
-        return float(pair_integrals(self, *np.array(values)[:, None], dim)[0][0])
+        return float(pair_integrals(self, a, b, gap, dim)[0][0])
 
 
 def check_bump(bump: Any) -> Bump:

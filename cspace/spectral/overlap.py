@@ -238,17 +238,20 @@ class FourierOverlap:
             for name, source in given.items()
             if source is not None
         }
-        a, b, *inner = sets.values()
+        a, b, *inside = sets.values()
         for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
         rounded = (balls.round_radii(number) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
         made = cls(*grown, tolerance=tolerance)
+        inner = NO_TREE, NO_TREE
+        if inside:
+            inner = _build_trees(inside[0], inside[1], a.center, b.center)
         made.pair = replace(
             made.pair,
             span=made.pair.span + math.sqrt(a.dim) * sum(balls.span for balls in sets.values()),
             outer=_build_trees(a, b, a.center, b.center),
-            inner=_build_trees(*inner, a.center, b.center) if inner else (NO_TREE, NO_TREE),
+            inner=inner,
         )
         return made
 

@@ -237,7 +237,8 @@ class Correlation:
         # Negative frequencies count from the end.
         padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = spectrum
         half = padded[..., : self.shape[-1] // 2 + 1]
-        return np.asarray(irfftn(half, s=self.shape, workers=cores())) * self.cells_per_metre.prod()
+        values = irfftn(half, s=self.shape, workers=cores())
+        return np.asarray(values * self.cells_per_metre.prod())
 
     @cached_property
     def splines(self) -> list[NdBSpline]:
