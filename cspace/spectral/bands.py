@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from cspace.spectral.bump import sphere_measure
 from cspace.spectral.descriptors import PLACEMENT_ROUNDING, BallDescriptor
-from cspace.spectral.spectra import Complexes, ball_spectrum
+from cspace.spectral.spectra import MIN_SPECTRUM_TOLERANCE, Complexes, ball_spectrum
 from cspace.spectral.trees import HIT, MISS, UNDECIDED
 from cspace.support.arrays import Bytes, Floats, Ints
-from cspace.support.compiling import allocating, kernel
+from cspace.support.compiling import allocating
 
 ROUNDING_UNIT: Final = 2.0**-52
 """Twice the relative rounding error of one operation."""
@@ -42,10 +42,7 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     all_radii = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
     tails = [
-        sum(
-            count * radius**a.dim * np.interp(radius * frequencies, k, above)
-            for radius, count in zip(*np.unique(balls.radii, return_counts=True), strict=True)
-        )
+        balls.radii**a.dim @ np.interp(np.outer(balls.radii, frequencies), k, above)
         for balls in (a, b)
     ]
     is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
@@ -59,8 +56,7 @@ class Rings(NamedTuple):
     frequencies whose first non-zero entry is positive are stored. ``lengths`` are the periods,
     metres. ``indices``, shape (n, d), are k, ``moduli`` are ``|w|`` in cycles per metre, and
     ``twice`` is 1 for frequency zero and 2 for the others, all in ring order. Ring r starts at
-    ``starts[r]``; the first one is frequency zero alone. ``reaches``, shape (rings, d), are the
-    largest moduli of k along the axes up to a ring.
+    ``starts[r]``; the first one is frequency zero alone.
     """
 
     lengths: Floats
@@ -69,7 +65,6 @@ class Rings(NamedTuple):
     moduli: Floats
     twice: Floats
     starts: Ints
-    reaches: Ints
 
     @classmethod
     def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
@@ -83,11 +78,8 @@ class Rings(NamedTuple):
         counts = np.bincount(ring)
         starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         indices = np.ascontiguousarray(half[order])
-        reaches = np.maximum.accumulate(
-            np.maximum.reduceat(np.abs(indices), starts[:-1], axis=0), axis=0
-        )
         twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
-        return cls(lengths, halves, indices, moduli[order], twice, starts, reaches.astype(np.int64))
+        return cls(lengths, halves, indices, moduli[order], twice, starts)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -131,11 +123,17 @@ class Spectrum(NamedTuple):
     error: float
 
     @classmethod
-    def of(cls, balls: BallDescriptor, center: Floats, rings: Rings, accuracy: float) -> Spectrum:
-        """Compute the spectrum of balls about a point."""
-        box = ball_spectrum(
-            balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts, accuracy
-        )
+    def of(
+        cls,
+        balls: BallDescriptor,
+        center: Floats,
+        rings: Rings,
+        accuracy: float = MIN_SPECTRUM_TOLERANCE,
+        weights: Floats | None = None,
+    ) -> Spectrum:
+        """Compute the spectrum of balls about a point, times ``weights``, at most 1."""
+        shape = balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts
+        box = ball_spectrum(*shape, accuracy, weights=weights)
         moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
         error = balls.integral * (
             2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved
@@ -158,15 +156,12 @@ class Terms(NamedTuple):
     ``products`` are ``F_B conj(F_A) / V`` in ring order, doubled for the opposite frequency.
     ``bounds[r]``, shape (rings + 1,), is the largest difference of the sum of the rings before r
     from the sum of all frequencies, at any placement: the remaining rings, rounding and the errors
-    of the spectra. The other arrays are those of :class:`Rings`.
+    of the spectra.
     """
 
     products: Complexes
     bounds: Floats
-    indices: NDArray[np.int16]
-    starts: Ints
-    reaches: Ints
-    lengths: Floats
+    rings: Rings
 
     @classmethod
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float, tail: float) -> Terms:
@@ -189,87 +184,54 @@ class Terms(NamedTuple):
         # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per
         # term and per ring.
         counts = np.diff(rings.starts)
-        units = 64.0 + counts + len(counts) + 8.0 * rings.reaches.sum(axis=1)
+        units = 64.0 + counts + len(counts) + 8.0 * sum(rings.halves)
         moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
         before = np.cumsum(errors_per_ring + ROUNDING_UNIT * units * per_ring + moved)
         bounds = BOUND_ROUNDING * (np.append(after, 0.0) + tail + np.append(0.0, before))
-        return cls(products, bounds, rings.indices, rings.starts, rings.reaches, rings.lengths)
+        return cls(products, bounds, rings)
 
 
 # ---- compiled sums, ring by ring -----------------------------------------------------------------
 
 
-@kernel
-def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
-    """Write ``exp(2 pi i k share)`` for ``first <= |k| <= last`` to ``phases[center + k]``.
-
-    ``share`` is the placement along an axis, in periods. Each factor is computed on its own, so
-    that errors do not accumulate.
-    """
-    center = len(phases) // 2
-    for k in range(first, last + 1):
-        turns = k * share
-        angle = 2.0 * math.pi * (turns - round(turns))
-        value = complex(math.cos(angle), math.sin(angle))
-        phases[center + k] = value
-        phases[center - k] = value.conjugate()
-
-
-@kernel
-def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum ``Re(products * exp(2 pi i k.t))`` over frequencies [start, stop).
-
-    ``phases``, shape (d, 2 m + 1), are those of each axis.
-    """
-    products, indices = terms.products, terms.indices
-    center = phases.shape[1] // 2
-    total = 0.0
-    for n in range(start, stop):
-        phase = phases[0, center + indices[n, 0]] * phases[1, center + indices[n, 1]]
-        if len(phases) == 3:
-            phase *= phases[2, center + indices[n, 2]]
-        total += products[n].real * phase.real - products[n].imag * phase.imag
-    return total
-
-
-@kernel
-def separate(
-    placement: Floats, terms: Terms, threshold: float, phases: Complexes
-) -> tuple[int, int, float, float]:
-    """Sum ring after ring until the sum decides.
-
-    Returns MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of
-    NaN; the number of frequencies; the sum; and its bound. ``placement``, shape (d,), metres, is
-    the center of A relative to the center of B. ``phases`` is scratch of shape (d, 2 m + 1) for the
-    highest frequency m of an axis.
-    """
-    starts, reaches = terms.starts, terms.reaches
-    total = 0.0
-    for ring in range(len(starts) - 1):
-        for axis in range(len(placement)):
-            first = reaches[ring - 1, axis] + 1 if ring > 0 else 0
-            add_phases(
-                placement[axis] / terms.lengths[axis], first, reaches[ring, axis], phases[axis]
-            )
-        total += add_terms(terms, phases, starts[ring], starts[ring + 1])
-        bound = terms.bounds[ring + 1]
-        if total + bound < threshold:
-            return MISS, starts[ring + 1], total, bound
-        if total - bound > threshold:
-            return HIT, starts[ring + 1], total, bound
-    return UNDECIDED, starts[-1], total, terms.bounds[-1]
-
-
 @allocating
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Return verdicts, counts, and sums with bounds of :func:`separate`."""
-    number = len(placements)
-    verdicts = np.empty(number, np.uint8)
+    """Sum ring after ring until the sum decides, for each placement (n, d).
+
+    A placement, metres, is the center of A relative to the center of B. Returns verdicts (n,): MISS
+    or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the numbers
+    of frequencies summed (n,); and the sums with their bounds (n, 2).
+    """
+    products, indices, starts = terms.products, terms.rings.indices, terms.rings.starts
+    number, dim = placements.shape
+    middle = max(terms.rings.halves)
+    verdicts = np.full(number, UNDECIDED, dtype=np.uint8)
     counts = np.empty(number, np.int64)
     sums = np.empty((number, 2))
-    phases = np.empty((placements.shape[1], 2 * terms.reaches[-1].max() + 1), np.complex128)
+    phases = np.empty((dim, 2 * middle + 1), np.complex128)  # exp(2 pi i k t / L) at middle + k
     for n in range(number):
-        verdicts[n], counts[n], sums[n, 0], sums[n, 1] = separate(
-            placements[n], terms, threshold, phases
-        )
+        for axis in range(dim):
+            share = placements[n, axis] / terms.rings.lengths[axis]
+            for k in range(terms.rings.halves[axis] + 1):
+                # Each factor is computed on its own, so that errors do not accumulate.
+                turns = k * share
+                angle = 2.0 * math.pi * (turns - round(turns))
+                value = complex(math.cos(angle), math.sin(angle))
+                phases[axis, middle + k] = value
+                phases[axis, middle - k] = value.conjugate()
+        total = 0.0
+        for ring in range(len(starts) - 1):
+            for term in range(starts[ring], starts[ring + 1]):
+                phase = phases[0, middle + indices[term, 0]] * phases[1, middle + indices[term, 1]]
+                if dim == 3:
+                    phase *= phases[2, middle + indices[term, 2]]
+                total += products[term].real * phase.real - products[term].imag * phase.imag
+            bound = terms.bounds[ring + 1]
+            if total + bound < threshold:
+                verdicts[n] = MISS
+            elif total - bound > threshold:
+                verdicts[n] = HIT
+            counts[n], sums[n, 0], sums[n, 1] = starts[ring + 1], total, bound
+            if verdicts[n] != UNDECIDED:
+                break
     return verdicts, counts, sums

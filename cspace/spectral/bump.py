@@ -162,22 +162,11 @@ class Bump:
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not
         converge.
         """
-        radii = check_positive(first, "first"), check_positive(second, "second")
+        a = np.array([check_positive(first, "first")])
+        b = np.array([check_positive(second, "second")])
         gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
-        a, b = np.array(radii)[:, None]
-        if self.is_indicator:
-            return float(lens_measure(a, b, gap, dim)[0])
-        if gap[0] >= sum(radii):
-            return 0.0
-        previous = math.nan
-        for count in (48, 96, 192, 384):  # nodes of the rule, until two successive rules agree
-            value = float(product_integrals(self.values, a, b, gap, dim, count)[0])
-            if abs(value - previous) <= PAIR_TOLERANCE * max(value, PAIR_FLOOR * min(radii) ** dim):
-                return value
-            previous = value
-        rule = "the integral of the two bumps must converge"
-        raise CspaceError("distance", f"is {distance!r}", rule, "please report it", value=distance)
+        return float(pair_integrals(self, a, b, gap, dim)[0][0])
 
 
 def check_bump(bump: Any) -> Bump:
@@ -245,9 +234,7 @@ def pair_integrals(
         return values, SAFETY_FACTOR * 2.0**-50 * values
     sizes = np.minimum(first, second) ** dim
     if len(sizes) <= 8:
-        triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
-        values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
-        return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
+        return _converged_integrals(bump, first, second, distances, dim)
     # Compare a coarse and a fine quadrature rule on all pairs at once.
     rough, values = (
         product_integrals(bump.values, first, second, distances, dim, count)
@@ -257,6 +244,21 @@ def pair_integrals(
     # Both rules may round alike, so their difference misses rounding; 2^-46 allows for that of the
     # sums.
     return values, worst * sizes + 2.0**-46 * values
+
+
+def _converged_integrals(
+    bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int
+) -> tuple[Floats, Floats]:
+    """Integrate products of two bumps until two successive rules agree."""
+    floors = PAIR_FLOOR * np.minimum(first, second) ** dim
+    previous = np.full(len(first), math.nan)
+    for count in (48, 96, 192, 384):  # nodes of the rule
+        values = product_integrals(bump.values, first, second, distances, dim, count)
+        if (np.abs(values - previous) <= PAIR_TOLERANCE * np.maximum(values, floors)).all():
+            return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + floors
+        previous = values
+    rule = "the integrals of two bumps must converge"
+    raise CspaceError("distance", f"is {distances}", rule, "please report it", value=distances)
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from cspace.errors import GeometryError, InputError
 from cspace.shapes import ShapeLike, as_shape
-from cspace.spectral.bump import UNIT_BALL_VOLUME
 from cspace.spectral.regions import (
     Lattice,
     PieceTree,
@@ -28,7 +27,6 @@ from cspace.spectral.regions import (
     bound_balls_to_shape,
     bound_distance,
     bound_shape_to_balls,
-    cube_gaps,
 )
 from cspace.support.arrays import Floats, Ints, frozen
 from cspace.support.check import check_count, check_positive, check_word
@@ -201,30 +199,24 @@ def _fill_shape(
     the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
     inside = _inner_candidates(lattice)
-    is_proven, gap = False, None
-    if number is None:
-        cover, balls = _choose_cover(
-            lattice, inside, (tolerance or 0.0) / lattice.side, inside=True
-        )
-        is_proven = not len(cover.open_cells)
-        centers = lattice.to_metres(balls.centers[cover.trim(balls) > 0.0])
+    is_proven = False
+    if tolerance is not None:
+        balls, is_proven = _choose_cover(lattice, inside, tolerance / lattice.side)
+        centers = lattice.to_metres(balls.centers)
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
-        centers, radii, _, gap = _nearest_balls(
-            lattice,
-            [_fill_greedily(lattice, number), _cover_with(lattice, inside, number, inside=True)],
-        )
+        count = number or UNLIMITED_BALLS
+        cover, _ = _cover_with(lattice, inside, count)
+        centers, radii, _ = _nearest_balls(lattice, _fill_greedily(lattice, count), cover)
     inside_shape = radii > 0.0
     centers, radii = centers[inside_shape], radii[inside_shape]
     if not len(radii):
         problem, rule = "is too thin for any ball that was found", "inner balls need an inside"
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
-    if gap is None or not inside_shape.all():
-        gap = bound_shape_to_balls(lattice, centers, radii)[:2]
+    gap = bound_shape_to_balls(lattice, centers, radii)[:2]
     if tolerance is not None and gap[1] > tolerance:
-        if (
-            is_proven and inside_shape.all()
-        ):  # all cells lie in the balls grown by less than the tolerance
+        # All cells may lie in the balls grown by less than the tolerance.
+        if is_proven and inside_shape.all():
             return centers, radii, (min(gap[0], tolerance), tolerance)
         problem = (
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
@@ -246,12 +238,12 @@ def _cover_shape(
     """
     candidates = _medial_balls(lattice)
     if tolerance is not None:
-        balls = _cover_within(
-            lattice, candidates, tolerance / lattice.side, UNLIMITED_BALLS, inside=False
-        )
+        length = tolerance / lattice.side
+        balls, is_whole = _choose_cover(lattice, candidates, length, inside=False)
     else:
-        balls = _cover_with(lattice, candidates, number or UNLIMITED_BALLS, inside=False)
-    if balls is None:
+        count = number or UNLIMITED_BALLS
+        balls, is_whole = _cover_with(lattice, candidates, count, inside=False)
+    if not is_whole:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         raise InputError(
@@ -262,59 +254,36 @@ def _cover_shape(
             value=value,
         )
     centers = lattice.to_metres(balls.centers)
-    radii = _radii_of(balls, lattice)
+    # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
+    # their cells and no ball sticks out too far.
+    radii = (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
     if number is not None:
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
         # it is smooth, so they are tried too.
-        centers, depths, growths, _ = _nearest_balls(
-            lattice, [_fill_greedily(lattice, number), balls]
-        )
+        centers, depths, growths = _nearest_balls(lattice, _fill_greedily(lattice, number), balls)
         radii = (depths + growths) * (1.0 + 2.0**-40)
         centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _radii_of(balls: LatticeBalls, lattice: Lattice) -> Floats:
-    """Return radii, metres, with which balls contain their cells.
-
-    The difference is larger than the rounding of coordinates and depths, so that no ball sticks out
-    too far.
-    """
-    return (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
-
-
-def _nearest_balls(
-    lattice: Lattice, choices: list[LatticeBalls | None]
-) -> tuple[Floats, Floats, Floats, Gap | None]:
+def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Floats, Floats]:
     """Select the balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
-    centers (n, d) and radii (n,) in metres, negative outside the shape; the growth of each ball
-    with which all cover the shape (n,); and bounds of the distance. Without any choice, n is 0 and
-    the bounds are None.
+    centers (n, d) and radii (n,) in metres, negative outside the shape, and the growth of each ball
+    with which all cover the shape (n,). Without any choice, n is 0.
     """
-    points = lattice.to_metres(lattice.cell_centers[lattice.depths > 0.0])
     best = math.inf
-    found: tuple[Floats, Floats, Floats, Gap | None] = (
-        np.empty((0, lattice.region.dim)),
-        *np.empty((2, 0)),
-        None,
-    )
+    found: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), *np.empty((2, 0))
     for choice in choices:
-        if choice is None or not len(choice.centers):
+        if not len(choice.centers):
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
-        # The points alone show for most choices that they are not the nearest.
-        if (
-            best == math.inf
-            or cube_gaps(points, 0.0, centers, depths)[0].max(initial=-np.inf) < best
-        ):
-            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
-            if high < best:
-                best = high
-                found = (centers, depths, growths, (low, high))
+        _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
+        if distance < best:
+            best, found = distance, (centers, depths, growths)
     return found
 
 
@@ -328,47 +297,37 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     """Choose at most ``number`` balls that contain many cell centers."""
     inside = _inner_candidates(lattice)
-    cover = Cover(lattice, whole=False)
-    chosen = cover.choose(inside, number)
+    cells, border = CellCounts.of(lattice, whole=False), lattice.region.inner
+    chosen = choose(cells, inside.centers, inside.reaches, number)
     if not len(chosen):  # the shape is so thin that it contains no cell center
         chosen = np.argsort(-inside.depths)[:number]
     balls = inside.select(chosen)
-    cover.polish(balls.centers, balls.depths)
+    frame = lattice.corner, lattice.side, border.error
+    polish(cells, border.tree, balls.centers, balls.depths, *frame)
     return balls
 
 
 def _cover_with(
-    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool
-) -> LatticeBalls | None:
-    """Choose at most ``number`` balls that cover all cells, or return None.
+    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool = True
+) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``number`` balls that cover all cells; return True if they do.
 
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found.
     """
     bad = 1.001 * lattice.diagonal
     good = 2.0 * lattice.region.size / lattice.side
-    best = _cover_within(lattice, candidates, good, number, inside=inside)
+    best, is_whole = _choose_cover(lattice, candidates, good, inside=inside, max_balls=number)
     for _ in range(12):
-        if best is None or good < 1.02 * bad:
+        if not is_whole or good < 1.02 * bad:
             break
         length = math.sqrt(good * bad)
-        balls = _cover_within(lattice, candidates, length, number, inside=inside)
-        best, bad, good = (best, length, good) if balls is None else (balls, bad, length)
-    return best
-
-
-def _cover_within(
-    lattice: Lattice, candidates: LatticeBalls, length: float, number: int, *, inside: bool
-) -> LatticeBalls | None:
-    """Choose balls that cover all cells, sticking out at most ``length`` sides.
-
-    Returns None if that takes more than ``number`` balls.
-    """
-    cover, balls = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
-    if len(cover.open_cells):
-        return None
-    balls = balls._replace(reaches=cover.trim(balls))
-    return balls.select(balls.reaches > 0.0)
+        balls, fits = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
+        if fits:
+            best, good = balls, length
+        else:
+            bad = length
+    return best, is_whole
 
 
 def _choose_cover(
@@ -376,47 +335,37 @@ def _choose_cover(
     candidates: LatticeBalls,
     reach: float,
     *,
-    inside: bool,
+    inside: bool = True,
     max_balls: int = UNLIMITED_BALLS,
-) -> tuple[Cover, LatticeBalls]:
-    """Choose at most ``max_balls`` balls until every cell lies in one.
+) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``max_balls`` balls until every cell lies in one; return True if it does.
 
-    The reach of a ball is its depth in the shape plus ``reach``, in sides. With ``inside``, centers
-    must lie in the shape. The returned cover has open cells if ``max_balls`` do not suffice.
+    The reach of a ball is its depth in the shape plus ``reach``, in sides, or less. With
+    ``inside``, centers must lie in the shape.
     """
-    from scipy.spatial import KDTree
-
-    cover = Cover(lattice, whole=True)
+    cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
-    # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of
-    # the shape.
-    for stage in range(3):
-        open_cells = cover.open_cells
-        if not len(open_cells) or len(balls.reaches) == max_balls:
-            break
-        offered = (
-            _deepest_points(lattice, open_cells)
-            if stage == 2
-            else (candidates, _balls_at_cell_centers(lattice))[stage]
-        )
+    offered = candidates
+    # Cells that the candidates leave open get balls of their own.
+    for _ in range(2):
         offered = offered._replace(reaches=offered.depths + reach)
-        offered = offered.select(offered.depths > (0.0 if inside else -np.inf))
-        if len(open_cells) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
-            bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
-            offered = offered.select(
-                KDTree(open_cells).query(offered.centers, distance_upper_bound=bound)[0]
-                <= offered.reaches
-            )
-        balls = balls.append(offered.select(cover.choose(offered, max_balls - len(balls.reaches))))
-    return cover, balls
+        more = max_balls - len(balls.reaches)
+        chosen = choose(cells, offered.centers, offered.reaches, more)
+        balls = balls.append(offered.select(chosen))
+        rest = cells.open_cells
+        if not len(rest) or len(balls.reaches) == max_balls:
+            break
+        offered = _deepest_points(lattice, rest) if inside else _balls_around(lattice, rest)
+    return cells.trim(balls), not len(cells.open_cells)
 
 
 # ---- candidates ----------------------------------------------------------------------------------
 
 
-def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
-    """Return the largest ball in the shape around each cell center."""
-    return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
+def _balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
+    """Return the largest ball in the shape around each point."""
+    depths = lattice.depths_at(points)
+    return LatticeBalls(points, depths, depths)
 
 
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
@@ -441,9 +390,8 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
         "mode": "constant",
         "cval": -np.inf,
     }
-    balls = _balls_at_cell_centers(lattice).select(
-        ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
-    )
+    is_medial = ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
+    balls = _balls_around(lattice, lattice.cell_centers[is_medial])
     # Thin out the candidates evenly, but keep the largest ball.
     kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
     if len(kept):
@@ -453,7 +401,7 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
     """Return a ball around a deep point of each cell, if any."""
-    points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
+    points = _balls_around(lattice, cells[:0])
     for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
         if not len(cells):
             break
@@ -461,9 +409,10 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
             (np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half
         ]
         trials = cells[:, None] + np.array(list(product(*ticks)))
-        depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
-        rows, best = np.arange(len(cells)), depths.argmax(axis=1)
-        deepest = LatticeBalls(trials[rows, best], depths[rows, best], depths[rows, best])
+        balls = _balls_around(lattice, trials.reshape(-1, 3))
+        number = trials.shape[1]
+        best = balls.depths.reshape(-1, number).argmax(axis=1) + number * np.arange(len(cells))
+        deepest = balls.select(best)
         points = points.append(deepest.select(deepest.depths > 0.0))
         cells = cells[deepest.depths <= 0.0]
     return points
@@ -490,94 +439,51 @@ class LatticeBalls(NamedTuple):
 
 
 class CellCounts(NamedTuple):
-    """Number of balls that contain each cell, for kernels.
+    """Number of chosen balls that contain each cell, for kernels.
+
+    A ball contains a cell if it contains the center, or all of the cell.
 
     ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for
-    ignored cells. ``prefix_sums``, shape (nx, ny, nz + 1), are the numbers of open cells before a
-    cell in its row, and ``open_counts``, shape (nx, ny), those of rows. ``half``, shape (3,), is
-    half a cell along each axis if balls must contain whole cells, else 0. Scratch for the rows of
-    cells in a ball: ``rows``, shape (nx * ny, 4), are i, j, first k and stop k, and ``squares`` the
-    part of the squared distance along the first two axes.
+    ignored cells. ``open_before``, shape (nx, ny, nz + 1), are the numbers of open cells before a
+    cell in its row. ``half``, shape (3,), is half a cell along each axis if balls must contain
+    whole cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are
+    i, j, first k and stop k, and ``squares`` the part of the squared distance along the first two
+    axes.
     """
 
     counts: NDArray[np.int32]
-    prefix_sums: NDArray[np.int32]
-    open_counts: NDArray[np.int32]
+    open_before: NDArray[np.int32]
     half: Floats
     rows: Ints
     squares: Floats
 
-
-class Cover:
-    """Cells of a lattice, and balls chosen for them.
-
-    With ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered.
-    Otherwise a ball contains a cell if it contains the center, and only centers in the shape must
-    be covered.
-    """
-
-    def __init__(self, lattice: Lattice, *, whole: bool) -> None:
-        self._lattice = lattice
+    @classmethod
+    def of(cls, lattice: Lattice, *, whole: bool) -> CellCounts:
+        """Start without balls, which must contain whole cells, or centers in the shape."""
         counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
         counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
-        prefix_sums = np.cumsum(
-            np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32
-        )
-        rows = math.prod(counts.shape[:2])
+        open_before = np.zeros(np.add(counts.shape, (0, 0, 1)), dtype=np.int32)
+        np.cumsum(counts == 0, axis=2, out=open_before[:, :, 1:])
+        rows = np.empty((math.prod(counts.shape[:2]), 4), dtype=np.int64)
         half = lattice.half if whole else np.zeros(3)
-        open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
-        self._cells = CellCounts(
-            counts,
-            prefix_sums,
-            open_counts,
-            half,
-            np.empty((rows, 4), dtype=np.int64),
-            np.empty(rows),
-        )
+        return cls(counts, open_before, half, rows, np.empty(len(rows)))
 
     @property
     def open_cells(self) -> Floats:
         """Centers of the cells in no ball, shape (n, 3)."""
-        return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
+        return np.argwhere(self.counts == 0) + np.float64(0.5)
 
-    def choose(self, balls: LatticeBalls, max_balls: int) -> Ints:
-        """Choose at most ``max_balls`` balls; return their indices, in that order."""
-        # A ball contains at most as many cells as fit into it when it is larger by half a diagonal.
-        lattice, dim = self._lattice, self._lattice.region.dim
-        enclosing = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(
-            UNIT_BALL_VOLUME[dim] * enclosing**dim, float(len(lattice.cell_centers))
-        )
-        chosen = np.empty(min(max_balls, len(bounds)), dtype=np.int64)
-        open_count = int(self._cells.open_counts.sum())
-        return chosen[
-            : choose(self._cells, balls.centers, balls.reaches, bounds, open_count, chosen)
-        ]
+    def trim(self, balls: LatticeBalls) -> LatticeBalls:
+        """Shrink the balls to the cells that only they contain; drop balls without such cells.
 
-    def trim(self, balls: LatticeBalls) -> Floats:
-        """Shrink the balls to the cells that only they contain.
-
-        Returns their reaches, shape (n,), 0 for balls without such cells. Small balls are dropped
-        first; then balls that stick out most are shrunk first.
+        Small balls are dropped first; then balls that stick out most are shrunk first.
         """
         reaches = balls.reaches.copy()
-        trim(
-            self._cells, balls.centers, reaches, np.argsort(reaches, kind="stable"), only_drop=True
-        )
-        trim(
-            self._cells,
-            balls.centers,
-            reaches,
-            np.argsort(balls.depths - reaches, kind="stable"),
-            only_drop=False,
-        )
-        return reaches
-
-    def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls inside the shape to contain more cells, in place."""
-        lattice, border = self._lattice, self._lattice.region.inner
-        lattice_frame = lattice.corner, lattice.side, border.error
-        polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
+        by_size = np.argsort(reaches, kind="stable")
+        trim(self, balls.centers, reaches, by_size, only_drop=True)
+        by_growth = np.argsort(balls.depths - reaches, kind="stable")
+        trim(self, balls.centers, reaches, by_growth, only_drop=False)
+        return balls._replace(reaches=reaches).select(reaches > 0.0)
 
 
 @kernel
@@ -587,77 +493,63 @@ def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
 
 
 @kernel
-def _find_rows(cells: CellCounts, center: Floats, reach: float, only_open: bool) -> tuple[int, int]:
+def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
     """Find the rows of cells in a ball; count rows and open cells.
 
-    They fill the first rows of ``cells.rows``. ``center`` has shape (3,). With ``only_open``, rows
-    of the lattice without open cells are skipped.
+    They fill the first rows of ``cells.rows``. ``center`` has shape (3,).
     """
-    nx, ny, nz = cells.counts.shape
     half = cells.half
+    nx, ny, nz = cells.counts.shape
     radius = reach - LATTICE_ROUNDING
     count, gain = 0, 0
     for i in range(*_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > radius * radius:
             continue
-        for j in range(
-            *_cell_range(center[1], math.sqrt(radius * radius - square_x) - half[1], ny)
-        ):
-            if only_open and cells.open_counts[i, j] == 0:
-                continue
+        reach_y = math.sqrt(radius * radius - square_x) - half[1]
+        for j in range(*_cell_range(center[1], reach_y, ny)):
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if square_xy > radius * radius:
                 continue
-            first, stop = _cell_range(
-                center[2], math.sqrt(radius * radius - square_xy) - half[2], nz
-            )
+            reach_z = math.sqrt(radius * radius - square_xy) - half[2]
+            first, stop = _cell_range(center[2], reach_z, nz)
             if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
                 cells.squares[count] = square_xy
                 count += 1
-                gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
+                gain += cells.open_before[i, j, stop] - cells.open_before[i, j, first]
     return count, gain
 
 
 @kernel
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
     """Add a ball to the counts of its cells, or remove it."""
-    counts, prefix_sums = cells.counts, cells.prefix_sums
-    for n in range(_find_rows(cells, center, reach, False)[0]):
+    counts, open_before = cells.counts, cells.open_before
+    for n in range(_find_rows(cells, center, reach)[0]):
         i, j, first, stop = cells.rows[n]
         for k in range(first, stop):
             if counts[i, j, k] >= 0:
                 counts[i, j, k] += step
         for k in range(first, counts.shape[2]):
-            prefix_sums[i, j, k + 1] = prefix_sums[i, j, k] + (counts[i, j, k] == 0)
-        cells.open_counts[i, j] = prefix_sums[i, j, counts.shape[2]]
+            open_before[i, j, k + 1] = open_before[i, j, k] + (counts[i, j, k] == 0)
 
 
 @allocating
-def choose(
-    cells: CellCounts,
-    centers: Floats,
-    reaches: Floats,
-    bounds: Floats,
-    open_count: int,
-    chosen: Ints,
-) -> int:
-    """Choose the balls that add most cells, greedily.
+def choose(cells: CellCounts, centers: Floats, reaches: Floats, max_balls: int) -> Ints:
+    """Choose at most ``max_balls`` balls that add most cells, greedily.
 
-    ``chosen`` receives their indices; returns their number. ``centers`` has shape (n, 3),
-    ``reaches`` and ``bounds`` (n,). A ball adds at most ``bounds`` cells, and never more than
-    before other balls were chosen (M. Minoux, "Accelerated greedy algorithms for maximizing
-    submodular set functions", 1978). The choice ends when none of the ``open_count`` open cells
-    remains.
+    Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` (n,). A ball
+    never adds more cells than before other balls were chosen (M. Minoux, "Accelerated greedy
+    algorithms for maximizing submodular set functions", 1978).
     """
+    chosen = np.empty(min(max_balls, len(centers)), dtype=np.int64)
     count = 0
-    queue = [(-bounds[ball], ball) for ball in range(len(centers))]
+    queue = [(-math.inf, ball) for ball in range(len(centers))]
     heapq.heapify(queue)
-    while len(queue) > 0 and count < len(chosen) and open_count > 0:
+    while len(queue) > 0 and count < len(chosen):
         _, ball = heapq.heappop(queue)
-        _, gain = _find_rows(cells, centers[ball], reaches[ball], True)
+        _, gain = _find_rows(cells, centers[ball], reaches[ball])
         if gain == 0:
             continue
         # The gain is up to date. If another ball may gain more, queue this one again.
@@ -667,8 +559,7 @@ def choose(
         _count_ball(cells, centers[ball], reaches[ball], 1)
         chosen[count] = ball
         count += 1
-        open_count -= gain
-    return count
+    return chosen[:count]
 
 
 @kernel
@@ -680,7 +571,7 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
     """
     for ball in order:
         farthest = -1.0
-        for row in range(_find_rows(cells, centers[ball], reaches[ball], False)[0]):
+        for row in range(_find_rows(cells, centers[ball], reaches[ball])[0]):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
                 if cells.counts[i, j, k] == 1:
@@ -696,51 +587,28 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
 
 
 @kernel
-def _measure_trial(
-    cells: CellCounts,
-    tree: PieceTree,
-    center: Floats,
-    max_radius: float,
-    lattice_frame: tuple[Floats, float, float],
-    point: Floats,
-) -> tuple[float, int]:
-    """Return the radius of a ball around a center, and the open cells in it.
-
-    They are 0 and -1 if the center is too near the boundary. ``point`` is scratch for the center in
-    metres.
-    """
-    corner, side, error = lattice_frame
-    for axis in range(3):
-        point[axis] = corner[axis] + side * center[axis]
-    cap = 1.01 * side * max_radius + 4.0 * error
-    radius = (bound_distance(tree, point, cap)[0] - error) / side
-    if radius <= 0.0:
-        return 0.0, -1
-    return radius, _find_rows(cells, center, radius, True)[1]
-
-
-@kernel
 def polish(
     cells: CellCounts,
     tree: PieceTree,
     centers: Floats,
     radii: Floats,
-    lattice_frame: tuple[Floats, float, float],
-    scratch: Floats,
+    corner: Floats,
+    side: float,
+    error: float,
 ) -> None:
     """Move balls inside the shape to contain more cells, in place.
 
     A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go
     along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
-    ``lattice_frame`` is the corner of the lattice in the space of the tree, its side, and the error
-    of distances. ``scratch``, shape (2, 3), holds a trial point in both frames.
+    ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
+    cell, and ``error`` that of distances; metres.
     """
-    trial, point = scratch[0], scratch[1]
     for round_index in range(6):
         moved = False
         for ball in range(len(centers)):
-            _count_ball(cells, centers[ball], radii[ball], -1)
-            best = _find_rows(cells, centers[ball], radii[ball], True)[1]
+            center = centers[ball]
+            _count_ball(cells, center, radii[ball], -1)
+            best = _find_rows(cells, center, radii[ball])[1]
             step = 2.0 / (1 << round_index)
             for _ in range(4):
                 better = False
@@ -748,20 +616,23 @@ def polish(
                     axis = direction // 2
                     if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[ball]:
                         continue
-                    for along in range(3):
-                        trial[along] = centers[ball, along]
-                    trial[axis] += step if direction % 2 else -step
+                    before = center[axis]
+                    center[axis] += step * (2 * (direction % 2) - 1)
+                    x = corner[0] + side * center[0]
+                    y = corner[1] + side * center[1]
+                    z = corner[2] + side * center[2]
                     # A radius grows by a step at most.
-                    radius, gain = _measure_trial(
-                        cells, tree, trial, radii[ball] + step, lattice_frame, point
-                    )
+                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error
+                    radius = (bound_distance(tree, (x, y, z), cap)[0] - error) / side
+                    gain = _find_rows(cells, center, radius)[1] if radius > 0.0 else -1
                     if gain > best or (gain == best and radius > radii[ball]):
                         better = moved = True
                         best = gain
-                        centers[ball, axis] = trial[axis]
                         radii[ball] = radius
+                    else:
+                        center[axis] = before
                 if not better:
                     step *= 0.5
-            _count_ball(cells, centers[ball], radii[ball], 1)
+            _count_ball(cells, center, radii[ball], 1)
         if not moved:
             break

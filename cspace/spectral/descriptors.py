@@ -16,10 +16,10 @@ a hundred times: the rounding of the corners (2^-53 of the largest coordinate) a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, overload
 
@@ -124,22 +124,25 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
         for ring in (polygon.exterior, *polygon.interiors)
     ]
     cleaned = shapely.orient_polygons(shapely.Polygon(rings[0], rings[1:]))
-    boundary: Counter[tuple[Corner, Corner]] = Counter()
     triangles = []
     for part in shapely.get_parts(shapely.constrained_delaunay_triangles(cleaned)):
         a, b, c = list(part.exterior.coords)[:3]
         orientation = _orientation(a, b, c)
         if orientation:
             triangles.append([a, b, c] if orientation > 0 else [a, c, b])
-            _add_ring(boundary, triangles[-1], 1)
-    for ring in (cleaned.exterior, *cleaned.interiors):
-        _add_ring(boundary, list(ring.coords)[:-1], -1)
-    if not triangles or any(boundary.values()):
+    outlines = [list(ring.coords)[:-1] for ring in (cleaned.exterior, *cleaned.interiors)]
+    if not triangles or _boundary(triangles) != _boundary(outlines):
         hint = "round it with shapely.set_precision"
         raise GeometryError(
             "polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon
         )
     return triangles
+
+
+def _boundary(rings: list[list[Corner]]) -> Counter[tuple[Corner, Corner]]:
+    """Count the directed edges of rings; opposite edges cancel."""
+    edges = Counter((ring[k - 1], ring[k]) for ring in rings for k in range(len(ring)))
+    return edges - Counter((b, a) for a, b in edges.elements())
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
@@ -168,16 +171,6 @@ def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
     """Rotate a ring to end with ``corner``."""
     stop = ring.index(corner) + 1
     return ring[stop:] + ring[:stop]
-
-
-def _add_ring(boundary: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add a ring's edges, ``times`` times; opposite edges cancel."""
-    for k in range(len(ring)):
-        a, b = ring[k - 1], ring[k]
-        if a < b:
-            boundary[a, b] += times
-        else:
-            boundary[b, a] -= times
 
 
 def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
@@ -280,7 +273,7 @@ class BallDescriptor(Balls):
         """Integral over the plane or space, metres to ``dim``."""
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
-    @property
+    @cached_property
     def center(self) -> Floats:
         """Center of the bounding box of the centers, metres."""
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
@@ -293,21 +286,16 @@ class BallDescriptor(Balls):
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
 
-    def round_radii(self, number: int, up: bool) -> BallDescriptor:
-        """Grow (``up``) or shrink balls to at most ``number`` different radii.
+    def round_radii(self, number: int) -> BallDescriptor:
+        """Grow balls to at most ``number`` different radii.
 
         Each radius serves about equally many balls.
         """
         if len(np.unique(self.radii)) <= number:
             return self
-        shares = np.arange(number) / number
-        steps = np.unique(
-            np.quantile(
-                self.radii, 1.0 - shares if up else shares, method="higher" if up else "lower"
-            )
-        )
-        places = np.searchsorted(steps, self.radii, side="left" if up else "right")
-        return BallDescriptor(self.centers, steps[places if up else places - 1], self.bump)
+        shares = 1.0 - np.arange(number) / number
+        steps = np.unique(np.quantile(self.radii, shares, method="higher"))
+        return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii)], self.bump)
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
@@ -464,9 +452,8 @@ def union(
             raise InputError(
                 "others", problem, "they must agree", "sample them on one grid first", value=each
             )
-    centers, radii = (
-        np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii")
-    )
+    centers = np.concatenate([each.centers for each in balls])
+    radii = np.concatenate([each.radii for each in balls])
     return BallDescriptor(centers, radii, balls[0].bump)
 
 

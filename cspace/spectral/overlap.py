@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.queries.callbacks import bind_kernel
-from cspace.spectral.bands import (
-    BOUND_ROUNDING,
-    Rings,
-    Spectrum,
-    Terms,
-    estimate_band,
-    separate_all,
-)
+from cspace.spectral.bands import Rings, Spectrum, Terms, estimate_band, separate_all
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import (
     PLACEMENT_ROUNDING,
@@ -35,19 +26,9 @@ from cspace.spectral.descriptors import (
 from cspace.spectral.pairs import norm_square, sum_pairs
 from cspace.spectral.spectra import (
     MAX_FREQUENCIES,
-    MIN_SPECTRUM_TOLERANCE,
-    ball_spectrum,
     evaluate_real_series,
 )
-from cspace.spectral.trees import (
-    HIT,
-    MAX_PENDING_NODE_PAIRS,
-    MISS,
-    UNDECIDED,
-    BallTree,
-    ContactTest,
-    test_placement,
-)
+from cspace.spectral.trees import HIT, MISS, UNDECIDED, ContactTest, build_tree, rotate_tree
 from cspace.support.arrays import Bytes, Floats, Ints
 from cspace.support.check import (
     check_count,
@@ -73,6 +54,9 @@ PERIOD_MARGIN: Final = 1e-6
 
 MAX_PLACEMENTS_PER_TRANSFORM: Final = 2**20
 """Number of placements evaluated by one transform, to bound the memory."""
+
+NO_TREE: Final = np.empty((0, 5))
+"""Tree of no balls."""
 
 MAX_PLACEMENTS_ONE_BY_ONE: Final = 32
 """Number of placements up to which values are summed ring by ring, without a transform."""
@@ -113,12 +97,6 @@ class Separation:
     frequencies: int | Ints
     overlap: float | Floats
     bound: float | Floats
-
-
-_BY_BALLS: Final = tuple(
-    Separation(verdict, 0, 0.0, math.inf if verdict > 0 else 0.0) for verdict in Verdict
-)
-"""Results by verdict if the balls decide; making one takes longer than a test of two trees."""
 
 
 class FourierOverlap:
@@ -179,34 +157,26 @@ class FourierOverlap:
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        self._b = second
-        self._original = first
-        self._rotation = np.eye(first.dim)
-        self._pivot, self._center_b = first.center, second.center
-        reach = float((np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii).max()) * (
-            1.0 + 2.0**-40
-        )
-        sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
-        self._half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
-        lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        self._span = math.sqrt(self.dim) * (first.span + second.span)
+        arms = np.linalg.norm(first.centers - first.center, axis=1) + first.radii
+        reach = float(arms.max()) * (1.0 + 2.0**-40)
+        sides = (np.abs(second.centers - second.center) + second.radii[:, None]).max(axis=0)
+        half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
+        lengths = 2.0 * (1.0 + PERIOD_MARGIN) * half_sides
         far = max(first.span, second.span)
         if far > min(1e40, 1e6 * float(lengths.min())):  # above 1e40, squares of volumes overflow
-            problem = (
-                f"or a reaches {far:g} m from the origin of its frame, but both span only "
-                f"{lengths.min():g} m"
-            )
-            raise InputError(
-                "b", problem, "rounding would matter", "move the origin nearer, or check the units"
-            )
+            problem = f"or a reaches {far:g} m from the origin of its frame, but both span only "
+            problem += f"{lengths.min():g} m"
+            hint = "move the origin nearer, or check the units"
+            raise InputError("b", problem, "rounding would matter", hint)
         if lengths.max() < 1e-100:
             problem = f"and a span only {lengths.max():g} m"
             rule = "squares would underflow"
             raise InputError("b", problem, rule, "check the units", value=b)
-        halves = self._choose_halves(first, lengths, band, tolerance)
-        self._bands = _make_bands(first, second, lengths, halves)
-        # Trees of the balls that prove misses, and trees of the balls that prove hits.
-        self._trees = (self._make_trees(first, second),) * 2
+        halves = _choose_halves(first, second, lengths, self.threshold, band, tolerance)
+        trees = _build_trees(first, second, first.center, second.center)
+        span = math.sqrt(first.dim) * (first.span + second.span)
+        bands = _make_bands(first, second, lengths, halves)
+        self.pair = BallPair(bands, half_sides, span, trees, trees, np.eye(first.dim))
 
     @classmethod
     def of_shapes(
@@ -268,20 +238,26 @@ class FourierOverlap:
             for name, source in given.items()
             if source is not None
         }
-        a, b, *inner = sets.values()
+        a, b, *inside = sets.values()
         for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
-        rounded = (balls.round_radii(number, up=True) for balls in (a, b))
+        rounded = (balls.round_radii(number) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
         made = cls(*grown, tolerance=tolerance)
-        made._span += math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
-        none = BallTree.of(a.centers[:0], a.radii[:0])
-        made._trees = made._make_trees(a, b), made._make_trees(*inner) if inner else (none, none)
+        inner = NO_TREE, NO_TREE
+        if inside:
+            inner = _build_trees(inside[0], inside[1], a.center, b.center)
+        made.pair = replace(
+            made.pair,
+            span=made.pair.span + math.sqrt(a.dim) * sum(balls.span for balls in sets.values()),
+            outer=_build_trees(a, b, a.center, b.center),
+            inner=inner,
+        )
         return made
 
     def __repr__(self) -> str:
         """Return the numbers of balls and of frequencies, and the threshold."""
-        sizes = f"{len(self._original.radii):,} and {len(self._b.radii):,} balls"
+        sizes = f"{len(self.pair.a.radii):,} and {len(self.pair.b.radii):,} balls"
         place = "in the plane" if self.dim == 2 else "in space"
         threshold = f", threshold {self.threshold:g}" if self.threshold else ""
         return f"FourierOverlap({sizes} {place}, {self.frequencies:,} frequencies{threshold})"
@@ -289,17 +265,17 @@ class FourierOverlap:
     @property
     def dim(self) -> int:
         """2 in the plane, 3 in space."""
-        return self._b.dim
+        return self.pair.b.dim
 
     @property
     def lengths(self) -> tuple[float, ...]:
         """Period along each axis, metres."""
-        return tuple(self._bands[-1].lengths.tolist())
+        return tuple(self.pair.bands[-1].lengths.tolist())
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of frequencies ``k / length`` along each axis, odd."""
-        return tuple(2 * half + 1 for half in self._bands[-1].halves)
+        return tuple(2 * half + 1 for half in self.pair.bands[-1].halves)
 
     @property
     def frequencies(self) -> int:
@@ -309,13 +285,12 @@ class FourierOverlap:
     @property
     def domain(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the placements with any overlap."""
-        center = self._center_b - self._pivot
-        return center - self._half_sides, center + self._half_sides
+        return self.pair.domain
 
     @property
     def bound(self) -> float:
         """Largest difference of :meth:`value` from the ideal overlap."""
-        return float(self._levels[-1].terms.bounds[-1])
+        return float(self.pair.levels[-1].terms.bounds[-1])
 
     def value(self, t: ArrayLike) -> Floats:
         """Compute the band-limited overlap with A moved by t.
@@ -324,15 +299,15 @@ class FourierOverlap:
         is 0 outside the domain. More than a few dozen placements share one non-uniform transform,
         with a tolerance of 1e-9 times the 2-norm of the terms. Raises as the class does.
         """
-        return np.asarray(self._sums(t, [self._levels[-1].sums])[..., 0])[()]
+        return np.asarray(self._sums(t, [self.pair.levels[-1].sums])[..., 0])[()]
 
     def gradient(self, t: ArrayLike) -> Floats:
         """Compute the derivatives of :meth:`value`, shape (..., d)."""
-        return self._sums(t, self._levels[-1].slopes)
+        return self._sums(t, self.pair.levels[-1].slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
         """Compute :meth:`value` and :meth:`gradient` together, which is faster."""
-        sums = self._sums(t, [self._levels[-1].sums, *self._levels[-1].slopes])
+        sums = self._sums(t, [self.pair.levels[-1].sums, *self.pair.levels[-1].slopes])
         return sums[..., 0], sums[..., 1:]
 
     def rotation_gradient(self, t: ArrayLike) -> Floats:
@@ -343,7 +318,7 @@ class FourierOverlap:
         with respect to the angle about it, shape (..., 3). Square or cubic metres per radian:
         :meth:`gradient` corresponds to a force, this to a torque.
         """
-        sums = self._sums(t, self._levels[-1].twists)
+        sums = self._sums(t, self.pair.levels[-1].twists)
         return sums if self.dim == 3 else sums[..., 0]
 
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
@@ -356,10 +331,8 @@ class FourierOverlap:
         matrix = rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
-        other._rotation = rotation_matrix(matrix @ self._rotation, self.dim)
-        other._pivot = other._rotation @ self._original.center
-        for made in ("_levels", "_contact_test", "_test_one"):
-            other.__dict__.pop(made, None)
+        turned = rotation_matrix(matrix @ self.pair.rotation, self.dim)
+        other.pair = replace(self.pair, rotation=turned)
         return other
 
     def separated(self, t: ArrayLike) -> Separation:
@@ -376,40 +349,22 @@ class FourierOverlap:
 
         ``t``, shape (..., d), is in metres.
         """
-        verdict = self._test_one_by_trees(t)
-        if verdict == MISS or (verdict is not None and self.threshold == 0.0):
-            return _BY_BALLS[verdict]
         placements = check_points(t, "t", self.dim)
-        flat = placements.reshape(-1, self.dim)
-        verdicts = self._contact_test.test(_in_space(flat))
+        relative = self.pair.relative(placements)
+        verdicts = self.pair.contacts.test(_in_space(relative))
         touching = np.flatnonzero(verdicts != MISS)
-        counts = np.zeros(len(flat), dtype=np.int64)
-        sums = np.zeros((len(flat), 2))
+        counts = np.zeros(len(relative), dtype=np.int64)
+        sums = np.zeros((len(relative), 2))
         sums[touching, 1] = math.inf
         if self.threshold > 0.0 and len(touching):
-            relative = self._relative(flat[touching])
             verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(
-                relative
+                relative[touching]
             )
         if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
         shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
-
-    def _test_one_by_trees(self, t: ArrayLike) -> int | None:
-        """Return the verdict of the trees about one placement of floats, otherwise None.
-
-        Arrays would take ten times as long as this test.
-        """
-        values: Any = t.tolist() if isinstance(t, np.ndarray) and t.ndim == 1 else t
-        is_one = (
-            isinstance(values, list | tuple)
-            and [type(value) for value in values] == [float] * self.dim
-        )
-        if not is_one or not all(map(math.isfinite, values)):
-            return None
-        return self._test_one(*values, *[0.0] * (3 - self.dim))
 
     def _compare_with_threshold(self, relative: Floats) -> tuple[Bytes, Ints, Floats]:
         """Sum frequencies at placements (n, d) until the sums decide.
@@ -420,126 +375,34 @@ class FourierOverlap:
         counts = np.zeros(len(relative), dtype=np.int64)
         sums = np.zeros((len(relative), 2))
         rest = np.arange(len(relative))
-        for level in self._levels:
+        for level in self.pair.levels:
             verdicts[rest], taken, sums[rest] = separate_all(
                 relative[rest], level.terms, self.threshold
             )
             counts[rest] += taken
             rest = rest[verdicts[rest] == UNDECIDED]
-            pairs = len(rest) * len(self._b.radii) * len(self._original.radii)
+            pairs = len(rest) * len(self.pair.b.radii) * len(self.pair.a.radii)
             if pairs <= MAX_SUMMED_PAIRS:
                 break
         # For few placements, sums over pairs of balls are faster than spectra in the next band, and
         # decide.
         if 0 < pairs <= MAX_SUMMED_PAIRS:
-            sums[rest] = self._sum_pairs(relative[rest])
+            sums[rest] = self.pair.sum_pairs(relative[rest])
             verdicts[rest[sums[rest].sum(axis=1) < self.threshold]] = MISS
             verdicts[rest[sums[rest, 0] - sums[rest, 1] > self.threshold]] = HIT
         return verdicts, counts, sums
 
-    def _sum_pairs(self, relative: Floats) -> Floats:
-        """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
-        a, b = self._original, self._b
-        arms = (a.centers - a.center) @ self._rotation.T
-        fixed = b.centers - self._center_b
-        moved = (arms + each for each in relative)
-        balls = fixed, b.radii, np.ones(len(fixed))
-        return np.stack(
-            sum_pairs(a.bump, moved, a.radii, balls, 4.0 * self._placement_error), axis=1
-        )
-
-    def _choose_halves(
-        self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float
-    ) -> tuple[int, ...]:
-        """Return the highest frequency along each axis, cycles per period.
-
-        It follows from ``band``, or is chosen by ``tolerance``; see the class. Raises InputError if
-        the band is too large.
-        """
-        if band is not None:
-            highest = check_positive(band, "band", "cycles per metre")
-        else:
-            typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
-            scale = self.threshold or float(
-                pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0]
-            )
-            highest = estimate_band(
-                a, self._b, check_positive(tolerance, "tolerance", "parts") * scale
-            )
-            fitting = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / self.dim)
-            highest = min(highest, fitting, MAX_WAVE_INDEX / float(lengths.max()))
-        halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
-        if (
-            math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES
-            or max(halves) > MAX_WAVE_INDEX
-        ):
-            problem = (
-                f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} "
-                "frequencies"
-            )
-            raise InputError(
-                "band",
-                problem,
-                f"at most {MAX_FREQUENCIES} are computed",
-                "pass a lower one",
-                value=band,
-            )
-        return halves
-
-    def _make_trees(self, a: BallDescriptor, b: BallDescriptor) -> tuple[BallTree, BallTree]:
-        """Build trees of balls about the centers that placements join."""
-        centers_a = a.centers - self._original.center
-        centers_b = b.centers - self._center_b
-        return BallTree.of(centers_a, a.radii), BallTree.of(centers_b, b.radii)
-
-    @cached_property
-    def _contact_test(self) -> ContactTest:
-        """Contact test of A, rotated, and B."""
-        (outer_a, outer_b), (inner_a, inner_b) = self._trees
-        outer_a = outer_a.rotated(self._rotation)
-        inner_a = inner_a.rotated(self._rotation)
-        frame = _in_space(np.stack([self._pivot, self._center_b, self._half_sides]))
-        slack = 4.0 * self._placement_error
-        return ContactTest(outer_a, outer_b, inner_a, inner_b, frame, slack)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without compiled functions."""
-        return {name: value for name, value in self.__dict__.items() if name != "_test_one"}
-
-    @cached_property
-    def _test_one(self) -> Callable[..., int]:
-        """Contact test of one placement (x, y, z), compiled."""
-        no_pairs = np.empty((0, 2), dtype=np.int64)
-        test = bind_kernel(test_placement, (self._contact_test,), 0.0, 0.0, 0.0, no_pairs)
-        # Memory of its own for each call, because threads may call at once.
-        return lambda x, y, z: test(x, y, z, np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64))
-
-    @property
-    def _placement_error(self) -> float:
-        """Largest rounding error of a placement in the domain, metres."""
-        return PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + self._span)
-
-    @cached_property
-    def _levels(self) -> list[_Level]:
-        """Terms of the overlap in each band, smallest first."""
-        centers = self._original.centers @ self._rotation.T
-        return [_Level(band, centers, self._pivot, self._placement_error) for band in self._bands]
-
-    def _relative(self, placements: Floats) -> Floats:
-        """Return placements of A's center relative to B's center."""
-        return np.asarray((placements + self._pivot) - self._center_b)
-
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Sum lists of terms at placements, shape (..., sums)."""
         placements = check_points(t, "t", self.dim)
-        relative = self._relative(placements.reshape(-1, self.dim))
+        relative = self.pair.relative(placements)
         out = np.zeros((len(relative), len(sums)))
-        inside = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
+        inside = np.flatnonzero((np.abs(relative) <= self.pair.half_sides).all(axis=-1))
         if len(inside) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for column, terms in enumerate(sums):
                 out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
         else:
-            rings = self._levels[-1].band.rings
+            rings = self.pair.levels[-1].band.rings
             boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
             for part in np.array_split(
                 inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)
@@ -547,6 +410,115 @@ class FourierOverlap:
                 angles = 2.0 * math.pi * relative[part] / rings.lengths
                 out[part] = evaluate_real_series(angles, boxes, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
+
+
+@dataclass(eq=False)
+class BallPair:
+    """Two ball sets A and B, with A rotated about the origin of its frame.
+
+    ``half_sides``, shape (d,), are the largest coordinates of A's center relative to B's center
+    with any overlap, and ``span`` is the largest distance of balls from the origins of their
+    frames; metres. The trees ``outer`` prove misses, and ``inner`` hits; each pair holds those of A
+    before the rotation and of B, relative to the centers.
+    """
+
+    bands: list[_Band]
+    half_sides: Floats
+    span: float
+    outer: tuple[Floats, Floats]
+    inner: tuple[Floats, Floats]
+    rotation: Floats
+
+    @property
+    def a(self) -> BallDescriptor:
+        """Balls of A before the rotation."""
+        return self.bands[-1].a
+
+    @property
+    def b(self) -> BallDescriptor:
+        """Balls of B."""
+        return self.bands[-1].b
+
+    @cached_property
+    def pivot(self) -> Floats:
+        """Center of A after the rotation, metres."""
+        return np.asarray(self.rotation @ self.a.center)
+
+    @property
+    def domain(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the placements with any overlap."""
+        center = self.b.center - self.pivot
+        return center - self.half_sides, center + self.half_sides
+
+    @property
+    def error(self) -> float:
+        """Largest rounding error of a placement in the domain, metres."""
+        return PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + self.span)
+
+    @cached_property
+    def contacts(self) -> ContactTest:
+        """Contact test of A, rotated, and B."""
+        (outer_a, outer_b), (inner_a, inner_b) = self.outer, self.inner
+        outer_a, inner_a = (rotate_tree(tree, self.rotation) for tree in (outer_a, inner_a))
+        half_sides = _in_space(self.half_sides[None])[0]
+        return ContactTest(outer_a, outer_b, inner_a, inner_b, half_sides, 4.0 * self.error)
+
+    @cached_property
+    def levels(self) -> list[_Level]:
+        """Terms of the overlap in each band, smallest first."""
+        centers = self.a.centers @ self.rotation.T
+        return [_Level(band, centers, self.pivot, self.error) for band in self.bands]
+
+    def relative(self, placements: Floats) -> Floats:
+        """Return placements (..., d) of A's center relative to B's center, shape (n, d)."""
+        flat = placements.reshape(-1, self.b.dim)
+        return np.asarray((flat + self.pivot) - self.b.center)
+
+    def sum_pairs(self, relative: Floats) -> Floats:
+        """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
+        arms = (self.a.centers - self.a.center) @ self.rotation.T
+        moved = (arms + each for each in relative)
+        fixed = self.b.centers - self.b.center, self.b.radii, np.ones(len(self.b.radii))
+        found = sum_pairs(self.a.bump, moved, self.a.radii, fixed, 4.0 * self.error)
+        return np.stack(found, axis=1)
+
+
+def _build_trees(
+    a: BallDescriptor, b: BallDescriptor, center_a: Floats, center_b: Floats
+) -> tuple[Floats, Floats]:
+    """Build the trees of two ball sets, relative to centers."""
+    return build_tree(a.centers - center_a, a.radii), build_tree(b.centers - center_b, b.radii)
+
+
+def _choose_halves(
+    a: BallDescriptor,
+    b: BallDescriptor,
+    lengths: Floats,
+    threshold: float,
+    band: float | None,
+    tolerance: float,
+) -> tuple[int, ...]:
+    """Return the highest frequency along each axis, cycles per period.
+
+    It follows from ``band``, or is chosen by ``tolerance``; see :class:`FourierOverlap`. Raises
+    InputError if the band is too large.
+    """
+    if band is not None:
+        highest = check_positive(band, "band", "cycles per metre")
+    else:
+        typical = np.median(a.radii, keepdims=True), np.median(b.radii, keepdims=True)
+        overlaps, _ = pair_integrals(a.bump, *typical, np.maximum(*typical), a.dim)
+        scale = threshold or float(overlaps[0])
+        wanted = estimate_band(a, b, check_positive(tolerance, "tolerance", "parts") * scale)
+        fitting = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / a.dim)
+        highest = min(wanted, fitting, MAX_WAVE_INDEX / float(lengths.max()))
+    halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
+    counts = [2 * half + 1 for half in halves]
+    if math.prod(counts) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
+        problem = f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies"
+        rule = f"at most {MAX_FREQUENCIES} are computed"
+        raise InputError("band", problem, rule, "pass a lower one", value=band)
+    return halves
 
 
 @dataclass(eq=False)
@@ -569,7 +541,7 @@ class _Band:
     @cached_property
     def spectrum_b(self) -> Spectrum:
         """Spectrum of B in the band."""
-        return Spectrum.of(self.b, self.b.center, self.rings, MIN_SPECTRUM_TOLERANCE)
+        return Spectrum.of(self.b, self.b.center, self.rings)
 
     @cached_property
     def tail_b(self) -> float:
@@ -611,12 +583,12 @@ class _Level:
     @cached_property
     def _spectrum(self) -> Spectrum:
         """Spectrum of A in the band."""
-        return Spectrum.of(self._a, self._pivot, self.band.rings, MIN_SPECTRUM_TOLERANCE)
+        return Spectrum.of(self._a, self._pivot, self.band.rings)
 
     @cached_property
     def sums(self) -> Terms:
         """Terms for values, with bounds of the band alone."""
-        return Terms.of(self._spectrum, self.band.spectrum_b, self.band.rings, self._error, 0.0)
+        return self._terms(0.0)
 
     @cached_property
     def terms(self) -> Terms:
@@ -624,7 +596,12 @@ class _Level:
         tail = math.sqrt(self._spectrum.tail(self.band.rings, _norm(self.band.a))) * math.sqrt(
             self.band.tail_b
         )
-        return self.sums._replace(bounds=self.sums.bounds + BOUND_ROUNDING * tail)
+        return self._terms(tail)
+
+    def _terms(self, tail: float) -> Terms:
+        """Return the terms, with bounds that include a tail."""
+        band = self.band
+        return Terms.of(self._spectrum, band.spectrum_b, band.rings, self._error, tail)
 
     @cached_property
     def twists(self) -> list[Terms]:
@@ -635,15 +612,9 @@ class _Level:
         weighted balls.
         """
         rings, a = self.band.rings, self._a
-        shape = (
-            a.centers - self._pivot,
-            a.radii,
-            a.bump,
-            rings.lengths,
-            rings.counts,
-            MIN_SPECTRUM_TOLERANCE,
-        )
-        moments = [rings.to_rings(ball_spectrum(*shape, weights=column)) for column in a.centers.T]
+        moments = [
+            Spectrum.of(a, self._pivot, rings, weights=column).values for column in a.centers.T
+        ]
         waves = (rings.indices / rings.lengths).T
         pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
         scale = rings.twice / rings.volume * self.band.spectrum_b.values
@@ -661,7 +632,9 @@ class _Level:
 
 def _in_space(points: Floats) -> Floats:
     """Return points of the plane or space, shape (n, 3)."""
-    return np.ascontiguousarray(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
+    spatial = np.zeros((len(points), 3))
+    spatial[:, : points.shape[1]] = points
+    return spatial
 
 
 def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:

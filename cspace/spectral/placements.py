@@ -28,7 +28,14 @@ from cspace.spectral.descriptors import (
 )
 from cspace.spectral.overlap import FourierOverlap, rotation_matrix
 from cspace.spectral.pairs import norm_square, sum_pairs
-from cspace.spectral.spectra import Correlation
+from cspace.spectral.spectra import (
+    Complexes,
+    FrequencyLattice,
+    ball_spectrum,
+    frequency_indices,
+    radial_terms,
+    sum_terms,
+)
 from cspace.support.arrays import Floats
 from cspace.support.check import (
     check_count,
@@ -37,6 +44,7 @@ from cspace.support.check import (
     check_not_negative,
     check_positive,
 )
+from cspace.support.threads import cores
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
@@ -185,47 +193,83 @@ def best_placements(
     return Placements(scores[best], bounds[best], translations[best], found.rotations[best])
 
 
-class BallFields:
-    """Cubic splines of fixed balls' fields, for balls of several radii.
+class Correlation:
+    """Overlaps of a body's balls with weighted target balls, from spectra.
 
-    ``correlation`` is between the moving balls, whose places do not matter, and the fixed ones,
-    which have their center at ``center``, metres.
+    Spectra are those of :class:`FourierOverlap`, with ``lengths`` and ``counts`` as there. Inverse
+    FFTs give the overlaps at the steps of a lattice, ``shape`` of them in a period. Cubic splines
+    of the fields that the target makes, one for each term of the balls, give them elsewhere.
     """
 
-    def __init__(self, correlation: Correlation, center: Floats) -> None:
-        self._correlation, self._center = correlation, center
-        self.radii = correlation.body.radii
-        self._cells_per_metre = np.array(correlation.shape) / correlation.lengths
+    def __init__(
+        self,
+        body: BallDescriptor,
+        target: BallDescriptor,
+        lengths: tuple[float, ...],
+        counts: tuple[int, ...],
+        weights: Floats | None = None,
+    ) -> None:
+        from scipy.fft import next_fast_len
+
+        self.body, self.target, self.lengths = body, target, np.array(lengths)
+        self.shape = tuple(next_fast_len(count, real=True) for count in counts)
+        self.cells_per_metre = self.shape / self.lengths
+        self.lattice = FrequencyLattice(self.lengths, counts)
+        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
+        centers = target.centers - target.center
+        shape = centers, target.radii, target.bump, lengths, counts, SEARCH_ACCURACY
+        self.spectrum = ball_spectrum(*shape, weights=weights)
+
+    def overlaps(self, matrix: Floats) -> Floats:
+        """Return the overlaps with the body rotated, at all steps of the lattice.
+
+        At the first step, the centers of body and target coincide.
+        """
+        moved = (self.body.centers - self.body.center) @ matrix.T
+        turned = sum_terms(self.lattice, moved, self.terms, SEARCH_ACCURACY)
+        return self.invert(self.spectrum * turned.conj())
+
+    def invert(self, spectrum: Complexes) -> Floats:
+        """Return the values of a spectrum on the lattice."""
+        from scipy.fft import irfftn
+
+        padded = np.zeros(self.shape, dtype=np.complex128)
+        # Negative frequencies count from the end.
+        padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = spectrum
+        half = padded[..., : self.shape[-1] // 2 + 1]
+        values = irfftn(half, s=self.shape, workers=cores())
+        return np.asarray(values * self.cells_per_metre.prod())
 
     @cached_property
-    def _splines(self) -> list[NdBSpline]:
+    def splines(self) -> list[NdBSpline]:
         """Spline of the field of each term, at places in cells, from 0 to the period."""
         from scipy.interpolate import NdBSpline
+        from scipy.ndimage import spline_filter
 
-        shape = self._correlation.shape
-        knots = tuple(np.arange(count + 7) - 3.0 for count in shape)
-        # The splines are periodic: coefficients of one cell before and two cells after the period.
-        margins = [(1, 2)] * len(shape)
-        fields = self._correlation.splines()
-        return [NdBSpline(knots, np.pad(field, margins, mode="wrap"), 3) for field in fields]
+        knots = tuple(np.arange(count + 7) - 3.0 for count in self.shape)
+        found = []
+        for term in self.terms:
+            field = self.invert(self.spectrum * self.lattice.spread(term.factor))
+            coefficients = spline_filter(field, mode="grid-wrap")
+            # The splines are periodic: one cell before and two cells after the period.
+            found.append(NdBSpline(knots, np.pad(coefficients, (1, 2), mode="wrap"), 3))
+        return found
 
     def evaluate(self, centers: Floats) -> Floats:
-        """Return moving balls' overlaps and derivatives, shape (n, k, 1 + d).
+        """Return the overlaps of moved balls and their derivatives, shape (n, k, 1 + d).
 
-        ``centers``, shape (n, k, d), are the places of the k balls, metres. Fields repeat with the
-        period.
+        ``centers``, shape (n, k, d), are the places of the k balls of the body, metres. Fields
+        repeat with the period.
         """
-        dim = len(self._center)
-        places = (centers - self._center) * self._cells_per_metre % self._correlation.shape
-        orders = np.vstack([np.zeros(dim), np.eye(dim)]).astype(
-            np.int64
-        )  # the value, and each derivative
+        dim = len(self.shape)
+        places = (centers - self.target.center) * self.cells_per_metre % self.shape
+        orders = np.eye(1 + dim, dtype=np.int64)[:, 1:]  # the value, and each derivative
         sums = np.zeros((*centers.shape[:2], 1 + dim))
-        for term, spline in zip(self._correlation.terms, self._splines, strict=True):
+        for term, spline in zip(self.terms, self.splines, strict=True):
             for column, order in enumerate(orders):
                 values = spline(places[:, term.members], nu=tuple(order))
                 sums[:, term.members, column] += term.strengths * values
-        sums[..., 1:] *= self._cells_per_metre
+        sums[..., 1:] *= self.cells_per_metre
         return sums
 
 
@@ -267,17 +311,12 @@ class BallPenetration:
         band: float | None = None,
         tolerance: float = 0.01,
     ) -> None:
-        from scipy.fft import next_fast_len
-
         balls = as_balls(fixed, "fixed", common_bump(bump, fixed))
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
         overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
-        lengths = np.array(overlap.lengths)
-        shape = tuple(next_fast_len(count, real=True) for count in overlap.counts)
         self._lower, self._upper = overlap.domain
-        made = Correlation(moving, balls, lengths, overlap.counts, shape, SEARCH_ACCURACY)
-        self._fields = BallFields(made, balls.center)
+        self._fields = Correlation(moving, balls, overlap.lengths, overlap.counts)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and its derivatives by the centers.
@@ -287,15 +326,14 @@ class BallPenetration:
         another, or a value is not finite.
         """
         points, dim = check_finite(centers, "centers"), len(self._lower)
-        count = len(self._fields.radii)
+        count = len(self._fields.body.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             rule = f"the last axes must be {count} balls and {dim} coordinates"
             raise InputError(
                 "centers", f"has shape {points.shape}", rule, "pass all balls", value=centers
             )
-        sums = self._fields.evaluate(points.reshape(-1, count, dim)).reshape(
-            *points.shape[:-1], 1 + dim
-        )
+        found = self._fields.evaluate(points.reshape(-1, count, dim))
+        sums = found.reshape(*points.shape[:-1], 1 + dim)
         sums[~((self._lower <= points) & (points <= self._upper)).all(axis=-1)] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
@@ -359,26 +397,15 @@ class _Score:
         self.target = target
         self.weights = weights
         self.dim = body.dim
-        from scipy.fft import next_fast_len
-
         scale = norm_square(body)[0]
         overlap = FourierOverlap(
             body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance
         )
-        shrink = (
-            min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
-            if band is None
-            else 1.0
-        )
-        counts = tuple(
-            2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in overlap.counts
-        )
-        self.lengths = np.array(overlap.lengths)
-        self.shape = tuple(next_fast_len(count, real=True) for count in counts)
-        self.correlation = Correlation(
-            body, target, self.lengths, counts, self.shape, SEARCH_ACCURACY, weights
-        )
-        self.fields = BallFields(self.correlation, target.center)
+        counts = overlap.counts
+        if band is None:
+            shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
+            counts = tuple(2 * max(1, math.floor(shrink * (each // 2))) + 1 for each in counts)
+        self.correlation = Correlation(body, target, overlap.lengths, counts, weights)
         self.centroid = body.centers.mean(axis=0)
         self.arms = body.centers - self.centroid
         values, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
@@ -395,8 +422,8 @@ class _Score:
         tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))
         if len(tops) > most:
             tops = tops[np.argpartition(-values.ravel()[tops], most)[:most]]
-        parts = np.stack(np.unravel_index(tops, self.shape), axis=1) / self.shape
-        centers = (parts - np.round(parts)) * self.lengths + self.target.center
+        parts = np.stack(np.unravel_index(tops, values.shape), axis=1) / values.shape
+        centers = (parts - np.round(parts)) * self.correlation.lengths + self.target.center
         centers += matrix @ (self.centroid - self.body.center)
         scores = values.ravel()[tops]
         return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
@@ -407,62 +434,49 @@ class _Score:
         Steps are in metres: along the axes, and for rotations the arc at the radius of gyration.
         """
         poses, slopes = self._scored(poses, turn)
-        spacing = float((self.lengths / self.correlation.lattice.counts).min())
+        spacing = float((self.correlation.lengths / self.correlation.lattice.counts).min())
         trust = np.full(len(slopes), 0.5 * spacing)
         sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
-        live = np.arange(len(slopes))
         for _ in range(40):
-            steps = np.einsum("nij,nj->ni", inverse[live], slopes[live])
+            steps = np.einsum("nij,nj->ni", inverse, slopes)
             lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
-            steps *= np.minimum(1.0, trust[live] / lengths)[:, None]
-            moving = lengths > ASCENT_LENGTHS[0] * spacing
-            live, steps, lengths = (
-                live[moving],
-                steps[moving],
-                np.minimum(lengths, trust[live])[moving],
-            )
-            if not len(live):
+            if (lengths <= ASCENT_LENGTHS[0] * spacing).all():
                 break
-            tried, others = self._scored(self._moved(poses.select(live), steps), turn)
-            inverse[live] = _update_inverse(inverse[live], steps, slopes[live] - others)
-            better = tried.scores > poses.scores[live]
-            trust[live] = np.where(
-                better, np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing), 0.3 * lengths
-            )
-            slopes[live[better]] = others[better]
+            steps *= np.minimum(1.0, trust / lengths)[:, None]
+            lengths = np.minimum(lengths, trust)
+            tried, others = self._scored(self._moved(poses, steps), turn)
+            inverse = _update_inverse(inverse, steps, slopes - others)
+            better = tried.scores > poses.scores
+            longer = np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing)
+            trust = np.where(better, longer, 0.3 * lengths)
+            slopes[better] = others[better]
             for column, new in zip(poses, tried, strict=True):
-                column[live[better]] = new[better]
+                column[better] = new[better]
         return poses
 
     def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
         """Move poses by translations and rotations about the centroid."""
+        from scipy.spatial.transform import Rotation
+
         rotations = poses.rotations
         turns = steps[:, self.dim :] / self.gyration
-        if turns.shape[1] == 1:
-            cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
-            rotations = (
-                np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2) @ rotations
-            )
-        elif turns.shape[1] == 3:
-            from scipy.spatial.transform import Rotation
-
-            rotations = Rotation.from_rotvec(turns).as_matrix() @ rotations
-        return poses._replace(centers=poses.centers + steps[:, : self.dim], rotations=rotations)
+        if turns.size:
+            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))
+            turned = Rotation.from_rotvec(vectors).as_matrix()[:, : self.dim, : self.dim]
+            rotations = turned @ rotations
+        return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
 
     def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
         """Score poses, and compute the derivatives by steps."""
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
-        sums = self.fields.evaluate(poses.centers[:, None] + arms)
+        sums = self.correlation.evaluate(poses.centers[:, None] + arms)
         scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
         parts = [forces.sum(axis=1)]
         if turn:
-            pairs = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]
-            twists = [
-                (arms[..., i] * forces[..., j] - arms[..., j] * forces[..., i]).sum(axis=1)
-                for i, j in pairs
-            ]
-            parts.append(np.stack(twists, axis=1) / self.gyration)
+            margins = (0, 0), (0, 0), (0, 3 - self.dim)
+            twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
+            parts.append(twists[:, 2 if self.dim == 2 else 0 :] / self.gyration)
         return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(
             parts, axis=1
         )

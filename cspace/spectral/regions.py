@@ -14,7 +14,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.arrays import Floats, Ints, Row
 from cspace.support.compiling import allocating, kernel
 from cspace.support.threads import in_chunks
 from cspace.support.vectors import box_distance, point_segment, point_triangle, row_at
@@ -109,9 +109,9 @@ class ShapeBoundary:
             return abs(self.shape.measure), abs(self.shape.measure)
         return _bound_volume(self.shape)
 
-    def depths(self, points: Floats) -> Floats:
-        """Compute lower bounds of the depths of points, negative outside."""
-        near, far = self.distances(points)
+    def depths(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of depths, negative outside, at most ``cap``."""
+        near, far = self.distances(points, cap)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
@@ -173,18 +173,6 @@ class Region:
         """Lower and upper bound of the area or volume."""
         return self.inner.measure[0], self.outer.measure[1]
 
-    def locate(self, points: Floats, radius: float) -> tuple[Bools, Bools]:
-        """Return masks: points proven inside, and not proven ``radius`` away."""
-        contained = self.outer.shape.contains(points)
-        error = self.outer.error
-        near = self.outer.distances(points, 1.01 * radius + 2.0 * error)[0]
-        is_inside = (
-            contained & (near > error)
-            if self.inner is self.outer
-            else self.inner.depths(points) > 0.0
-        )
-        return is_inside, contained | (near <= radius + error)
-
     @property
     def box_volume(self) -> float:
         """Volume of the bounding box, thickened to 0.001 diagonals."""
@@ -193,21 +181,11 @@ class Region:
     def make_grid(self, spacing: float) -> Grid:
         """Create a grid, of a spacing in metres, that just covers the region.
 
-        Raises InputError if it has too many cells or does not fit into memory.
+        Raises InputError if it does not fit into memory.
         """
-        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
+        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing).astype(np.int64) + 1
+        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts)
         hint = "use a larger tolerance or fewer balls"
-        if float(np.prod(counts)) > 1.5 * MAX_LATTICE_CELLS:
-            problem = (
-                f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of "
-                f"{spacing:g} m"
-            )
-            raise InputError(
-                "tolerance", problem, f"it may have {MAX_LATTICE_CELLS} cells at most", hint
-            )
-        grid = Grid(
-            self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64)
-        )
         check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
         return grid
 
@@ -303,9 +281,8 @@ class PieceTree(NamedTuple):
 
 
 @allocating
-def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
+def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
     """Return bounds of the distance to the nearest piece, at most ``cap``."""
-    position = row_at(point, 0)
     near = cap
     far = cap
     pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
@@ -348,17 +325,10 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
     """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
 
-    ``near`` and ``far``, shape (n,), receive the lower and upper bounds. The search is fast if
-    consecutive points are close together.
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
     """
     for n in range(len(points)):
-        limit = cap
-        if n > 0:  # the triangle inequality with the previous point
-            square = 0.0
-            for axis in range(3):
-                square += (points[n, axis] - points[n - 1, axis]) ** 2
-            limit = min(cap, (far[n - 1] + math.sqrt(square)) * 1.000001 + 1e-300)
-        near[n], far[n] = bound_distance(tree, points[n], limit)
+        near[n], far[n] = bound_distance(tree, row_at(points[n], 0), cap)
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
@@ -421,9 +391,10 @@ def bound_shape_to_balls(
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
-        is_inside, is_near = region.locate(
-            box_centers[kept], half * math.sqrt(dim) * (1.0 + 1e-9) + error
-        )
+        radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error
+        cap = 1.01 * radius + 2.0 * region.outer.error
+        is_inside = region.depths(box_centers[kept], cap) > 0.0
+        is_near = region.gaps(box_centers[kept], cap) <= radius
         low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
         kept = kept[is_near]
         box_centers, far, owners = box_centers[kept], far[kept], owners[kept]
@@ -447,16 +418,11 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     its radius minus that depth. The lower bound comes from points of the spheres.
     """
     high = max(0.0, float((radii - region.depths(centers)).max()))
-    directions = np.random.default_rng(0).normal(size=(200, region.dim))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    low = 0.0
-    for part in np.array_split(
-        np.arange(len(radii)), math.ceil(len(radii) * len(directions) / MAX_GAP_BOXES)
-    ):
-        points = (
-            centers[part, None] + radii[part, None, None] * (1.0 - MEASURE_ROUNDING) * directions
-        )
-        low = max(low, float(region.gaps(points.reshape(-1, region.dim)).max()))
+    count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
+    directions = np.random.default_rng(0).normal(size=(count, region.dim))
+    directions *= (1.0 - MEASURE_ROUNDING) / np.linalg.norm(directions, axis=1)[:, None]
+    points = centers[:, None] + radii[:, None, None] * directions
+    low = float(region.gaps(points.reshape(-1, region.dim)).max())
     return min(low, high), high
 
 

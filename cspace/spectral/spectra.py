@@ -33,7 +33,7 @@ from cspace.spectral.bump import (
     count_nodes,
     table_points,
 )
-from cspace.spectral.descriptors import BallDescriptor, check_solid_balls
+from cspace.spectral.descriptors import check_solid_balls
 from cspace.support.arrays import Floats
 from cspace.support.check import check_finite
 from cspace.support.threads import cores
@@ -322,61 +322,6 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
     upsampling = 1.25 if tolerance >= 1e-8 else 1.5 if tolerance >= 1e-11 else 2.0
     threads = cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
     return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": upsampling}
-
-
-class Correlation:
-    """Overlaps with weighted balls on a lattice, by inverse FFTs.
-
-    Spectra are those of :class:`cspace.spectral.FourierOverlap`. The lattice has ``shape`` steps to
-    a period, at least as many as there are frequencies.
-    """
-
-    def __init__(
-        self,
-        body: BallDescriptor,
-        target: BallDescriptor,
-        lengths: Floats,
-        counts: tuple[int, ...],
-        shape: tuple[int, ...],
-        accuracy: float,
-        weights: Floats | None = None,
-    ) -> None:
-        self.body, self.lengths, self.shape, self._accuracy = body, lengths, shape, accuracy
-        self.lattice = FrequencyLattice(lengths, counts)
-        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, accuracy))
-        centers = target.centers - target.center
-        self._spectrum = ball_spectrum(
-            centers, target.radii, target.bump, lengths, counts, accuracy, weights=weights
-        )
-
-    def overlaps(self, matrix: Floats) -> Floats:
-        """Return the overlaps with the body rotated, at all steps of the lattice.
-
-        At the first step, the centers of body and target coincide.
-        """
-        moved = (self.body.centers - self.body.center) @ matrix.T
-        turned = sum_terms(self.lattice, moved, self.terms, self._accuracy)
-        return self._invert(self._spectrum * turned.conj())
-
-    def splines(self) -> Iterator[Floats]:
-        """Yield cubic spline coefficients of each term's field on the lattice."""
-        from scipy.ndimage import spline_filter
-
-        for term in self.terms:
-            field = self._invert(self._spectrum * self.lattice.spread(term.factor))
-            yield np.asarray(spline_filter(field, mode="grid-wrap"))
-
-    def _invert(self, spectrum: Complexes) -> Floats:
-        """Return the values of a spectrum on the lattice."""
-        from scipy.fft import irfftn
-
-        padded = np.zeros(self.shape, dtype=np.complex128)
-        padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = (
-            spectrum  # negative ones count from the end
-        )
-        half = padded[..., : self.shape[-1] // 2 + 1]
-        scale = math.prod(self.shape) / math.prod(self.lengths)
-        return np.asarray(irfftn(half, s=self.shape, workers=cores())) * scale
 
 
 def frequency_indices(count: int) -> NDArray[np.intp]:

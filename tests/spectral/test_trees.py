@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import FourierOverlap, Verdict
-from cspace.spectral.trees import BallTree
+from cspace.spectral.trees import build_tree
 from tests.helpers.strategies import seeds
 
 Sets = tuple[np.ndarray, np.ndarray]
@@ -96,13 +96,13 @@ def test_verdicts_about_shapes_take_outer_balls_for_misses_and_inner_ones_for_hi
 def test_nodes_contain_their_balls(dim: int, number: int) -> None:
     rng = np.random.default_rng(number)
     centers, radii = rng.normal(size=(number, dim)), rng.uniform(0.01, 1.0, number)
-    tree = BallTree.of(centers, radii)
-    leaves = tree.nodes[tree.sizes == 1]
+    tree = build_tree(centers, radii)
+    leaves = tree[tree[:, 4] == 1]
     expected = np.column_stack([np.pad(centers, ((0, 0), (0, 3 - dim))), radii])
-    assert sorted(map(tuple, leaves.tolist())) == sorted(map(tuple, expected.tolist()))
-    for k, size in enumerate(tree.sizes.tolist()):
-        below = tree.nodes[k : k + 2 * size - 1]
-        held = below[tree.sizes[k : k + 2 * size - 1] == 1]
+    assert sorted(map(tuple, leaves[:, :4].tolist())) == sorted(map(tuple, expected.tolist()))
+    for k, size in enumerate(tree[:, 4].astype(int).tolist()):
+        below = tree[k : k + 2 * size - 1]
+        held = below[below[:, 4] == 1]
         assert len(held) == size
-        gaps = np.linalg.norm(held[:, :3] - tree.nodes[k, :3], axis=1) + held[:, 3]
-        assert gaps.max() <= tree.nodes[k, 3]
+        gaps = np.linalg.norm(held[:, :3] - tree[k, :3], axis=1) + held[:, 3]
+        assert gaps.max() <= tree[k, 3]
