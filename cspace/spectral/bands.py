@@ -145,7 +145,8 @@ class Spectrum(NamedTuple):
 
         By Parseval's theorem, that is :func:`norm_square` minus the energy in the band.
         """
-        moduli, (total, off) = np.abs(self.values), norm
+        moduli = np.abs(self.values)
+        total, off = norm
         inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
         return max(0.0, total - inside) + off + 2.0**-44 * total
 
@@ -173,7 +174,8 @@ class Terms(NamedTuple):
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
-        moduli_a, moduli_b = np.abs(first.values), np.abs(second.values)
+        moduli_a = np.abs(first.values)
+        moduli_b = np.abs(second.values)
         moduli = np.abs(products)
         errors = weights * (
             moduli_a * second.error + moduli_b * first.error + first.error * second.error
@@ -202,7 +204,9 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
     or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the numbers
     of frequencies summed (n,); and the sums with their bounds (n, 2).
     """
-    products, indices, starts = terms.products, terms.rings.indices, terms.rings.starts
+    products = terms.products
+    indices = terms.rings.indices
+    starts = terms.rings.starts
     number, dim = placements.shape
     middle = max(terms.rings.halves)
     verdicts = np.full(number, UNDECIDED, dtype=np.uint8)
@@ -231,7 +235,9 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
                 verdicts[n] = MISS
             elif total - bound > threshold:
                 verdicts[n] = HIT
-            counts[n], sums[n, 0], sums[n, 1] = starts[ring + 1], total, bound
+            counts[n] = starts[ring + 1]
+            sums[n, 0] = total
+            sums[n, 1] = bound
             if verdicts[n] != UNDECIDED:
                 break
     return verdicts, counts, sums

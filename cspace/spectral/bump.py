@@ -387,8 +387,10 @@ def product_integrals(
     only some directions. Each piece has ``2 count + 1`` nodes.
     """
     # In units of the smaller radius: the larger radius and the distance.
-    small, large = np.minimum(a, b), np.maximum(a, b)
-    radii, gaps = large / small, distance / small
+    small = np.minimum(a, b)
+    large = np.maximum(a, b)
+    radii = large / small
+    gaps = distance / small
     x, weights = double_exponential_rule(count)
     first = np.clip(gaps - radii, 0.0, 1.0)
     cuts = [np.clip(cut, first, 1.0) for cut in (gaps, radii - gaps)]
@@ -398,12 +400,17 @@ def product_integrals(
     radial = first[:, None] + rise
     mass = np.diff(borders, axis=0) * weights * function(radial) * radial ** (dim - 1)
     positive = np.nonzero(mass)
-    mass, rise, radial, pairs = mass[positive], rise[positive], radial[positive], positive[1]
+    mass = mass[positive]
+    rise = rise[positive]
+    radial = radial[positive]
+    pairs = positive[1]
     totals = np.zeros(len(gaps))
     for part in np.array_split(
         np.arange(len(mass)), math.ceil(len(mass) * len(x) / 2**14) or 1
     ):  # fits into the cache
-        s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
+        s = radial[part]
+        gap = gaps[pairs[part]]
+        radius = radii[pairs[part]]
         depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
         with np.errstate(divide="ignore", over="ignore"):  # coinciding centers cover all directions
             covered = np.clip(depth * (radius + gap - s) / (4.0 * s * gap), 0.0, 1.0)[:, None]

@@ -182,7 +182,8 @@ def decompose(
     )
     centers, radii, gap = choose_balls(lattice, count, length)
     order = np.argsort(-radii, kind="stable")
-    centers, radii = frozen(centers[order]), frozen(radii[order])
+    centers = frozen(centers[order])
+    radii = frozen(radii[order])
     measure = Bounds(*bound_ball_measure(centers, radii))
     return BallDecomposition(centers, radii, kind, measure, Bounds(*region.measure), Bounds(*gap))
 
@@ -209,9 +210,11 @@ def _fill_shape(
         cover, _ = _cover_with(lattice, inside, count)
         centers, radii, _ = _nearest_balls(lattice, _fill_greedily(lattice, count), cover)
     inside_shape = radii > 0.0
-    centers, radii = centers[inside_shape], radii[inside_shape]
+    centers = centers[inside_shape]
+    radii = radii[inside_shape]
     if not len(radii):
-        problem, rule = "is too thin for any ball that was found", "inner balls need an inside"
+        problem = "is too thin for any ball that was found"
+        rule = "inner balls need an inside"
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
     gap = bound_shape_to_balls(lattice, centers, radii)[:2]
     if tolerance is not None and gap[1] > tolerance:
@@ -263,7 +266,8 @@ def _cover_shape(
         # it is smooth, so they are tried too.
         centers, depths, growths = _nearest_balls(lattice, _fill_greedily(lattice, number), balls)
         radii = (depths + growths) * (1.0 + 2.0**-40)
-        centers, radii = centers[radii > 0.0], radii[radii > 0.0]
+        centers = centers[radii > 0.0]
+        radii = radii[radii > 0.0]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
@@ -283,7 +287,8 @@ def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Fl
         depths = lattice.region.depths(centers)
         _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
         if distance < best:
-            best, found = distance, (centers, depths, growths)
+            best = distance
+            found = (centers, depths, growths)
     return found
 
 
@@ -297,7 +302,8 @@ def _inner_candidates(lattice: Lattice) -> LatticeBalls:
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     """Choose at most ``number`` balls that contain many cell centers."""
     inside = _inner_candidates(lattice)
-    cells, border = CellCounts.of(lattice, whole=False), lattice.region.inner
+    cells = CellCounts.of(lattice, whole=False)
+    border = lattice.region.inner
     chosen = choose(cells, inside.centers, inside.reaches, number)
     if not len(chosen):  # the shape is so thin that it contains no cell center
         chosen = np.argsort(-inside.depths)[:number]
@@ -324,7 +330,8 @@ def _cover_with(
         length = math.sqrt(good * bad)
         balls, fits = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
         if fits:
-            best, good = balls, length
+            best = balls
+            good = length
         else:
             bad = length
     return best, is_whole
@@ -501,7 +508,8 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
     half = cells.half
     nx, ny, nz = cells.counts.shape
     radius = reach - LATTICE_ROUNDING
-    count, gain = 0, 0
+    count = 0
+    gain = 0
     for i in range(*_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > radius * radius:
@@ -514,8 +522,10 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
             reach_z = math.sqrt(radius * radius - square_xy) - half[2]
             first, stop = _cell_range(center[2], reach_z, nz)
             if first < stop:
-                cells.rows[count, 0], cells.rows[count, 1] = i, j
-                cells.rows[count, 2], cells.rows[count, 3] = first, stop
+                cells.rows[count, 0] = i
+                cells.rows[count, 1] = j
+                cells.rows[count, 2] = first
+                cells.rows[count, 3] = stop
                 cells.squares[count] = square_xy
                 count += 1
                 gain += cells.open_before[i, j, stop] - cells.open_before[i, j, first]
@@ -525,7 +535,8 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
 @kernel
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
     """Add a ball to the counts of its cells, or remove it."""
-    counts, open_before = cells.counts, cells.open_before
+    counts = cells.counts
+    open_before = cells.open_before
     for n in range(_find_rows(cells, center, reach)[0]):
         i, j, first, stop = cells.rows[n]
         for k in range(first, stop):

@@ -152,13 +152,13 @@ def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
         (ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))
     }
     for a, b in list(owner):
-        left_piece, right_piece = owner[a, b], owner.get((b, a))
+        left_piece = owner[a, b]
+        right_piece = owner.get((b, a))
         if right_piece is None or left_piece == right_piece:
             continue
-        left, right = (
-            _rotate_ring(pieces[left_piece], a),
-            _rotate_ring(pieces[right_piece], b),
-        )  # b ... a, and a ... b
+        # b ... a, and a ... b
+        left = _rotate_ring(pieces[left_piece], a)
+        right = _rotate_ring(pieces[right_piece], b)
         if _orientation(left[-2], a, right[1]) < 0 or _orientation(right[-2], b, left[1]) < 0:
             continue
         right = pieces.pop(right_piece)
@@ -228,7 +228,8 @@ class Descriptor:
         values = check_finite(self.values, "values")
         if values.shape != self.grid.shape:
             problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            rule, hint = "the shapes must be equal", "pass one value for each cell"
+            rule = "the shapes must be equal"
+            hint = "pass one value for each cell"
             raise InputError("values", problem, rule, hint, value=self.values)
         values = values.copy()
         values.flags.writeable = False
@@ -387,7 +388,8 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
                 inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5
             )
     else:
-        problem, rule = "is bounded by an outer and an inner shape", "it must be an exact shape"
+        problem = "is bounded by an outer and an inner shape"
+        rule = "it must be an exact shape"
         raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
     return Descriptor(grid, inside.astype(np.float64))
 
@@ -547,7 +549,8 @@ def minkowski_sum(
 
     if isinstance(first, Geometry) and isinstance(second, Geometry):
         return sum_polygons(first, second)
-    one, other = check_sampled(first), check_sampled(second)
+    one = check_sampled(first)
+    other = check_sampled(second)
     grid = one.grid
     f = one.values
     g = other.values

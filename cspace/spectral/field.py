@@ -46,7 +46,8 @@ class OverlapField:
 
     def __post_init__(self) -> None:
         """Check the values, and make them read-only."""
-        values, shape = self.values, _shape_on(self.space)
+        values = self.values
+        shape = _shape_on(self.space)
         if values.shape != shape or values.dtype != np.float64:
             problem = f"has shape {values.shape} and type {values.dtype}"
             rule = f"it must have the map's shape {shape} and type float64"
@@ -70,9 +71,11 @@ class OverlapField:
         argument: object = overlap
         if not isinstance(argument, FourierOverlap):
             problem = f"is a {type(argument).__name__}"
-            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
+            rule = "it must be a FourierOverlap"
+            hint = "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", problem, rule, hint, value=argument)
-        grid, slices = space.grid, space.slice_of
+        grid = space.grid
+        slices = space.slice_of
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape = int(slices.max()) + 1, *grid.shape
         check_memory(8.0 * math.prod(shape), "the overlap field", grid)
@@ -101,7 +104,8 @@ class OverlapField:
         """
         from scipy.ndimage import map_coordinates
 
-        space, grid = self.space, self.space.grid
+        space = self.space
+        grid = self.space.grid
         points = check_points(q, "q", space.size)
         rows = points.reshape(-1, space.size)
         places = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
@@ -120,9 +124,11 @@ def _shape_on(space: CSpace) -> tuple[int, ...]:
 @kernel
 def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
     """Interpolate a field, given as the values of all cells in a row, in compiled code."""
-    s, total = slice_of(map_, rotation), 0.0
+    s = slice_of(map_, rotation)
+    total = 0.0
     for corner in range(8):
-        weight, cell = 1.0, s
+        weight = 1.0
+        cell = s
         for axis in range(3):
             count = map_.states.shape[axis + 1]
             place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5

@@ -154,7 +154,8 @@ class FourierOverlap:
         tolerance: float = 1e-3,
     ) -> None:
         kind = common_bump(bump, a, b)
-        first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
+        first = as_balls(a, "a", kind)
+        second = as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
         arms = np.linalg.norm(first.centers - first.center, axis=1) + first.radii
@@ -458,7 +459,8 @@ class BallPair:
     @cached_property
     def contacts(self) -> ContactTest:
         """Contact test of A, rotated, and B."""
-        (outer_a, outer_b), (inner_a, inner_b) = self.outer, self.inner
+        outer_a, outer_b = self.outer
+        inner_a, inner_b = self.inner
         outer_a, inner_a = (rotate_tree(tree, self.rotation) for tree in (outer_a, inner_a))
         half_sides = _in_space(self.half_sides[None])[0]
         return ContactTest(outer_a, outer_b, inner_a, inner_b, half_sides, 4.0 * self.error)
@@ -611,7 +613,8 @@ class _Level:
         w.(e x p)`` times the ball's part. The sums of ``p`` times these parts are spectra of
         weighted balls.
         """
-        rings, a = self.band.rings, self._a
+        rings = self.band.rings
+        a = self._a
         moments = [
             Spectrum.of(a, self._pivot, rings, weights=column).values for column in a.centers.T
         ]
@@ -646,7 +649,8 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation"
     )
     if dim == 2 and values.ndim == 0:
-        sine, cosine = math.sin(float(values)), math.cos(float(values))
+        sine = math.sin(float(values))
+        cosine = math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])
     if values.shape == (dim, dim):
         left, stretch, right = np.linalg.svd(values)

@@ -36,7 +36,8 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(square[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
-    centers, radii = balls.centers, balls.radii
+    centers = balls.centers
+    radii = balls.radii
     for i, j, gaps in _close_pairs(centers, radii, centers, radii, 0.0):
         once = i < j
         values, errors = tabulated_integrals(
@@ -97,7 +98,8 @@ def tabulated_integrals(
     # The integrals of indicators are not smooth in the distance.
     tabulated = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
     for number in np.flatnonzero(tabulated):
-        large, small = (keys[number].real, keys[number].imag)
+        large = keys[number].real
+        small = keys[number].imag
         members = group == number
         fit, error = _tabulate_pair(bump, float(large), float(small), dim)
         values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)

@@ -179,7 +179,8 @@ def best_placements(
     matrices = _rotation_matrices(rotations, body.dim)
     apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
-    most, found = 2 * number + 8, _Poses.none(body.dim)
+    most = 2 * number + 8
+    found = _Poses.none(body.dim)
     for matrix in matrices:
         floor = found.scores[-1] if len(found.scores) == most else 0.0
         found = found.append(score.peaks(matrix, float(floor), most)).distinct(
@@ -211,7 +212,9 @@ class Correlation:
     ) -> None:
         from scipy.fft import next_fast_len
 
-        self.body, self.target, self.lengths = body, target, np.array(lengths)
+        self.body = body
+        self.target = target
+        self.lengths = np.array(lengths)
         self.shape = tuple(next_fast_len(count, real=True) for count in counts)
         self.cells_per_metre = self.shape / self.lengths
         self.lattice = FrequencyLattice(self.lengths, counts)
@@ -325,7 +328,8 @@ class BallPenetration:
         d), in square or cubic metres, and that per metre. Raises InputError if the shape is
         another, or a value is not finite.
         """
-        points, dim = check_finite(centers, "centers"), len(self._lower)
+        points = check_finite(centers, "centers")
+        dim = len(self._lower)
         count = len(self._fields.body.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             rule = f"the last axes must be {count} balls and {dim} coordinates"
@@ -471,7 +475,8 @@ class _Score:
         """Score poses, and compute the derivatives by steps."""
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         sums = self.correlation.evaluate(poses.centers[:, None] + arms)
-        scores, forces = sums[..., 0].sum(axis=1), sums[..., 1:]
+        scores = sums[..., 0].sum(axis=1)
+        forces = sums[..., 1:]
         parts = [forces.sum(axis=1)]
         if turn:
             margins = (0, 0), (0, 0), (0, 3 - self.dim)

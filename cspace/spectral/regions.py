@@ -93,7 +93,8 @@ class ShapeBoundary:
             raise InputError(
                 "shape", "consists of balls already", rule, "use these balls", value=shape
             )
-        self.shape, self.dim = shape, shape.dim
+        self.shape = shape
+        self.dim = shape.dim
         corners = self.pieces.reshape(-1, self.dim)
         self.error = BOUNDARY_ROUNDING * float(np.abs(corners).max())
         if self.dim == 3:
@@ -124,7 +125,8 @@ class ShapeBoundary:
     def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
         """Compute bounds of distances to the boundary, at most ``cap``."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
-        near, far = np.empty(len(points)), np.empty(len(points))
+        near = np.empty(len(points))
+        far = np.empty(len(points))
 
         def work(start: int, stop: int) -> int:
             chunk = slice(start, stop)
@@ -165,7 +167,8 @@ class Region:
         self.bounds = np.array(shape.outer.bounds)
         self.outer = ShapeBoundary(shape.outer)
         self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
-        self.depths, self.gaps = self.inner.depths, self.outer.gaps
+        self.depths = self.inner.depths
+        self.gaps = self.outer.gaps
         self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
     @property
@@ -202,7 +205,8 @@ class Lattice:
     """
 
     def __init__(self, region: Region, spacing: float) -> None:
-        grid, flat = region.make_grid(spacing), 3 - region.dim
+        grid = region.make_grid(spacing)
+        flat = 3 - region.dim
         cells = region.shape.cells(grid)[0]
         self.region = region
         self.side = grid.spacing
@@ -287,7 +291,9 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
     far = cap
     pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
     gaps = np.empty(MAX_PENDING_NODES)
-    pending[0], gaps[0], count = 0, 0.0, 1
+    pending[0] = 0
+    gaps[0] = 0.0
+    count = 1
     while count > 0:
         count -= 1
         # Boxes include the errors of their pieces, so no piece is nearer than its box.
@@ -307,7 +313,8 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
                 near = min(near, gap)
                 far = min(far, gap + tree.errors[n])
             continue
-        child_a, child_b = node + 1, node + 2 * (size // 2)
+        child_a = node + 1
+        child_b = node + 2 * (size // 2)
         gap_a = box_distance(tree.boxes[child_a], position)
         gap_b = box_distance(tree.boxes[child_b], position)
         # Push the nearer box last, so that it is popped first.
@@ -383,7 +390,8 @@ def bound_shape_to_balls(
     dim = lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
     low = float(cube_gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
-    box_centers, high = lattice.to_metres(lattice.cell_centers), 0.0
+    box_centers = lattice.to_metres(lattice.cell_centers)
+    high = 0.0
     growths = np.full(len(radii), -np.inf)
     halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
     for level in range(MAX_GAP_HALVINGS + 1):
@@ -397,7 +405,9 @@ def bound_shape_to_balls(
         is_near = region.gaps(box_centers[kept], cap) <= radius
         low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
         kept = kept[is_near]
-        box_centers, far, owners = box_centers[kept], far[kept], owners[kept]
+        box_centers = box_centers[kept]
+        far = far[kept]
+        owners = owners[kept]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
         is_open = far > low + max(0.02 * low, 1e-4 * region.size)
         if level == MAX_GAP_HALVINGS or np.count_nonzero(is_open) * len(halves) > MAX_GAP_BOXES:

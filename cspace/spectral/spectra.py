@@ -117,7 +117,8 @@ def ball_spectrum(
     one radius, and is not installed.
     """
     points, sizes = check_solid_balls(centers, radii)
-    kind, dim = check_bump(bump), points.shape[1]
+    kind = check_bump(bump)
+    dim = points.shape[1]
     within = check_tolerance(tolerance, MIN_SPECTRUM_TOLERANCE)
     lattice = FrequencyLattice(_check_lengths(lengths, dim), _check_counts(counts, dim))
     factors = np.ones_like(sizes) if weights is None else check_finite(weights, "weights")
@@ -188,7 +189,8 @@ def radial_terms(
     lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
 ) -> Iterator[Term]:
     """Return the terms of balls, wherever their centers are."""
-    moduli, dim = lattice.moduli, len(lattice.counts)
+    moduli = lattice.moduli
+    dim = len(lattice.counts)
     different = len(np.unique(radii))
     terms = None
     if different > MIN_RADII_FOR_BASIS:
@@ -241,7 +243,8 @@ def radius_basis(
     values = spectrum((nodes / max_radius)[:, None, None] * points)
     position = np.clip((radii - center) / half, -1.0, 1.0)
     shares = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations))
-    all_balls, strengths = np.arange(len(radii)), shares * radii**dim
+    all_balls = np.arange(len(radii))
+    strengths = shares * radii**dim
     tables = (
         RadialTable(np.tensordot(column, values, axes=1), highest) for column in combinations.T
     )

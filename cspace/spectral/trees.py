@@ -40,7 +40,9 @@ def build_tree(centers: Floats, radii: Floats) -> Floats:
 
 def _add_nodes(nodes: list[Floats], points: Floats, radii: Floats) -> None:
     """Append the tree of balls, shapes (n, 3) and (n, 1), which are halved."""
-    center, reach, size = points[0], radii[0], len(points)
+    center = points[0]
+    reach = radii[0]
+    size = len(points)
     if size > 1:
         # The center is the bounding box's; the radius reaches beyond the farthest ball, in spite of
         # rounding.
@@ -55,7 +57,8 @@ def _add_nodes(nodes: list[Floats], points: Floats, radii: Floats) -> None:
 
 def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
     """Rotate a tree about the origin."""
-    rotated, dim = tree.copy(), len(matrix)
+    rotated = tree.copy()
+    dim = len(matrix)
     rotated[:, :dim] = tree[:, :dim] @ matrix.T
     return rotated
 
@@ -71,7 +74,8 @@ def compare_placed(
     """
     result = MISS
     count = min(1, len(a), len(b))
-    pending[0, 0], pending[0, 1] = 0, 0
+    pending[0, 0] = 0
+    pending[0, 1] = 0
     while count > 0:
         count -= 1
         i, j = pending[count]
@@ -81,7 +85,8 @@ def compare_placed(
         reach = p[3] + q[3]
         if square > (reach + slack) * (reach + slack):
             continue
-        size_a, size_b = int(p[4]), int(q[4])
+        size_a = int(p[4])
+        size_b = int(q[4])
         if size_a == 1 and size_b == 1:
             if reach > slack and square < (reach - slack) * (reach - slack):
                 return HIT
@@ -93,8 +98,10 @@ def compare_placed(
             i1, i2 = i + 1, i + 2 * (size_a // 2)
         else:
             j1, j2 = j + 1, j + 2 * (size_b // 2)
-        pending[count, 0], pending[count, 1] = i1, j1
-        pending[count + 1, 0], pending[count + 1, 1] = i2, j2
+        pending[count, 0] = i1
+        pending[count, 1] = j1
+        pending[count + 1, 0] = i2
+        pending[count + 1, 1] = j2
         count += 2
     return result
 
