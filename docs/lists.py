@@ -18,14 +18,14 @@ MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOT
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 FOR_PLANNERS = (
-    "check_bounds, check_endpoint, dim, find_goals, find_unusable, has_cells, has_poses, in_memory, "
+    "check_bounds, check_endpoint, dim, find_goals, has_cells, has_poses, in_memory, "
     "max_velocity, path_exists, resolution, search, searches, steps_between"
 )
 """What planners ask of maps and arms; the page of Space describes it."""
 
 INSIDE = {
-    "CSpace": f"{FOR_PLANNERS}, facts, distances, find_cheap_path, kernel_map, path_obstacle_distance",
-    "TiledCSpace": f"{FOR_PLANNERS}, facts, path_obstacle_distance, subproblems",
+    "CSpace": f"{FOR_PLANNERS}, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
+    "TiledCSpace": f"{FOR_PLANNERS}, facts, find_unusable, path_obstacle_distance, subproblems",
     "ArmSpace": FOR_PLANNERS,
     "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "
     "contact_samples, moving_pairs, ranges, rest, solve_pose, whole_turns",

@@ -24,6 +24,7 @@ from cspace.export.maps import EXPORT_FORMATS
 from cspace.files import points
 from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS, read_dimension
 from cspace.record.save import MAP_SUFFIXES
+from cspace.shapes import primitives
 from cspace.shapes.primitives import SHORT_TEXTS
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT
@@ -73,6 +74,22 @@ def test_every_reader_of_points_has_a_format() -> None:
     assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
+def test_every_reader_of_a_file_has_a_format() -> None:
+    readers = {
+        name
+        for name, method in inspect.getmembers(Workspace, inspect.ismethod)
+        if name.startswith("from_") and "path" in inspect.signature(method).parameters
+    }
+    methods = {known.method for known in WORKSPACE_FORMATS.values()}
+    assert readers - {"from_moveit_scene"} <= methods  # scenes are YAML, as ROS maps are
+
+
+def test_every_format_is_tested() -> None:
+    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests/files").glob("*.py")]
+    suffixes = {*WORKSPACE_FORMATS, *ROBOT_FORMATS} - {*SAME_CONTENT}
+    assert [suffix for suffix in suffixes if not any(f'{suffix}"' in text for text in tests)] == []
+
+
 def test_every_format_has_its_constructor_and_writer() -> None:
     assert all(hasattr(Workspace, known.method) for known in WORKSPACE_FORMATS.values())
     assert all(hasattr(Robot, known.method) for known in ROBOT_FORMATS.values())
@@ -93,6 +110,25 @@ def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str,
 
 
 # ---- robots --------------------------------------------------------------------------------------
+
+
+def test_every_primitive_has_a_short_text() -> None:
+    made = {
+        name
+        for name, function in inspect.getmembers(primitives, inspect.isfunction)
+        if not name.startswith("_")
+        and inspect.signature(function).return_annotation == "NamedShape"
+    }
+    texts = {{"rect": "rectangle"}.get(name, name) for name in SHORT_TEXTS}
+    assert made - {"parse_short_text"} == texts
+
+
+@pytest.mark.parametrize("name", sorted(SHORT_TEXTS.keys() - {"box", "footprint"}))
+def test_a_short_text_makes_the_robot_of_its_method(name: str) -> None:
+    example = SHORT_TEXTS[name].example
+    sizes = map(float, re.split("[x,]", example.partition(":")[2]))
+    method = getattr(Robot, {"rect": "rectangle"}.get(name, name))
+    assert Robot.parse(example).spec == method(*sizes).spec
 
 
 @pytest.mark.parametrize("name", SHORT_TEXTS)
@@ -127,6 +163,10 @@ def test_every_query_of_batches_obeys_the_laws_and_answers_a_question() -> None:
     assert queries == set(BATCH_QUERIES)
     page = (DOCS / "howto" / "which_query.md").read_text(encoding="utf-8")
     assert [name for name in queries if f"space.{name}(" not in page] == []
+    tests = "".join(
+        file.read_text(encoding="utf-8") for file in (ROOT / "tests/queries").glob("*.py")
+    )
+    assert [name for name in queries if f".{name}(" not in tests] == []
 
 
 # ---- generated lists -----------------------------------------------------------------------------
