@@ -222,7 +222,7 @@ def _choose_sampler(
         if sampler is not None or exact:
             raise InputError(
                 "rng",
-                f"is given and {'exact' if exact else 'valid_state_sampler'} is given",
+                f"is given and {'exact is True' if exact else 'valid_state_sampler is given'}",
                 "it is for FreeStateSampler",
                 "leave one of the two out",
                 value=rng,

@@ -19,7 +19,7 @@ def test_a_state_stores_a_configuration_exactly(name: str) -> None:
         find_state_kind(build_room(name)),
     )
     states = kind.make()
-    kind.set_bounds(states, [-5.0] * dim, [7.0] * dim)
+    kind.set_bounds(states, np.full(dim, -5.0), np.full(dim, 7.0))
     first, second = states.allocState(), states.allocState()
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -49,7 +49,7 @@ def test_a_radian_counts_as_half_a_metre(name: str) -> None:
         find_state_kind(build_room(name)),
     )
     states = kind.make()
-    kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
+    kind.set_bounds(states, np.zeros(dim), np.full(dim, 9.0))
     first, second = states.allocState(), states.allocState()
     still, turned = {
         0: ((), ()),
