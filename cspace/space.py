@@ -29,7 +29,7 @@ from cspace.queries.batches import (
 )
 from cspace.queries.points import NOT_USABLE
 from cspace.raster import Raster
-from cspace.record.cells import Map, make_record
+from cspace.record.cells import Map, make_map_record
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.record.states import (
@@ -1095,7 +1095,7 @@ class CSpace(ConfigurationMap, MapExport):
     @lazy
     def kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
-        return make_record(
+        return make_map_record(
             self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
         )
 

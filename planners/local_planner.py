@@ -183,7 +183,7 @@ class LocalPlanner:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
         return self.space.distance(starts, ends)
 
-    def breakpoints(self, path: Floats) -> Floats:
+    def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes."""
         return path
 
@@ -213,7 +213,7 @@ class LocalPlanner:
 
         ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
         """
-        path = self.breakpoints(path)
+        path = self.insert_breakpoints(path)
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
         pieces = [self.split_edge(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
@@ -222,7 +222,7 @@ class LocalPlanner:
 
     def resample(self, path: Floats) -> Floats:
         """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
-        path = self.breakpoints(path)
+        path = self.insert_breakpoints(path)
         step = 2.0 * self.space.resolution
         rows = [path[:1]]
         for a, b in itertools.pairwise(path):
@@ -371,13 +371,15 @@ class TurnDriveTurn(LocalPlanner):
 
         return min(ahead, back, key=rotation)
 
-    def breakpoints(self, path: Floats) -> Floats:
+    def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which turns and drives begin."""
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
-            drive, _, _ = self.find_parts(*first, *last)
-            for q in list(drive[:3]), list(drive[3:]), last:
+            yaw = self.heading(*first, *last)
+            drive_start = [first[0], first[1], yaw]
+            drive_end = [last[0], last[1], yaw]
+            for q in (drive_start, drive_end, last):
                 if q != waypoints[-1]:
                     waypoints.append(q)
         return np.array(waypoints).reshape(-1, 3)

@@ -491,7 +491,7 @@ def _search_tile_by_tile(
         result = _search(part_task, may_exist)
         planning += result.planning
         simplification += result.simplification
-        found = edges.breakpoints(edges.space.rotations.make_canonical(result.path))
+        found = edges.insert_breakpoints(edges.space.rotations.make_canonical(result.path))
         result = replace(
             result,
             path=found,

@@ -336,16 +336,18 @@ class BoundaryProofs:
     def _are_nested(self, q: Floats) -> Bools:
         """Return whether a part of one side lies inside the other.
 
-        No boundaries may meet. Tests only the cases that :func:`edge_state` leaves MIXED.
+        Their boundaries may not meet. Tests only the cases that :func:`edge_state` leaves MIXED.
         """
-        small = self._inputs.containment.anchors
-        positions, angles = self._place_robot(q)
-        own = self._anchors @ angles.swapaxes(1, 2) + positions[:, None]
-        near = (small - positions[:, None]) @ angles
-        nested = _contain_any(self._robot, self._robot.bounds, near[..., : self._dim])
+        positions, matrices = self._place_robot(q)
+        # Points of the robot in the world, shape (n, robot anchors, 3).
+        robot_points = self._anchors @ matrices.swapaxes(1, 2) + positions[:, None]
+        # Points of obstacles in the robot's frame, shape (n, obstacle anchors, 3).
+        obstacle_points = (self._inputs.containment.anchors - positions[:, None]) @ matrices
+        dim = self._dim
+        nested = _contain_any(self._robot, self._robot.bounds, obstacle_points[..., :dim])
         for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
-            nested |= _contain_any(shape, self._bounds, own[..., : self._dim])
+            nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
         return nested
 
 

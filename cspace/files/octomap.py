@@ -123,6 +123,12 @@ def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHead
     return _OctomapHeader(binary, tree, count, side)
 
 
+_FREE_LEAF: Final = 1
+_OCCUPIED_LEAF: Final = 2
+_INNER_NODE: Final = 3
+"""Kinds of nodes of a binary octree; 0 is unknown."""
+
+
 class _Leaves(NamedTuple):
     """Leaves of an octree.
 
@@ -155,22 +161,26 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> _Leaves:
 
 
 def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
-    """Return the leaves and the number of nodes of a binary tree.
+    """Decode the leaves of a binary octree, and count its nodes.
 
     It has one record per inner node, with two bits for each of its eight children: 01 is a free
     leaf, 10 an occupied leaf, 11 an inner node, and 00 unknown.
     """
     records = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
-    kinds = (records[:, None] >> np.arange(0, 16, 2, dtype=np.uint16) & 3).astype(np.uint8)
-    firsts, sides = _place_nodes(np.packbits(kinds == 3, axis=1, bitorder="little"), 2)
+    shifts = np.arange(0, 16, 2, dtype=np.uint16)
+    kinds = (records[:, None] >> shifts & 3).astype(np.uint8)
+    inner_masks = np.packbits(kinds == _INNER_NODE, axis=1, bitorder="little")
+    firsts, sides = _place_nodes(inner_masks, 2)
     kinds = kinds[: len(firsts)]
     if not kinds.any(axis=1).all():
         raise ContentError("holds an inner node without children")
-    parents, children = np.nonzero((kinds == 1) | (kinds == 2))
-    sides = sides[parents] // 2
-    corners = _unravel(firsts[parents] + sides * _CHILD_OFFSETS[children])
-    leaves = _Leaves(corners, sides, kinds[parents, children] == 2)
-    return leaves, 1 + int(np.count_nonzero(kinds))
+    is_leaf = (kinds == _FREE_LEAF) | (kinds == _OCCUPIED_LEAF)
+    parents, children = np.nonzero(is_leaf)
+    leaf_sides = sides[parents] // 2
+    corners = _unravel(firsts[parents] + leaf_sides * _CHILD_OFFSETS[children])
+    leaves = _Leaves(corners, leaf_sides, kinds[is_leaf] == _OCCUPIED_LEAF)
+    below_root = int(np.count_nonzero(kinds))
+    return leaves, 1 + below_root
 
 
 def _decode_full(data: bytes, colour_bytes: int) -> tuple[_Leaves, int]:

@@ -25,7 +25,7 @@ from cspace.queries.callbacks import edge_checker
 from cspace.queries.distance import Distances
 from cspace.queries.paths import in_time, pulled_straight, waypoints
 from cspace.queries.search import EXACT_WEIGHT, check_deadline, find_chain
-from cspace.record.cells import Map, make_record
+from cspace.record.cells import Map, make_map_record
 from cspace.record.states import read_only
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Bytes, Floats, Ints
@@ -270,4 +270,4 @@ def _cut_wide_map(
     states = narrow_states(widths[(slice(None), *map(slice, first, stop))], min_width)
     lower = tuple((grid.lower + grid.spacing * first).tolist())
     part = Grid(lower, grid.spacing, states.shape[1:])
-    return make_record(states, part, map_.exterior, map_.rotations)
+    return make_map_record(states, part, map_.exterior, map_.rotations)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from cspace.grid import Grid
 from cspace.record.states import read_only
@@ -42,10 +42,21 @@ class Map(NamedTuple):
     rotations: RotationTable
 
 
-def make_record(states: States, grid: Grid, exterior: Ints, rotations: RotationTable) -> Map:
-    """Make the record of states, shape (slices, x, y) or (slices, x, y, z)."""
+def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: RotationTable) -> Map:
+    """Make the record of a map from states, shape (slices, x, y) or (slices, x, y, z)."""
+    lower = tuple(grid.lower)
+    upper = tuple(grid.upper)
     if grid.dim == 2:
+        # The plane is one layer of cells, from 0 to the spacing along the first axis.
         states = states[:, None]
-    a, b, c = (0.0, *grid.lower)[-3:]
-    x, y, z = (grid.spacing, *grid.upper)[-3:]
-    return Map(read_only(states), grid.dim, (a, b, c), (x, y, z), grid.spacing, exterior, rotations)
+        lower = (0.0, *lower)
+        upper = (grid.spacing, *upper)
+    return Map(
+        states=read_only(states),
+        dim=grid.dim,
+        lower=cast("Row", lower),
+        upper=cast("Row", upper),
+        spacing=grid.spacing,
+        exterior=exterior,
+        rotations=rotations,
+    )

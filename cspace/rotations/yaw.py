@@ -230,29 +230,28 @@ class YawRotations(Rotations):
         return (np.arange(len(self))[:, None] + np.array(steps, dtype=np.int64)) % len(self)
 
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Return the quarter turns and mirrors that map centers to centers.
+        """Return the quarter turns and mirrors that map yaw cells to yaw cells.
 
-        They are about z and along it.
+        Turns are about z; mirror planes contain z.
         """
         if not self.is_uniform():
             return Rotations.find_images(self, shape)
         images: list[tuple[Floats, Ints]] = []
-        for mirror in (1.0, -1.0):
-            for symmetry in shape.symmetries:
-                (a, b), (c, d) = symmetry[:2, :2].tolist()
-                if a * d - b * c == mirror and (symmetry[2:, 2:] == 1.0).all():
-                    break
-            else:
-                continue
+        for determinant in (1.0, -1.0):
             # Any other symmetry of the robot gives the same images in another order.
-            matrices = np.tile(np.eye(len(symmetry)), (4, 1, 1))
-            matrices[:, :2, :2] = _QUARTER_MATRICES * (1.0, mirror)
-            angles = np.arctan2(*(matrices[:, 1::-1, :2] @ symmetry[:2, 0]).T)
-            # A mirror and a rotation commute if the rotation changes sign.
-            yaws = mirror * self._yaws + angles[:, None]
-            cells = self.cell_of(yaws)
-            errors = np.abs(np.sin((yaws - self._yaws[cells]) / 2.0)).max(axis=1)
-            images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
+            symmetry = _find_symmetry_about_z(shape, determinant)
+            if symmetry is None:
+                continue
+            for quarter in _QUARTER_MATRICES:
+                matrix = np.eye(len(symmetry))
+                matrix[:2, :2] = quarter * (1.0, determinant)
+                x, y = matrix[:2, :2] @ symmetry[:2, 0]
+                # A mirror reverses the sense of rotation.
+                yaws = determinant * self._yaws + np.arctan2(y, x)
+                cells = self.cell_of(yaws)
+                errors = np.abs(np.sin((yaws - self._yaws[cells]) / 2.0))
+                if errors.max() < ANGLE_SLACK / 8.0:
+                    images.append((matrix, cells))
         return images
 
     def make_lookups(self, slice_of: Ints) -> RotationTable:
@@ -268,3 +267,13 @@ def check_wrappable(yaws: Floats, name: str) -> None:
         raise InputError(
             name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest
         )
+
+
+def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | None:
+    """Return a symmetry of a shape that keeps z and has a determinant, or None."""
+    for symmetry in shape.symmetries:
+        (a, b), (c, d) = symmetry[:2, :2].tolist()
+        keeps_z = bool((symmetry[2:, 2:] == 1.0).all())
+        if keeps_z and a * d - b * c == determinant:
+            return symmetry
+    return None

@@ -182,8 +182,8 @@ class Balls(ExactShape):
         """True if all centers are on the z axis."""
         return not self.centers[:, :2].any()
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return transformed rows; see :meth:`Shape.transform_features`."""
         return np.column_stack([self.centers @ matrix.T, self.radii])
 
     @property

@@ -355,13 +355,15 @@ class Mesh(ExactShape):
                 f"point; if this is not intended, move its center there first, by {move}"
             )
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return the triangles, each from its smallest corner on."""
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return the transformed triangles, each rotated to begin at its smallest corner."""
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
-        if np.linalg.det(matrix) < 0.0:
-            corners = corners[:, ::-1]
-        ranks = unique_rows(corners.reshape(-1, 3))[1].reshape(-1, 3)
-        order = (ranks.argmin(axis=1)[:, None] + np.arange(3)) % 3
+        is_mirror = np.linalg.det(matrix) < 0.0
+        if is_mirror:
+            corners = corners[:, ::-1]  # keeps the normals outward
+        _, ranks = unique_rows(corners.reshape(-1, 3))
+        smallest = ranks.reshape(-1, 3).argmin(axis=1)
+        order = (smallest[:, None] + np.arange(3)) % 3
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:

@@ -187,15 +187,16 @@ class Polygons(ExactShape):
             else shapely.union_all(list(self.geometries))
         )
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return boundary segments in both directions with the index of their part."""
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return the transformed segments, both ways round, with the number of their part."""
         segments = np.concatenate([segments for segments, _ in self.parts])
-        number = np.repeat(
-            np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts]
-        )
-        moved = np.hstack([segments[:, :2] @ matrix.T, segments[:, 2:] @ matrix.T])
-        both = np.concatenate([moved, moved[:, [2, 3, 0, 1]]])
-        return np.column_stack([both, np.tile(number, 2)])
+        counts = [len(segments) for segments, _ in self.parts]
+        part = np.repeat(np.arange(len(counts)), counts)
+        starts = segments[:, :2] @ matrix.T
+        ends = segments[:, 2:] @ matrix.T
+        forward = np.column_stack([starts, ends, part])
+        backward = np.column_stack([ends, starts, part])
+        return np.concatenate([forward, backward])
 
     @property
     def spec(self) -> dict[str, object]:

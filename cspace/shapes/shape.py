@@ -209,14 +209,15 @@ class Shape(ABC):
         """
         if not (matrix == np.sign(matrix)).all():
             return False
-        return np.array_equal(self._own_features, unique_rows(self.features(matrix) + 0.0)[0])
+        rows, _ = unique_rows(self.transform_features(matrix) + 0.0)
+        return np.array_equal(self._own_features, rows)
 
     @cached_property
     def _own_features(self) -> Floats:
-        return unique_rows(self.features(np.eye(self.dim)) + 0.0)[0]
+        return unique_rows(self.transform_features(np.eye(self.dim)) + 0.0)[0]
 
     @abstractmethod
-    def features(self, matrix: Floats) -> Floats:
+    def transform_features(self, matrix: Floats) -> Floats:
         """Return rows that identify the shape under a matrix.
 
         The entries of the matrix are -1, 0 and 1.
@@ -460,9 +461,9 @@ class BoundedShape(Shape):
         """True if every rotation about z maps the shape to itself."""
         return self._is_round_about_z
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
-        rows = [side.features(matrix) for side in (self.outer, self.inner)]
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return transformed rows; see :meth:`Shape.transform_features`."""
+        rows = [side.transform_features(matrix) for side in (self.outer, self.inner)]
         return np.concatenate(
             [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]
         )

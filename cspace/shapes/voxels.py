@@ -131,8 +131,8 @@ class Box(ExactShape):
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return transformed rows; see :meth:`Shape.transform_features`."""
         corners = np.array([self.lower, self.upper]) @ matrix.T
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
@@ -316,8 +316,8 @@ class Voxels(ExactShape):
             return self
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
-    def features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape under a matrix; see :meth:`Shape.features`."""
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return transformed rows; see :meth:`Shape.transform_features`."""
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
         corners = np.stack([low, high]) @ matrix.T

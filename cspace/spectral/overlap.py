@@ -551,6 +551,9 @@ class _Band:
         return self.spectrum_b.tail(self.rings, _norm(self.b))
 
 
+_SMALLEST_BAND: Final = 2_000
+"""Product of the halves up to which a band is not divided further."""
+
 _norm = lru_cache(maxsize=64)(norm_square)
 """Integral of a squared descriptor, and its error; bands and rotations share it."""
 
@@ -558,15 +561,17 @@ _norm = lru_cache(maxsize=64)(norm_square)
 def _make_bands(
     a: BallDescriptor, b: BallDescriptor, lengths: Floats, halves: tuple[int, ...]
 ) -> list[_Band]:
-    """Return all bands, the smallest first; small bands decide most queries.
+    """Make nested frequency bands, the smallest first.
 
-    The last one is the whole band. Each has an eighth of the frequencies of the next, down to about
-    2,000.
+    The last band is the whole one. Each has about an eighth of the frequencies of the next. Small
+    bands come first because they decide most queries.
     """
-    found = [halves]
-    while math.prod(found[-1]) > 2_000:
-        found.append(tuple(math.ceil(half / 8.0 ** (1.0 / len(halves))) for half in found[-1]))
-    return [_Band(a, b, lengths, each) for each in reversed(found)]
+    shrinkage = 8.0 ** (1.0 / len(halves))
+    bands = [_Band(a, b, lengths, halves)]
+    while math.prod(halves) > _SMALLEST_BAND:
+        halves = tuple(math.ceil(half / shrinkage) for half in halves)
+        bands.append(_Band(a, b, lengths, halves))
+    return bands[::-1]
 
 
 class _Level:

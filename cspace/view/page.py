@@ -387,19 +387,22 @@ class Page:
         self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
     def _reach(self) -> None:
-        """Move the arm to the pose of its tool frame, and show whether it reaches it."""
+        """Move the arm to its dragged tool frame, and show the outcome."""
         problem = self._canvas.reach()
         q = self._canvas.robot
         self.panel.show_robot(self._canvas.dial_values(q))
         self.mark("goal", q)
-        reached = "**Reached**, proven free."
-        if problem:
-            reached = "**Not reached**; the arm shows the nearest pose.  "
-            reached += f"\n{problem[:1].upper()}{problem[1:]}."
-        elif not self._space.is_free(q):
-            reached = "**Reached**, but not proven free."
-        self.panel.tool.content = reached
+        self.panel.tool.content = self._describe_reach(q, problem)
         self._shower.request()
+
+    def _describe_reach(self, q: Floats, problem: str) -> str:
+        """Describe in Markdown whether the arm reached its tool frame."""
+        if problem:
+            sentence = problem[:1].upper() + problem[1:]
+            return f"**Not reached**; the arm shows the nearest pose.  \n{sentence}."
+        if self._space.is_free(q):
+            return "**Reached**, proven free."
+        return "**Reached**, but not proven free."
 
     def _search(self) -> None:
         """Plan, and show the result."""

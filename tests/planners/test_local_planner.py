@@ -106,13 +106,13 @@ def test_an_edge_and_its_breakpoints_are_proven_alike(drive: str, exact: bool) -
     edges = local_planner(space, exact, drive)
     assert isinstance(edges, TurnDriveTurn)
     for first, last in pairs(space, 60, 1):
-        corners = edges.breakpoints(np.array([first, last]))
+        corners = edges.insert_breakpoints(np.array([first, last]))
         assert (
             corners[0].tolist() == first.tolist()
             and corners[-1].tolist() == last.tolist()
             and len(corners) <= 4
         )
-        assert np.array_equal(edges.breakpoints(corners), corners)
+        assert np.array_equal(edges.insert_breakpoints(corners), corners)
         proven = bool(space.certify_path(corners, exact=exact).all())
         assert proven == edges.are_free(corners) == edges.edge_checker()(*first, *last)
         dense = edges.resample(corners)
@@ -222,7 +222,7 @@ def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
     )
     turns = [edges.split_path(rows, math.inf, math.inf).rotations.sum() for rows in (settled, path)]
     assert turns[0] < turns[1] - 1.0
-    corners = edges.breakpoints(settled)
+    corners = edges.insert_breakpoints(settled)
     assert len(corners) == 8 and edges.are_free(
         settled
     )  # three lines, and a rotation at each of four positions

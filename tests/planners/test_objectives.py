@@ -112,7 +112,7 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
         assert length.motionCost(first, second).value() == pytest.approx(
             abs(step) + 0.5 * min(turns)
         )
-        rows = [make_state(space, si, q) for q in edges.breakpoints(np.array([a, b]))]
+        rows = [make_state(space, si, q) for q in edges.insert_breakpoints(np.array([a, b]))]
         total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
         assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(
             step
