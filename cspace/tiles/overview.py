@@ -41,8 +41,9 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
             np.moveaxis(states, 1 + axis, 0)[-1] = MIXED
     coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
     # Obstacles fill no coarse cell for certain, so the inner cells are empty.
-    inner = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(coarse, outer, inner, source=f"overview of {folder.path.name}")
+    workspace = Workspace(
+        coarse, outer, np.zeros_like(outer), source=f"overview of {folder.path.name}"
+    )
     return CSpace(
         replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
     )

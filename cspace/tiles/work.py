@@ -57,9 +57,8 @@ def run_tasks(
     free = MAX_MEMORY_FRACTION * free_bytes()
     if needed > free:
         problem = f"is so large that a task needs {bytes_text(needed)}"
-        raise InputError(
-            "tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed
-        )
+        hint = "use a smaller tile or fewer rotations"
+        raise InputError("tile", problem, f"{bytes_text(free)} are available", hint, value=needed)
     threads = min(workers or cores(), int(free // needed))
     return in_threads(task, tiles, threads, advance)
 
