@@ -24,7 +24,7 @@ from scipy.sparse import coo_array, csgraph
 
 from cspace.support.arrays import Ints
 from cspace.tiles.folder import Index, TileFolder
-from cspace.tiles.parts import OpenTile, OpenTiles, open_tile
+from cspace.tiles.parts import OpenTiles, open_tile
 from cspace.tiles.work import Progress, run_tasks
 
 if TYPE_CHECKING:
@@ -40,18 +40,12 @@ Layers = list[Ints]
 """Nodes of the cells of the layers of a tile, or -1; see :func:`list_layers`."""
 
 
-def find_nodes(
-    folder: TileFolder, index: Index, tile: OpenTile, cells: Ints, mixed: bool = False
-) -> Ints:
-    """Return the components in a tile of cells of the whole map, shape (..., 1 + d), or -1."""
-    return tile.components.of(cells - np.array([0, *folder.cells(index)[0]]), mixed)
-
-
 def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
     """Return the cells that a tile shares with the tiles beside it, or with the exterior.
 
     Along each axis, they are the first layer of the interior, and the first layer beyond it, or the
-    last one at the end of the grid. Each has the shape (rotations, n, 1 + d).
+    last one at the end of the grid. Each has the shape
+    (rotations, nx, ny(, nz), 1 + d), where n is 1 along the axis.
     """
     corners, layers = folder.interior(index), []
     rotations = len(folder.frame.slice_of)
@@ -60,7 +54,7 @@ def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
             first, stop = corners.copy()
             first[axis], stop[axis] = cell, cell + 1
             cells = np.moveaxis(np.indices((rotations, *(stop - first))), 0, -1)
-            layers.append(cells.reshape(rotations, -1, 1 + len(first)) + np.array([0, *first]))
+            layers.append(cells + np.array([0, *first]))
     return layers
 
 
@@ -72,8 +66,7 @@ def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
     tile, layers = open_tile(folder, index), list_layers(folder, index)
 
     def label(mixed: bool) -> tuple[int, Layers]:
-        nodes = [find_nodes(folder, index, tile, layer, mixed) for layer in layers]
-        return tile.components.count(mixed), nodes
+        return tile.components.count(mixed), [tile.find_nodes(layer, mixed) for layer in layers]
 
     return [label(False), label(True)]
 
@@ -130,7 +123,7 @@ class Nodes:
             index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
             for index, first, (_, layers) in zip(folder, self.offsets, labels, strict=False)
         }
-        outside = self.exterior[:, None]
+        outside = self.exterior.reshape(-1, *[1] * folder.grid.dim)
         for index, layers in nodes.items():
             for axis, (first, last) in enumerate(zip(layers[::2], layers[1::2], strict=True)):
                 beyond = (*index[:axis], index[axis] + 1, *index[axis + 1 :])
@@ -170,7 +163,7 @@ class TiledComponents:
         nodes = known.exterior[cells[:, 0]]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
         for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
-            found = find_nodes(folder, index, self._tiles.tile(index), cells[rows], mixed)
+            found = self._tiles.tile(index).find_nodes(cells[rows], mixed)
             nodes[rows] = np.where(found >= 0, known.offsets[folder.number(index)] + found, -1)
         return nodes
 
@@ -207,11 +200,10 @@ class TiledComponents:
         cells = list_layers(self._folder, upper)[2 * axis]
         common = np.ones(cells.shape[:-1], dtype=np.bool_)
         for tile, label in zip(tiles, labels, strict=True):
-            common &= find_nodes(self._folder, tile, self._tiles.tile(tile), cells) == label
-        sides = np.delete(np.diff(self._folder.interior(upper), axis=0), axis)
-        padded = np.pad(common.reshape(-1, *sides), 1)
-        depth = distance_transform_edt(padded)[(slice(1, -1),) * padded.ndim]
-        found = cells[depth.reshape(common.shape) >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
+            common &= self._tiles.tile(tile).find_nodes(cells) == label
+        padded = distance_transform_edt(np.pad(common.squeeze(1 + axis), 1))
+        depth = padded[(slice(1, -1),) * padded.ndim].reshape(common.shape)
+        found = cells[depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
         ways = [np.linalg.norm((found - end)[:, 1:], axis=1) for end in (start, goal)]
         best: Ints = found[int(np.argmin(sum(ways)))]
         return best

@@ -6,7 +6,7 @@ All outside a part is unknown, so MIXED there; each proof by a part holds in the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Final, NamedTuple
@@ -34,17 +34,23 @@ class OpenTile(NamedTuple):
 
     Attributes
     ----------
+    first : ndarray of int64, shape (d,)
+        First cell of the tile and its halo in the grid.
     contents : Contents
-        The tile with its halo in the grid.
     space : CSpace
         Its map.
     components : Components
-        Its components, with closed outside.
+        Its components, which nothing outside joins.
     """
 
+    first: Ints
     contents: Contents
     space: CSpace
     components: Components
+
+    def find_nodes(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Return the components of cells of the whole map, shape (..., 1 + d), or -1."""
+        return self.components.of(cells - np.array([0, *self.first]), mixed)
 
 
 def open_tile(folder: TileFolder, index: Index) -> OpenTile:
@@ -52,7 +58,7 @@ def open_tile(folder: TileFolder, index: Index) -> OpenTile:
     tile = folder.read_tile(index)
     closed = np.zeros(folder.slices, dtype=np.bool_)
     components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
-    return OpenTile(tile, CSpace(tile), components)
+    return OpenTile(folder.cells(index)[0], tile, CSpace(tile), components)
 
 
 class OpenTiles:
@@ -74,7 +80,9 @@ class OpenTiles:
         self.folder = folder
         sides = np.add(folder.tile, 2 * folder.halo).tolist()
         tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * math.prod(sides)
-        self.tile = lru_cache(max(1, max_bytes // tile_bytes))(partial(open_tile, folder))
+        self.tile: Callable[[Index], OpenTile] = lru_cache(max(1, max_bytes // tile_bytes))(
+            partial(open_tile, folder)
+        )
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
@@ -94,10 +102,10 @@ class OpenTiles:
             _write_outside(frame.exterior, corners[0], states)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
         for index in folder.tiles_in(corners):
-            tile = self.tile(index).contents
+            first, tile, *_ = self.tile(index)
             both = np.clip(folder.interior(index), *corners)
             here = as_box(both - corners[0])
-            there = as_box(both - folder.cells(index)[0])
+            there = as_box(both - first)
             states[(slice(None), *here)] = tile.states[(slice(None), *there)]
             outer[here] = tile.workspace.outer[there]
             inner[here] = tile.workspace.inner[there]
@@ -152,8 +160,9 @@ class OpenTiles:
         out[:] = (inside | (self.folder.frame.outside == "free")) & (pieces <= MAX_PIECES)
         for is_inside in (True, False):
             rows = np.flatnonzero(out & (inside == is_inside))
-            batch = np.cumsum(pieces[rows]) // MAX_PIECES
-            for part in np.split(rows, np.flatnonzero(np.diff(batch)) + 1):
+            step = int(MAX_PIECES / pieces[rows].max(initial=1.0))
+            for first in range(0, len(rows), step):
+                part = rows[first : first + step]
                 out[part] = self._prove_motions(starts[part], ends[part], is_inside)
 
     def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
@@ -162,16 +171,17 @@ class OpenTiles:
         A motion in the closed grid ignores the cells outside, as in a map in memory.
         """
         folder, grid = self.folder, self.folder.grid
-        pieces = cut_motions(grid, folder.frame.rotations, folder.halo - 1, starts, ends)
+        rotations = folder.frame.rotations
+        motions, *pieces = cut_motions(grid, rotations, folder.halo - 1, starts, ends)
         out = np.ones(len(starts), dtype=np.bool_)
-        cells = grid.cell_of(pieces.starts[:, : grid.dim])
+        cells = grid.cell_of(pieces[0][:, : grid.dim])
         for part, rows in self.parts_near(cells, folder.halo, is_inside):
-            q = np.stack([pieces.starts[rows], pieces.ends[rows]])
+            q = np.stack(pieces)[:, rows]
             if is_inside:
                 # Rounding may put the border of the grid just outside the part.
                 place = q[..., : grid.dim]
                 place[...] = np.clip(place, part.grid.lower, part.grid.upper)
-            out[pieces.motions[rows[~part.motion_is_free(*q)]]] = False
+            out[motions[rows[~part.motion_is_free(*q)]]] = False
         return out
 
 

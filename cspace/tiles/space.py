@@ -136,11 +136,10 @@ class TiledCSpace(ConfigurationMap):
     @property
     def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
-        cells = {}
+        facts = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
         if self.progress == 1.0:
-            cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))}
-        done = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
-        return {**done, **cells}
+            facts["cells"] = dict(zip(STATE_NAMES, self.count(), strict=True))
+        return facts
 
     # ---- queries ---------------------------------------------------------------------------------
 

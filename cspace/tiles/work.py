@@ -74,13 +74,11 @@ def _run_on_cluster(
         # Every worker gets a copy and keeps it for all its tasks.
         given = client.scatter(task, hash=False, broadcast=True)
         futures = client.map(_run_task, list(tiles), task=given, pure=False, retries=TASK_RETRIES)
-        results = {}
-        for future, result in distributed.as_completed(futures, with_results=True):
-            if future.status != "finished":  # the scheduler has died
-                raise TimeoutError(f"a task was {future.status}")
-            results[future.key] = result
+        results = []
+        for future in futures:
+            results.append(future.result())
             advance(len(results))
-        return [results[future.key] for future in futures]
+        return results
     except CspaceError:
         raise
     except (Exception, asyncio.CancelledError) as error:  # of any class if the scheduler dies
