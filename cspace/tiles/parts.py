@@ -119,7 +119,7 @@ class OpenTiles:
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
         """Return the obstacles of a window as shapes, if they describe its cells."""
         folder, shapes = self.folder, self.folder.frame.workspace.shapes
-        if shapes is None or np.array_equal(folder.clip(corners), corners):
+        if not shapes or np.array_equal(folder.clip(corners), corners):
             return shapes
         # Parts of shapes beyond the map do not count if the space outside is free.
         corners_of_shapes = [shape.outer.bounds for shape in shapes]
