@@ -311,7 +311,7 @@ class TiledCSpace(ConfigurationMap):
             If the box shares no cell with the map, or exceeds the memory.
         """
         folder = self._folder
-        ends = self.grid.coordinates([lower, upper], "window")
+        ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
         cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
         if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
             rule = f"it must be a box in the map, {self.grid.lower} to {self.grid.upper}"
