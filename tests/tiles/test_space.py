@@ -20,6 +20,7 @@ FOREIGN = {
     *("reachable_bounds", "find_path", "find_widest_path"),
     *("sample_free", "save", "export"),
     *("to_xarray", "to_occupancy_grid", "to_costmap", "add_obstacle"),
+    *("kernel_map", "distances", "find_cheap_path"),
     *("obstacles", "remove_obstacle", "update"),
 }
 """Names of maps in memory that tiled maps lack."""
