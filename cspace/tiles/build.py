@@ -74,14 +74,16 @@ def build_tiles(
 
 def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
-    rule, hint = "store must be new, empty or the same tiled map", "choose another name"
+    hint = "choose another name, or remove it"
     if read_format(path) == TILES_FORMAT:
         folder = TileFolder.open(path)
         if folder.about != about:
-            problem = "holds another map, with another robot, rotations, options or obstacles"
+            problem = "holds another map, or one of other obstacles"
+            rule = "a build resumes only with the same robot, rotations, options and obstacles"
             raise FileError(str(path), problem, rule, hint)
         return folder
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        rule = "store must be new, empty or a tiled map"
         raise FileError(str(path), "exists, but is no tiled map", rule, hint)
     with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
         write_root(temporary, frame, about)
