@@ -14,14 +14,13 @@ import numpy as np
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
-from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
+from cspace.limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
 from cspace.record.save import TILES_FORMAT, is_map_folder, read_format
 from cspace.robot import Robot
 from cspace.support.arrays import StrPath
-from cspace.support.threads import cores
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
@@ -56,10 +55,7 @@ def build_tiles(
     """
     grid, stamp = workspace.grid, workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
-    slices = len(frame.states)
-    sides = resolve_tile(tile, grid.shape, slices)
-    rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
-    check_memory(rasters, "the map", grid, slices=slices)
+    sides = resolve_tile(tile, grid.shape, len(frame.states))
     about = {
         "shape": list(grid.shape),
         "side": list(sides),
@@ -67,12 +63,10 @@ def build_tiles(
         "source_stamp": stamp,
     }
     folder = _open_or_create(Path(store), frame, about)
-    if folder.sums:
+    if folder.frame.exterior is not None:
         return folder
     missing = [index for index in folder if not folder.tile_path(index).exists()]
-    workers = workers or cores()
-    threads = 1 if client else max(1, workers // max(1, len(missing)))
-    build = partial(build, inner=inner, method=method, workers=threads)
+    build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     task = partial(build_tile, folder, workspace.cells, build)
     run_tasks(task, missing, len(folder), bytes_to_build(folder), client, workers, progress)
     return folder.complete()
@@ -80,19 +74,20 @@ def build_tiles(
 
 def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
+    hint = "choose another name, or remove it"
     if read_format(path) == TILES_FORMAT:
         folder = TileFolder.open(path)
-        if folder.about == about:
-            return folder
-        problem = "holds another map, or one of other obstacles"
-        rule = "a build resumes only with the same robot, rotations, options and obstacles"
-    elif path.exists() and (not path.is_dir() or any(path.iterdir())):
-        problem, rule = "exists, but is no tiled map", "store must be new, empty or a tiled map"
-    else:
-        with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-            write_root(temporary, frame, about)
-        return TileFolder.open(path)
-    raise FileError(str(path), problem, rule, "choose another name, or remove it")
+        if folder.about != about:
+            problem = "holds another map, or one of other obstacles"
+            rule = "a build resumes only with the same robot, rotations, options and obstacles"
+            raise FileError(str(path), problem, rule, hint)
+        return folder
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        rule = "store must be new, empty or a tiled map"
+        raise FileError(str(path), "exists, but is no tiled map", rule, hint)
+    with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
+        write_root(temporary, frame, about)
+    return TileFolder.open(path)
 
 
 def bytes_to_build(folder: TileFolder) -> float:

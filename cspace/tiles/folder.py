@@ -7,8 +7,8 @@ the cells around them, clipped to the grid. It is named by its index, such as ``
 under another name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
-resumes, and only with its own tiles. A complete map knows the digests of its tiles, so it refuses
-all other tiles.
+resumes, and only with its own tiles. Each tile has the stamp of its map. The frame of a complete
+map also has the states outside the grid.
 """
 
 from __future__ import annotations
@@ -18,18 +18,17 @@ import itertools
 import json
 import math
 import shutil
-import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any, Final
 
 import numpy as np
 
 from cspace.engines.slices import slice_rasters
-from cspace.errors import FileError
 from cspace.files.access import replacing
 from cspace.files.zarr_folders import ROOT_FILE
 from cspace.grid import Grid
@@ -81,16 +80,12 @@ class TileFolder:
     about : mapping
         ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
         the workspace.
-    sums : mapping or None
-        Once all tiles are complete, ``counts`` of FREE, MIXED and BLOCKED cells, and the
-        ``digests`` of all tiles.
     frame : Contents
         Map of the first cell; if all tiles are complete, with the states outside the grid.
     """
 
     path: Path
     about: Mapping[str, Any]
-    sums: Mapping[str, Any] | None
     frame: Contents
 
     @cached_property
@@ -114,11 +109,6 @@ class TileFolder:
         """Width of the halo of a tile, in cells."""
         width = min(self.tile) // TILE_SIDES_PER_HALO
         return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
-
-    @property
-    def exterior(self) -> Exterior:
-        """States outside the grid of a complete map."""
-        return self.frame.exterior or Exterior(np.empty((0, 0), dtype=np.int64))
 
     @property
     def slices(self) -> int:
@@ -155,6 +145,10 @@ class TileFolder:
         """Return the position of a tile among all tiles."""
         return int(np.ravel_multi_index(index, self.counts))
 
+    def index(self, number: int) -> Index:
+        """Return the index of the tile at a position among all tiles."""
+        return tuple(map(int, np.unravel_index(number, self.counts)))
+
     def interior(self, index: Index) -> Ints:
         """Return the corners of a tile without its halo."""
         first = np.multiply(index, self.tile)
@@ -182,13 +176,10 @@ class TileFolder:
 
         A cell outside the grid counts to the nearest tile.
         """
-        last = np.subtract(self.about["shape"], 1)
-        tiles = np.clip(cells[rows], 0, last) // self.tile
-        numbers = np.ravel_multi_index(tuple(tiles.T), self.counts)
-        order = np.argsort(numbers, kind="stable")
-        for part in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
-            if len(part):
-                yield tuple(tiles[part[0]].tolist()), rows[part]
+        tiles = tuple((cells[rows] // self.tile).T)
+        numbers = np.ravel_multi_index(tiles, self.counts, mode="clip")
+        for number in np.unique(numbers):
+            yield self.index(number), rows[numbers == number]
 
     def tile_path(self, index: Index) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
@@ -196,42 +187,56 @@ class TileFolder:
 
     @property
     def progress(self) -> float:
-        """Fraction of complete tiles, below 1 until all are done."""
-        if self.sums:
+        """Fraction of complete tiles, below 1 until the map is complete."""
+        if self.frame.exterior is not None:
             return 1.0
         done = sum(self.tile_path(index).exists() for index in self)
         return min(done / len(self), 1.0 - 2.0**-20)
 
     def read_tile(self, index: Index) -> Contents:
-        """Read a tile of a complete map, as a map whose outside is unknown.
+        """Read a tile, as a map whose outside is unknown.
 
-        Raises FileError if it is missing, damaged, or not the tile that the map was completed with.
+        Raises FileError if it is missing, damaged or a tile of another map or place.
         """
-        path, frame = self.tile_path(index), self.frame
+        path = self.tile_path(index)
         tile, about = read_map_and_attributes(path)
-        digest = self.sums["digests"][self.number(index)] if self.sums else ""
-        found = about["digest"], tile.grid, tile.rotations
-        if found != (digest, self.sub_grid(self.cells(index)), frame.rotations):
-            raise map_error(path, "it is not the tile that the map was completed with")
-        with making_map(path):
-            return replace(tile, robot=frame.robot, slice_of=frame.slice_of)
+        self._check_stamp(index, about)
+        if tile.grid != self.sub_grid(self.cells(index)):
+            raise map_error(path, "it is a tile of another place")
+        return tile
+
+    def read_summaries(self) -> list[dict[str, Any]]:
+        """Read the attributes of all tiles.
+
+        Raises FileError if a tile is of another map.
+        """
+        tiles = []
+        for index in self:
+            tile, _ = read_root(self.tile_path(index), FORMAT)
+            self._check_stamp(index, tile)
+            tiles.append(tile)
+        return tiles
+
+    def _check_stamp(self, index: Index, attributes: Mapping[str, Any]) -> None:
+        """Raise FileError unless the attributes of a tile have the stamp of the map."""
+        if attributes.get("stamp") != self.about["stamp"]:
+            raise map_error(self.tile_path(index), "it is a tile of another map")
 
     def write_tile(self, index: Index, contents: Contents) -> None:
-        """Write a tile; its name appears when it is complete."""
+        """Write a tile; its name appears when it is complete.
+
+        Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
+        the box of obstacles in it.
+        """
         own = self.own(index)
         weights = np.bincount(self.frame.slice_of)
         counts = weights @ count_states(contents.states[(slice(None), *own)])
-        first = tuple(self.interior(index)[0].tolist())
-        occupied = Raster.from_bitmap(contents.workspace.outer[own], first)
+        first = tuple(self.cells(index)[0].tolist())
+        occupied = Raster.from_bitmap(contents.workspace.outer, first)
         box = [occupied.lower, occupied.upper] if occupied.count else None
+        summary = {"stamp": self.about["stamp"], "counts": counts.tolist(), "obstacles": box}
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
-            write_map(
-                contents,
-                temporary,
-                stamp=self.about["stamp"],
-                counts=counts.tolist(),
-                obstacles=box,
-            )
+            write_map(contents, temporary, **summary)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -244,30 +249,28 @@ class TileFolder:
         root = Path(path).absolute()  # workers have other working folders
         frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            folder = cls(root, attributes["tiles"], attributes["sums"], frame)
-            _check_attributes(folder)
-            return folder
+            about = attributes["tiles"]
+            sizes = np.array([about["shape"], about["side"]])
+            if sizes.dtype.kind != "i" or sizes.shape != (2, frame.grid.dim) or sizes.min() < 1:
+                raise ValueError(f"its grid and tiles have the sides {sizes.tolist()}")
+            return cls(root, about, frame)
 
     def complete(self) -> TileFolder:
-        """Sum up the tiles and write the sums; return the complete folder.
+        """Write the states outside the grid; return the complete folder.
 
         Raises FileError if a tile is of another map.
         """
-        frame, shape = self.frame, self.grid.shape
-        tiles = [read_root(self.tile_path(index), FORMAT)[0] for index in self]
-        for index, tile in zip(self, tiles, strict=True):
-            if tile["stamp"] != self.about["stamp"]:
-                raise map_error(self.tile_path(index), "it is a tile of another map")
-        boxes = np.array([tile["obstacles"] for tile in tiles if tile["obstacles"]], dtype=np.int64)
-        box = np.array([[0] * len(shape), [-1] * len(shape)])
-        if len(boxes):
-            box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        frame, shape = self.frame, self.about["shape"]
+        found = [tile["obstacles"] for tile in self.read_summaries() if tile["obstacles"]]
+        boxes = np.array(found, dtype=np.int64).reshape(-1, 2, len(shape))
+        # Without obstacles, the box is empty.
+        first = boxes[:, 0].min(axis=0, initial=max(shape))
+        last = boxes[:, 1].max(axis=0, initial=-1)
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
-        exterior = Exterior.around(shape, box, rasters, frame.outside)
-        counts = np.sum([tile["counts"] for tile in tiles], axis=0).tolist()
-        sums = {"counts": counts, "digests": [tile["digest"] for tile in tiles]}
-        temporary = self.path / f".cspace-{uuid.uuid4().hex[:12]}"
-        write_root(temporary, replace(frame, exterior=exterior), self.about, sums)
+        box = np.stack([first, last])
+        frame = replace(frame, exterior=Exterior.around(shape, box, rasters, frame.outside))
+        temporary = Path(mkdtemp(prefix=".cspace-", dir=self.path))
+        write_root(temporary, frame, self.about)
         with suppress(OSError):  # another build of the map has just written the same
             (temporary / "exterior").rename(self.path / "exterior")
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
@@ -309,30 +312,6 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return digest.hexdigest()
 
 
-def write_root(
-    path: Path, frame: Contents, about: Mapping[str, Any], sums: Mapping[str, Any] | None = None
-) -> None:
+def write_root(path: Path, frame: Contents, about: Mapping[str, Any]) -> None:
     """Write what all tiles of a map share into a folder."""
-    write_map(frame, path, format=TILES_FORMAT, tiles=about, sums=sums)
-
-
-def _check_attributes(folder: TileFolder) -> None:
-    """Raise ValueError, or any other error, if attributes make no tiled map."""
-    about, sums, n_cells = folder.about, folder.sums, folder.grid.size * len(folder.frame.slice_of)
-    sizes = np.array([about["shape"], about["side"]])
-    if sizes.dtype.kind != "i" or sizes.shape[1] != folder.grid.dim or sizes.min() < 1:
-        raise ValueError(f"its tiles have the sides {folder.tile}")
-    if not isinstance(about["stamp"], str):
-        raise ValueError("its stamp is no text")
-    if sums is None:
-        return
-    if len(sums["counts"]) != 3 or sum(sums["counts"]) != n_cells or min(sums["counts"]) < 0:
-        raise ValueError("its counts differ from its number of cells")
-    if len(sums["digests"]) != len(folder) or folder.frame.exterior is None:
-        raise ValueError("it is not complete")
-
-
-def unfinished_map_error(folder: TileFolder) -> FileError:
-    """Return the error for a map with unfinished tiles."""
-    rule, hint = "a map must be complete to be read", "run the same build again to finish it"
-    return FileError(str(folder.path), f"is {folder.progress:.1%} done", rule, hint)
+    write_map(frame, path, format=TILES_FORMAT, tiles=about)

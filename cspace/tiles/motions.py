@@ -31,7 +31,7 @@ i is the motion between the configurations that are computed for t_i and t_(i+1)
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -44,27 +44,13 @@ HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Angle of a rotation, in radians, from which on both arcs are tested."""
 
 
-class Pieces(NamedTuple):
-    """Pieces of motions.
-
-    Attributes
-    ----------
-    motions : ndarray of int64, shape (n,)
-        Index of the motion that a piece belongs to.
-    starts, ends : ndarray of float64, shape (n, size)
-    """
-
-    motions: Ints
-    starts: Floats
-    ends: Floats
-
-
 def cut_motions(
     grid: Grid, rotations: Rotations, longest: float, starts: Floats, ends: Floats
-) -> Pieces:
+) -> tuple[Ints, Floats, Floats]:
     """Cut motions into pieces of at most ``longest`` cells along each axis.
 
-    Motions lead from ``starts`` to ``ends``, shape (n, size).
+    Motions lead from ``starts`` to ``ends``, shape (n, size). Returns the index of the motion that
+    each piece belongs to, and the starts and ends of the pieces.
     """
     dim = grid.dim
     starts = rotations.make_canonical(starts)
@@ -86,4 +72,4 @@ def cut_motions(
         rotations.add_steps(starts[rows], steps[arcs] * (cut / counts[arcs])[:, None])
         for cut in (number, number + 1)
     )
-    return Pieces(rows, first, last)
+    return rows, first, last

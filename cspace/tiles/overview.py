@@ -10,7 +10,7 @@ from cspace.grid import Grid
 from cspace.record.exterior import UNKNOWN
 from cspace.space import CSpace
 from cspace.support.arrays import BLOCKED, MIXED, reduce_blocks
-from cspace.tiles.folder import TileFolder, as_box
+from cspace.tiles.folder import TileFolder
 from cspace.workspace import Workspace
 
 
@@ -19,30 +19,29 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
     grid = folder.grid
     factor = max(1, -(-max(grid.shape) // max_cells))
     shape = tuple(-(-n // factor) for n in grid.shape)
+    slices = np.arange(folder.slices)
     lowest = np.full((folder.slices, *shape), BLOCKED, dtype=np.uint8)
     highest = np.zeros_like(lowest)
     outer = np.zeros(shape, dtype=np.bool_)
     for index in folder:
         tile, own, corners = folder.read_tile(index), folder.own(index), folder.interior(index)
-        # The first coarse cell may begin in the tile before.
-        starts = [
-            np.maximum(np.arange(low - low % factor, high, factor), low) - low
-            for low, high in corners.T
-        ]
-        box = as_box(np.stack([corners[0] // factor, -(-corners[1] // factor)]))
-        every, layers = (slice(None), *box), [np.arange(folder.slices), *starts]
+        # Coarse cells in the tile, and the first cell of each there.
+        sides = [np.unique(np.arange(*side) // factor, return_index=True) for side in corners.T]
+        coarse, starts = zip(*sides, strict=True)
+        every, layers = np.ix_(slices, *coarse), [slices, *starts]
         part = tile.states[(slice(None), *own)]
         lowest[every] = np.minimum(lowest[every], reduce_blocks(part, layers, np.minimum))
         highest[every] = np.maximum(highest[every], reduce_blocks(part, layers))
-        outer[box] |= reduce_blocks(tile.workspace.outer[own], starts)
+        outer[np.ix_(*coarse)] |= reduce_blocks(tile.workspace.outer[own], starts)
     states = np.where(lowest == highest, lowest, np.uint8(MIXED))
     for axis, n in enumerate(grid.shape):
         if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
             np.moveaxis(states, 1 + axis, 0)[-1] = MIXED
     coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
     # Obstacles fill no coarse cell for certain, so the inner cells are empty.
-    inner = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(coarse, outer, inner, source=f"overview of {folder.path.name}")
+    workspace = Workspace(
+        coarse, outer, np.zeros_like(outer), source=f"overview of {folder.path.name}"
+    )
     return CSpace(
         replace(folder.frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -12,14 +13,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
 from cspace.maps import ConfigurationMap
 from cspace.record.contents import Contents
 from cspace.space import CSpace
-from cspace.support.arrays import STATE_NAMES, Bools, Floats, States, StrPath
+from cspace.support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
 from cspace.support.check import check_count
-from cspace.tiles.folder import ONE_MORE, TileFolder, grow, unfinished_map_error
+from cspace.tiles.folder import ONE_MORE, TileFolder, grow
 from cspace.tiles.labels import TiledComponents
 from cspace.tiles.overview import build_overview
 from cspace.tiles.parts import OpenTiles
@@ -84,8 +85,9 @@ class TiledCSpace(ConfigurationMap):
 
         Raises FileError if the map is not complete.
         """
-        if not self._folder.sums:
-            raise unfinished_map_error(self._folder)
+        if self._folder.frame.exterior is None:
+            problem, rule = f"is {self.progress:.1%} done", "a map must be complete to be read"
+            raise FileError(self.path, problem, rule, "run the same build again to finish it")
         return self._lock
 
     # ---- properties ------------------------------------------------------------------------------
@@ -122,7 +124,8 @@ class TiledCSpace(ConfigurationMap):
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
         with self._at_one_moment():
-            free, mixed, blocked = dict(self._folder.sums or {})["counts"]
+            counts = [tile["counts"] for tile in self._folder.read_summaries()]
+        free, mixed, blocked = np.sum(counts, axis=0).tolist()
         return free, mixed, blocked
 
     @property
@@ -133,11 +136,10 @@ class TiledCSpace(ConfigurationMap):
     @property
     def facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
-        cells = {}
+        facts = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
         if self.progress == 1.0:
-            cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))}
-        done = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
-        return {**done, **cells}
+            facts["cells"] = dict(zip(STATE_NAMES, self.count(), strict=True))
+        return facts
 
     # ---- queries ---------------------------------------------------------------------------------
 
@@ -156,18 +158,20 @@ class TiledCSpace(ConfigurationMap):
             bad = self.find_unusable(rows)
             if bad < 0:
                 cells = self.grid.cell_of(rows[:, : self.dim])
-                for open_part, chosen in self._tiles.parts_near(cells, reach):
-                    out[chosen] = query(open_part(), rows[chosen])
+                for part, chosen in self._tiles.parts_near(cells, reach):
+                    out[chosen] = query(part, rows[chosen])
             return bad
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        def classify(part: CSpace, some: Floats) -> States:
-            # A point on a border belongs to the cell that the whole map gives it.
-            cells = self._cells_of(some)
-            centers = self.grid.center_of(cells[:, 1:]), self.rotations.centers[cells[:, 0]]
-            return part.classify(np.concatenate(centers, axis=1))
+        # A point on a border belongs to the cell that the whole map gives it.
+        return self._ask(
+            lambda part, some: part.classify(self._centers_of(self._cells_of(some))), rows, out, 0
+        )
 
-        return self._ask(classify, rows, out, 0)
+    def _centers_of(self, cells: Ints) -> Floats:
+        """Return the centers of cells, shape (n, 1 + dim)."""
+        centers = self.grid.center_of(cells[:, 1:]), self.rotations.centers[cells[:, 0]]
+        return np.concatenate(centers, axis=1)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         self._refuse_geometry(exact)
@@ -183,20 +187,17 @@ class TiledCSpace(ConfigurationMap):
             return bad
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        def test(part: CSpace, some: Floats) -> Bools:
-            return part.is_free_around(some, distance, angle)
-
-        return self._ask(test, rows, out, math.ceil(distance / self.grid.spacing) + 1)
+        reach = math.ceil(distance / self.grid.spacing) + 1
+        return self._ask(
+            lambda part, some: part.is_free_around(some, distance, angle), rows, out, reach
+        )
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
         # cells too small.
-        limit = (self.halo - 2) * self.grid.spacing
-
-        def measure(part: CSpace, some: Floats) -> Floats:
-            return np.minimum(part.clearance(some), limit)
-
-        return self._ask(measure, rows, out, self.halo - 1)
+        bad = self._ask(CSpace.clearance, rows, out, self.halo - 1)
+        np.minimum(out, (self.halo - 2) * self.grid.spacing, out=out)
+        return bad
 
     def _refuse_geometry(self, exact: bool) -> None:
         """Raise ConfigurationError if the geometry is asked for."""
@@ -223,18 +224,13 @@ class TiledCSpace(ConfigurationMap):
         progress : callable, optional
             Called with (tiles done, number of tiles).
         """
-        self._find_components(client, progress)
-
-    def _find_components(self, *options: Any) -> TiledComponents:
-        """Return the components of the map, computed once."""
         with self._at_one_moment():
-            if self._labels is None:
-                self._labels = TiledComponents(self._tiles, *options)
-            return self._labels
+            self._labels = self._labels or TiledComponents(self._tiles, client, progress)
 
     @property
     def _components(self) -> TiledComponents:
-        return self._find_components()
+        self._labels = self._labels or TiledComponents(self._tiles)
+        return self._labels
 
     def subproblems(
         self, q0: ArrayLike, q1: ArrayLike
@@ -260,21 +256,19 @@ class TiledCSpace(ConfigurationMap):
             rotations.make_canonical(self._check_configurations(q, name), name)
             for q, name in ((q0, "q0"), (q1, "q1"))
         )
-        ends = self._cells_of(start), self._cells_of(goal)
         with self._at_one_moment():
-            tiles, crossings = self._components.chain(*ends)
-        turns = rotations.centers[crossings[:, 0]]
-        places = self.grid.center_of(crossings[:, 1:])
-        points = [start, *np.concatenate([places, turns], axis=1), goal]
+            tiles, cells = self._components.chain(self._cells_of(start), self._cells_of(goal))
+        crossings = self._centers_of(np.array(cells, dtype=np.int64).reshape(-1, 1 + self.dim))
+        points = itertools.pairwise([start, *crossings, goal])
         return [
             (partial(self._open_part, tile), first, last)
-            for tile, first, last in zip(tiles, points[:-1], points[1:], strict=False)
+            for tile, (first, last) in zip(tiles, points, strict=False)
         ]
 
     def _open_part(self, tile: tuple[int, ...]) -> CSpace:
         """Return the part of a tile as a map in memory."""
         with self._at_one_moment():
-            return self._tiles.part(tile)
+            return self._tiles.tile(tile).space
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """Return the center of the nearest FREE cell within half a tile.

@@ -57,9 +57,8 @@ def run_tasks(
     free = MAX_MEMORY_FRACTION * free_bytes()
     if needed > free:
         problem = f"is so large that a task needs {bytes_text(needed)}"
-        raise InputError(
-            "tile", problem, f"{bytes_text(free)} are available", "use a smaller tile", value=needed
-        )
+        hint = "use a smaller tile or fewer rotations"
+        raise InputError("tile", problem, f"{bytes_text(free)} are available", hint, value=needed)
     threads = min(workers or cores(), int(free // needed))
     return in_threads(task, tiles, threads, advance)
 
@@ -75,13 +74,11 @@ def _run_on_cluster(
         # Every worker gets a copy and keeps it for all its tasks.
         given = client.scatter(task, hash=False, broadcast=True)
         futures = client.map(_run_task, list(tiles), task=given, pure=False, retries=TASK_RETRIES)
-        results = {}
-        for future, result in distributed.as_completed(futures, with_results=True):
-            if future.status != "finished":  # the scheduler has died
-                raise TimeoutError(f"a task was {future.status}")
-            results[future.key] = result
+        results = []
+        for future in futures:
+            results.append(future.result())
             advance(len(results))
-        return [results[future.key] for future in futures]
+        return results
     except CspaceError:
         raise
     except (Exception, asyncio.CancelledError) as error:  # of any class if the scheduler dies

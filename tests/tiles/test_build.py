@@ -221,7 +221,7 @@ def test_tiles_of_other_places_and_maps_are_refused(built, tmp_path, source):
     shutil.rmtree(path / "0.1")
     shutil.copytree(built / source, path / "0.1")
     lower = np.array(cspace.open(path).grid.lower)
-    with pytest.raises(FileError, match="not the tile that the map was completed with"):
+    with pytest.raises(FileError, match="it is a tile of another"):
         cspace.open(path).classify([lower[0] + 0.1, lower[1] + 1.2, 0.0])
 
 
@@ -231,7 +231,7 @@ def test_a_build_does_not_complete_a_map_with_a_tile_of_another_one(built, tmp_p
     path = shutil.copytree(built / "m", tmp_path / "m")
     attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
     arrays = attributes["arrays"].replace(" exterior", "")
-    reseal(path, **{**attributes, "arrays": arrays, "sums": None})
+    reseal(path, **{**attributes, "arrays": arrays})
     shutil.rmtree(path / "0.1")
     shutil.copytree(built / "other" / "0.1", path / "0.1")
     with pytest.raises(FileError, match="tile of another map"):
@@ -253,14 +253,6 @@ def test_a_build_does_not_complete_a_map_with_a_tile_of_another_one(built, tmp_p
         {"tiles": {"side": [-8, -8]}},
         {"tiles": {"side": [8, 8, 8]}},
         {"tiles": {"side": 8}},
-        {"tiles": {"stamp": 7}},
-        {"sums": 3},
-        {"sums": {"counts": [1, 2]}},
-        {"sums": {"counts": [1, 2, 3]}},
-        {"sums": {"counts": [-1, 1, 1360]}},
-        {"sums": {"digests": ["0" * 64]}},
-        {"sums": {"digests": 9}},
-        {"arrays": "cell_states outer slice_of x y yaw yaw_bounds covering_angle shapes"},
         {"inner": "no"},
         {"format_version": 5},
         {"format": "cspace-map-of-maps"},

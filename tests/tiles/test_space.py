@@ -20,6 +20,7 @@ FOREIGN = {
     *("reachable_bounds", "find_path", "find_widest_path"),
     *("sample_free", "save", "export"),
     *("to_xarray", "to_occupancy_grid", "to_costmap", "add_obstacle"),
+    *("kernel_map", "distances", "find_cheap_path"),
     *("obstacles", "remove_obstacle", "update"),
 }
 """Names of maps in memory that tiled maps lack."""
@@ -112,10 +113,6 @@ def test_motions_read_only_the_tiles_they_cross(tmp_path):
         if y not in (4, 5):
             (tmp_path / "m" / f"{x}.{y}" / "zarr.json").unlink()
     assert tiled.motion_is_free([0.5, 4.5], [9.5, 5.5])
-    workspace = cspace.Workspace.from_array(fill_boxes((100, 100), np.s_[15]), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
-    (tmp_path / "w" / "9.0" / "zarr.json").unlink()
-    assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])  # stops at the wall
 
 
 def test_opened_map_keeps_its_properties_and_lacks_names_of_maps_in_memory(tmp_path):
