@@ -53,7 +53,8 @@ def build_tiles(
     exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
     workspace changes.
     """
-    grid, stamp = workspace.grid, workspace.cells.stamp
+    grid = workspace.grid
+    stamp = workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
     sides = resolve_tile(tile, grid.shape, len(frame.states))
     about = {
@@ -94,7 +95,8 @@ def bytes_to_build(folder: TileFolder) -> float:
     """Estimate the memory to build one tile, in bytes."""
     sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
     shape = np.minimum(sides, folder.grid.shape).tolist()
-    frame, slices = folder.frame, folder.slices
+    frame = folder.frame
+    slices = folder.slices
     rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
     copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(shape)
     return float(map_bytes(shape, slices) + copies + rasters)
@@ -109,7 +111,8 @@ def build_tile(
     part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
     if the workspace has changed since the build began.
     """
-    frame, name = folder.frame, folder.frame.workspace.source
+    frame = folder.frame
+    name = folder.frame.workspace.source
     box = folder.cells(index)
     window = folder.clip(grow(box, folder.reach))
     outer, inner = source.read(as_box(window))

@@ -260,7 +260,8 @@ class TileFolder:
 
         Raises FileError if a tile is of another map.
         """
-        frame, shape = self.frame, self.about["shape"]
+        frame = self.frame
+        shape = self.about["shape"]
         found = [tile["obstacles"] for tile in self.read_summaries() if tile["obstacles"]]
         boxes = np.array(found, dtype=np.int64).reshape(-1, 2, len(shape))
         # Without obstacles, the box is empty.
@@ -293,7 +294,8 @@ def make_frame(
     workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
 ) -> Contents:
     """Return a map of the first cell of a workspace, with what all tiles share."""
-    whole, slice_of = workspace.grid, rotations.assign_slices(robot.shape)
+    whole = workspace.grid
+    slice_of = rotations.assign_slices(robot.shape)
     ones = (1,) * whole.dim
     occupied = np.ones(ones, dtype=np.bool_)
     grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)

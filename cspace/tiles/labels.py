@@ -47,12 +47,14 @@ def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
     last one at the end of the grid. Each has the shape
     (rotations, nx, ny(, nz), 1 + d), where n is 1 along the axis.
     """
-    corners, layers = folder.interior(index), []
+    corners = folder.interior(index)
+    layers = []
     rotations = len(folder.frame.slice_of)
     for axis, n in enumerate(folder.grid.shape):
         for cell in (corners[0, axis], min(corners[1, axis], n - 1)):
             first, stop = corners.copy()
-            first[axis], stop[axis] = cell, cell + 1
+            first[axis] = cell
+            stop[axis] = cell + 1
             cells = np.moveaxis(np.indices((rotations, *(stop - first))), 0, -1)
             layers.append(cells + np.array([0, *first]))
     return layers
@@ -63,7 +65,8 @@ def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
 
     Return, for each, the number of nodes and the nodes of the layers.
     """
-    tile, layers = open_tile(folder, index), list_layers(folder, index)
+    tile = open_tile(folder, index)
+    layers = list_layers(folder, index)
 
     def label(mixed: bool) -> tuple[int, Layers]:
         return tile.components.count(mixed), [tile.find_nodes(layer, mixed) for layer in layers]
@@ -141,8 +144,10 @@ class TiledComponents:
     def __init__(
         self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
     ) -> None:
-        self._tiles, self._folder = tiles, tiles.folder
-        folder, task = tiles.folder, partial(label_tile, tiles.folder)
+        self._tiles = tiles
+        self._folder = tiles.folder
+        folder = tiles.folder
+        task = partial(label_tile, tiles.folder)
         sides = np.add(folder.tile, 2 * folder.halo)
         needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(sides))
         found = run_tasks(task, list(folder), len(folder), needed, client, None, progress)
@@ -159,7 +164,9 @@ class TiledComponents:
 
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
         """Return the nodes of cells, or -1."""
-        folder, places, known = self._folder, cells[:, 1:], self._nodes[mixed]
+        folder = self._folder
+        places = cells[:, 1:]
+        known = self._nodes[mixed]
         nodes = known.exterior[cells[:, 0]]
         inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
         for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
@@ -183,7 +190,8 @@ class TiledComponents:
             nodes.append(int(after[nodes[-1]]))
         numbers = np.searchsorted(known.offsets, nodes, side="right") - 1
         tiles = [self._folder.index(number) for number in numbers]
-        labels, crossings = nodes - known.offsets[numbers], [start]
+        labels = nodes - known.offsets[numbers]
+        crossings = [start]
         for k in range(len(tiles) - 1):
             pair = slice(k, k + 2)
             crossings.append(self._find_crossing(tiles[pair], labels[pair], crossings[-1], goal))

@@ -24,11 +24,14 @@ def build_overview(folder: TileFolder, max_cells: int) -> CSpace:
     highest = np.zeros_like(lowest)
     outer = np.zeros(shape, dtype=np.bool_)
     for index in folder:
-        tile, own, corners = folder.read_tile(index), folder.own(index), folder.interior(index)
+        tile = folder.read_tile(index)
+        own = folder.own(index)
+        corners = folder.interior(index)
         # Coarse cells in the tile, and the first cell of each there.
         sides = [np.unique(np.arange(*side) // factor, return_index=True) for side in corners.T]
         coarse, starts = zip(*sides, strict=True)
-        every, layers = np.ix_(slices, *coarse), [slices, *starts]
+        every = np.ix_(slices, *coarse)
+        layers = [slices, *starts]
         part = tile.states[(slice(None), *own)]
         lowest[every] = np.minimum(lowest[every], reduce_blocks(part, layers, np.minimum))
         highest[every] = np.maximum(highest[every], reduce_blocks(part, layers))

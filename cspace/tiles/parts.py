@@ -91,7 +91,8 @@ class OpenTiles:
         All outside it is unknown, unless the states outside are given. Raises InputError if the map
         does not fit into memory.
         """
-        folder, frame = self.folder, self.folder.frame
+        folder = self.folder
+        frame = self.folder.frame
         if frame.outside != "free":  # no cell beyond the grid is FREE
             corners = folder.clip(corners)
         grid = folder.sub_grid(corners)
@@ -118,7 +119,8 @@ class OpenTiles:
 
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
         """Return the obstacles of a window as shapes, if they describe its cells."""
-        folder, shapes = self.folder, self.folder.frame.workspace.shapes
+        folder = self.folder
+        shapes = self.folder.frame.workspace.shapes
         if not shapes or np.array_equal(folder.clip(corners), corners):
             return shapes
         # Parts of shapes beyond the map do not count if the space outside is free.
@@ -153,7 +155,8 @@ class OpenTiles:
     def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
         """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free."""
         grid = self.folder.grid
-        position, last = starts[:, : grid.dim], ends[:, : grid.dim]
+        position = starts[:, : grid.dim]
+        last = ends[:, : grid.dim]
         lengths = np.abs(last - position).max(axis=1) / grid.spacing
         pieces = lengths / (self.folder.halo - 1) + 2.0
         inside = grid.contains(position) & grid.contains(last)
@@ -170,7 +173,8 @@ class OpenTiles:
 
         A motion in the closed grid ignores the cells outside, as in a map in memory.
         """
-        folder, grid = self.folder, self.folder.grid
+        folder = self.folder
+        grid = self.folder.grid
         rotations = folder.frame.rotations
         motions, *pieces = cut_motions(grid, rotations, folder.halo - 1, starts, ends)
         out = np.ones(len(starts), dtype=np.bool_)

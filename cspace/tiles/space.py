@@ -67,7 +67,8 @@ class TiledCSpace(ConfigurationMap):
 
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
         self._folder = folder
-        self._lock, self._cache_bytes = RLock(), int(cache_bytes)
+        self._lock = RLock()
+        self._cache_bytes = int(cache_bytes)
         self._tiles = OpenTiles(folder, self._cache_bytes)
         self._labels: TiledComponents | None = None
 
@@ -86,7 +87,8 @@ class TiledCSpace(ConfigurationMap):
         Raises FileError if the map is not complete.
         """
         if self._folder.frame.exterior is None:
-            problem, rule = f"is {self.progress:.1%} done", "a map must be complete to be read"
+            problem = f"is {self.progress:.1%} done"
+            rule = "a map must be complete to be read"
             raise FileError(self.path, problem, rule, "run the same build again to finish it")
         return self._lock
 
