@@ -142,8 +142,11 @@ def build_joint_map(
     held = _held_configuration(arm, joint_indices, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
-    # Rounding adds no cell.
+    # Rounding adds no cell, unless the last one would end before the limit of its joint: beyond the
+    # grid, all configurations there count as BLOCKED.
     counts = np.ceil(np.diff(intervals)[:, 0] / side - 1e-9)
+    ends_early = intervals[:, 0] + side * counts < intervals[:, 1]
+    counts += ends_early & (joint_limits[:, 1] <= intervals[:, 1])
     units = tuple(arm.units[number] for number in joint_indices.tolist())
     shape = tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
     check_memory(
@@ -534,6 +537,8 @@ def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     Points near larger balls are skipped.
     """
     center, half = surfaces.boxes[root].reshape(2, 3)
+    if not half.all():  # a flat surface has no inside
+        return np.empty((0, 4))
     step = np.cbrt(8.0 * half.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
     counts = np.minimum(2 * np.floor(half / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)

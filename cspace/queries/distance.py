@@ -357,8 +357,13 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 @kernel
 def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
-    """Return the clearance of one configuration, in metres; see :func:`bind_numbers`."""
+    """Return the clearance of one configuration, in metres, or 0 if it is none.
+
+    See :func:`bind_numbers`.
+    """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    if not is_usable(position, rotation):
+        return 0.0
     return clearance_at(map_, table, position, rotation)
 
 

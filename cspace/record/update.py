@@ -279,11 +279,11 @@ class Updater:
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(box[0] - self._reach[1], 0)
         stop = np.minimum(box[1] - self._reach[0] + 1, self._grid.shape)
-        if (first >= stop).any():
-            self._write_cells(patch)
-            return nothing
+        stop = np.maximum(stop, first)  # no cell of the grid may depend on the changes
         window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
-        states = self._compute(patch, first, stop)
+        states = self._states[window]
+        if states.size:
+            states = self._compute(patch, first, stop)
         changes = np.count_nonzero(states != self._states[window], axis=tuple(range(1, dim + 1)))
         # From here on the map changes. Each step may be repeated.
         self._drop_derived(self._workspace, self._layers)
@@ -293,6 +293,8 @@ class Updater:
             self._exterior.table[...] = Exterior.of(
                 self._workspace.outer, self._rasters, "free"
             ).table
+        if not states.size:
+            return nothing
         return Update(
             occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes)
         )

@@ -88,7 +88,9 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if isinstance(source, str | os.PathLike):
         return _shape_of_text(source, name)
     shape = getattr(source, "shape", None)
-    if isinstance(shape, Shape):
+    # Robots have names. Other objects with a shape may have a pose too, such as PosedShape.
+    is_robot = isinstance(getattr(source, "name", None), str)
+    if is_robot and isinstance(shape, Shape):
         return shape
     if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
         return _shape_of_sequence(given, name)

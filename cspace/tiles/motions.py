@@ -38,10 +38,16 @@ import numpy as np
 from cspace.grid import Grid
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK
+from cspace.rotations.lookup import OMPL_EQUALITY_SLACK
 from cspace.support.arrays import Floats, Ints
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Angle of a rotation, in radians, from which on both arcs are tested."""
+
+
+TINY_ARC_SLACK: Final = 0.975 * OMPL_EQUALITY_SLACK
+"""Difference of a cosine from 1 below which the look-up of edges, in spite of rounding, finds that
+two quaternions count as equal."""
 
 
 def cut_motions(
@@ -54,7 +60,8 @@ def cut_motions(
     """
     dim = grid.dim
     starts = rotations.make_canonical(starts)
-    steps = rotations.steps_between(starts, rotations.make_canonical(ends))
+    ends = rotations.make_canonical(ends)
+    steps = rotations.steps_between(starts, ends)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     half = np.flatnonzero(angles >= HALF_TURN)
     other_arcs = steps[half].copy()
@@ -72,4 +79,10 @@ def cut_motions(
         rotations.add_steps(starts[rows], steps[arcs] * (cut / counts[arcs])[:, None])
         for cut in (number, number + 1)
     )
+    if len(rotations.names) == 4:
+        # OMPL's rotation may jump between nearly equal quaternions, so each piece has all of it.
+        cosines = np.abs((starts[:, dim:] * ends[:, dim:]).sum(axis=1))
+        jumps = (cosines > 1.0 - TINY_ARC_SLACK)[rows]
+        first[jumps, dim:] = starts[rows[jumps], dim:]
+        last[jumps, dim:] = ends[rows[jumps], dim:]
     return rows, first, last

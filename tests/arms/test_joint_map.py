@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
@@ -497,7 +498,7 @@ def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
             assert build_joint_map(space, 0.5).grid.lower[0] == -np.pi
         else:
             with pytest.raises(
-                InputError, match=r"limits are missing for 'one'.*other joints by another angle"
+                InputError, match=r"limits are missing for 'one'.*moves others by another angle"
             ):
                 build_joint_map(space, 0.5)
 
@@ -570,3 +571,43 @@ def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
         InputError, match=r"name 'one', which stays at 0.3.*held_joints= says where it is held"
     ):
         build_joint_map(space, 0.1)
+
+
+def test_a_joint_at_its_limit_is_in_the_map_in_spite_of_rounding(tmp_path: Path) -> None:
+    lower, upper, spacing = -3.2, 0.05, 0.05
+    assert lower + 65 * spacing < upper  # rounding ends 65 cells before the limit
+    limits = (lower, upper)
+    bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
+    file = write_urdf(
+        tmp_path,
+        link("base"),
+        link("upper", bar),
+        link("fore", bar),
+        joint("shoulder", "base", "upper", limits=limits),
+        joint("elbow", "upper", "fore", at=(1, 0, 0), limits=limits),
+    )
+    space = build_arm_space({"post": posed_box((0.1, 0.1, 0.1), 9.0, 9.0)}, Arm.from_urdf(file))
+    joint_map = build_joint_map(space, spacing)
+    at_limit = (upper, 0.01)
+    assert space.motion_is_free((0.01, 0.01), at_limit)
+    assert joint_map.classify(at_limit) != BLOCKED
+    assert not joint_map.is_disconnected((0.01, 0.01), at_limit)
+
+
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # its sides cancel
+def test_a_flat_closed_link_has_no_inside(tmp_path: Path) -> None:
+    corners = [(0, 0, 0), (0.4, 0, 0), (0, 0.4, 0), (0.3, 0.3, 0)]
+    flat = trimesh.Trimesh(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)], process=False)
+    flat.export(tmp_path / "flat.obj")
+    sheet = '<geometry><mesh filename="flat.obj"/></geometry>'
+    file = write_urdf(
+        tmp_path,
+        link("base"),
+        f'<link name="upper"><collision>{sheet}</collision></link>',
+        f'<link name="fore"><collision>{sheet}</collision></link>',
+        joint("shoulder", "base", "upper"),
+        joint("elbow", "upper", "fore", at=(1, 0, 0)),
+    )
+    space = build_arm_space({"post": posed_box((0.1, 0.1, 0.1), 1.2, 0.3)}, Arm.from_urdf(file))
+    free, mixed, blocked = build_joint_map(space, 0.4).count()
+    assert free and mixed and not blocked

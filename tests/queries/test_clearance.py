@@ -287,3 +287,13 @@ def test_the_clearance_of_a_callback_is_zero_for_nan_beside_the_grid():
     check = cspace.build(workspace, Robot.disc(0.1), outside="free").clearance_checker()
     assert check(-5.0, 0.4) > 0.0
     assert check(-5.0, np.nan) == check(np.nan, -5.0) == 0.0
+
+
+@pytest.mark.parametrize("rotation", [(np.nan, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0)])
+def test_a_callback_finds_no_clearance_at_what_is_no_rotation(rotation: tuple[float, ...]) -> None:
+    workspace = Workspace.from_array(np.pad(np.ones((1, 1, 1), dtype=bool), 3), 0.1)
+    rotations = cspace.Rotations.quaternions(4)
+    space = cspace.build(workspace, Robot.ball(0.05), rotations=rotations, outside="free")
+    check = space.clearance_checker()
+    assert check(5.0, 5.0, 5.0, 0.0, 0.0, 0.0, 1.0) > 1.0
+    assert check(5.0, 5.0, 5.0, *rotation) == check(0.01, 0.01, 0.01, *rotation) == 0.0

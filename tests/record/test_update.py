@@ -405,3 +405,15 @@ def test_a_saved_map_has_one_version(
     space.export(tmp_path / name)
     changing.join()
     assert (space.cell_states != FREE).sum() > (build_empty_room().cell_states != FREE).sum()
+
+
+def test_an_obstacle_that_only_configurations_outside_the_grid_reach_is_no_longer_free() -> None:
+    body = Robot.polygon(shapely.box(1.0, -0.2, 1.4, 0.2))  # ahead of its reference point
+    space = cspace.build(Workspace.from_array(fill_boxes((20, 20)), 0.1), body, outside="free")
+    outside = (-1.15, 0.25)
+    assert space.is_free(outside) and space.clearance(outside) > 0.0
+    space.add_obstacle("crate", shapely.box(0.0, 0.2, 0.1, 0.3))
+    assert not space.is_free(outside) and not space.is_free(outside, exact=True)
+    assert not space.motion_is_free(outside, (-1.2, 0.25)) and space.clearance(outside) == 0.0
+    space.remove_obstacle("crate")
+    assert space.is_free(outside)

@@ -93,7 +93,7 @@ ONE_SIDED_ATTRIBUTES = (
         "boxes",
         "contains",
         "encloses",
-        "_facts",
+        "facts",
         "inscribed_radius",
         "is_boxes",
         "measure",

@@ -114,3 +114,22 @@ def test_motions_along_and_through_borders_and_corners_of_tiles_are_free(tmp_pat
         assert tiled.motion_is_free(*ends) == cspace.build(
             workspace, cspace.Robot.disc(0.01), outside="free"
         ).motion_is_free(*ends)
+
+
+def test_a_motion_between_nearly_equal_quaternions_is_free_at_both_everywhere(tmp_path):
+    # OMPL may keep the first rotation all along, so a motion in tiles must have both everywhere.
+    occupied = fill_boxes((30, 30, 24), np.s_[13:17, 13:17, :])
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    robot, rotations = cspace.Robot.box((0.8, 0.2, 0.1)), cspace.Rotations.quaternions(4)
+    space = cspace.build(workspace, robot, rotations=rotations)
+    tiled = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "m", tile=10)
+    border = rotations.borders[3]
+    before, after = (
+        np.array([0.1, 0.3, border + side, 1.0]) / np.linalg.norm([0.1, 0.3, border + side, 1.0])
+        for side in (-4e-6, 4e-6)
+    )
+    places = np.random.default_rng(0).uniform(0.5, (2.5, 2.5, 1.9), (20_000, 3))
+    starts = np.hstack([places, np.tile(before, (len(places), 1))])
+    ends = np.hstack([places[::-1], np.tile(after, (len(places), 1))])
+    ours, theirs = tiled.motion_is_free(starts, ends), space.motion_is_free(starts, ends)
+    assert theirs.any() and not (ours & ~theirs).any()
