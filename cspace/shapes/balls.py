@@ -183,7 +183,7 @@ class Balls(ExactShape):
         return not self.centers[:, :2].any()
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return transformed rows; see :meth:`Shape.transform_features`."""
+        """Return transformed rows; see ``Shape.transform_features``."""
         return np.column_stack([self.centers @ matrix.T, self.radii])
 
     @property

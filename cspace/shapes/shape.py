@@ -462,7 +462,7 @@ class BoundedShape(Shape):
         return self._is_round_about_z
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return transformed rows; see :meth:`Shape.transform_features`."""
+        """Return transformed rows; see ``Shape.transform_features``."""
         rows = [side.transform_features(matrix) for side in (self.outer, self.inner)]
         return np.concatenate(
             [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]

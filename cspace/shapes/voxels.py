@@ -132,7 +132,7 @@ class Box(ExactShape):
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return transformed rows; see :meth:`Shape.transform_features`."""
+        """Return transformed rows; see ``Shape.transform_features``."""
         corners = np.array([self.lower, self.upper]) @ matrix.T
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
@@ -317,7 +317,7 @@ class Voxels(ExactShape):
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return transformed rows; see :meth:`Shape.transform_features`."""
+        """Return transformed rows; see ``Shape.transform_features``."""
         low = self.lower + self.side * np.argwhere(self.occupied)
         high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
         corners = np.stack([low, high]) @ matrix.T

@@ -14,7 +14,7 @@ import numpy as np
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
-from cspace.limits import WORKSPACE_CELL_BYTES, map_bytes
+from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
@@ -56,7 +56,10 @@ def build_tiles(
     grid = workspace.grid
     stamp = workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
-    sides = resolve_tile(tile, grid.shape, len(frame.states))
+    slices = len(frame.states)
+    sides = resolve_tile(tile, grid.shape, slices)
+    rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
+    check_memory(rasters, "the map", grid, slices=slices)
     about = {
         "shape": list(grid.shape),
         "side": list(sides),
