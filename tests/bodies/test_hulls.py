@@ -1,5 +1,6 @@
 """Trees of hulls and bounds of motions, against samples."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, motion_bounds
 from cspace.arms.scenes import make_scene
 from cspace.arms.solids import Solid
-from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, node_corners
+from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, _fit_hull, node_corners
 from cspace.shapes import Mesh, Shape
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
@@ -249,3 +250,24 @@ def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
     assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))
+
+
+def test_a_hull_grows_by_what_its_corners_leave_out() -> None:
+    """Compare extents along the normals of faces, on which points lie, without rounding."""
+
+    def extent(rows: np.ndarray, normal: np.ndarray) -> Fraction:
+        exact = [Fraction(x) for x in normal.tolist()]
+        return max(
+            sum(Fraction(x) * n for x, n in zip(row, exact, strict=True)) for row in rows.tolist()
+        )
+
+    missing = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        points = np.round(rng.uniform(-3.0, 3.0, (300, 3))) @ turn.T + rng.normal(size=3)
+        fit = _fit_hull(points)
+        for normal in turn.T:
+            missing.append(float(extent(points, normal) - extent(fit.corners, normal)))
+            assert missing[-1] <= fit.growth
+    assert max(missing) > 0.0  # some points lie beside the hull of the corners
