@@ -26,7 +26,7 @@ from cspace.plot.picture import save_figure
 from planners import Plan, plan
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT, SOURCES
-from tests.test_imports import ORDER, ROOM_LEVELS
+from tests.lint.test_imports import ORDER, ROOM_LEVELS
 
 CODE_BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PAGES = {
