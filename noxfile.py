@@ -45,16 +45,19 @@ def constraints(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def lint(session: nox.Session) -> None:
-    """Check style, format, spelling and types."""
+    """Check style, format, spelling, types, imports, dependencies and generated lists."""
     session.run(PYTHON, "-m", "ruff", "check")
     session.run(PYTHON, "-m", "ruff", "format", "--check")
     session.run(PYTHON, "-m", "codespell_lib")
     session.run(PYTHON, "-m", "mypy")
+    session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/lint")
+    session.run(PYTHON, "-m", "tests.mutants", "--check")
 
 
 @nox.session(venv_backend="none")
 def docs(session: nox.Session) -> None:
-    """Build the documentation, and run its tutorials and examples."""
+    """Run the code of pages; build the documentation, which runs its tutorials and examples."""
+    session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/docs")
     session.run(
         PYTHON, "-m", "sphinx", "-W", "--keep-going", "docs", "docs/_build", *session.posargs
     )
@@ -68,5 +71,11 @@ def bench(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def soak(session: nox.Session) -> None:
-    """Compare new random cases with exact geometry, e.g. `nox -s soak -- --quick maps`."""
-    session.run(PYTHON, "-m", "tests.soak", *session.posargs)
+    """Compare new random cases with exact geometry, for an hour without arguments, e.g. `nox -s soak -- --quick maps`."""
+    session.run(PYTHON, "-m", "tests.soak", *(session.posargs or ["--minutes", "60"]))
+
+
+@nox.session(venv_backend="none")
+def mutants(session: nox.Session) -> None:
+    """Put faults into copies of the packages, and see that tests find them, e.g. `nox -s mutants -- raster`."""
+    session.run(PYTHON, "-m", "tests.mutants", *session.posargs)

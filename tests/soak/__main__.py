@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
@@ -52,8 +53,9 @@ def few_edges(report: Report, checks: int) -> int:
 def check_examples(report: Report, seed: int) -> None:
     """Run all tests of hypothesis with new examples."""
     start = time.perf_counter()
-    options = ["-q", "-m", "hypothesis", "--hypothesis-profile=new", f"--hypothesis-seed={seed}"]
-    command, root = [sys.executable, "-m", "pytest", *options], Path(__file__).parents[2]
+    options = ["-q", "-m", "hypothesis", f"--hypothesis-seed={seed}"]
+    command = [sys.executable, "-m", "pytest", *options]
+    root = Path(__file__).parents[2]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     report.section(f"tests with new examples, seed {seed}, {time.perf_counter() - start:.0f} s")
     if done.returncode:
@@ -75,18 +77,28 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a few minutes instead of hours")
     parser.add_argument("--seed", type=int, help="seed of everything random (default: a new one)")
     parser.add_argument(
+        "--minutes",
+        type=float,
+        default=0.0,
+        help="repeat quick rounds, each with the next seed, until this time is over",
+    )
+    parser.add_argument(
         "--checks", type=int, help="checks of FREE and BLOCKED (default 10^6, with --quick 50,000)"
     )
     options = parser.parse_args()
     if unknown := sorted({*options.names} - {*FAMILIES}):
         parser.error(f"unknown {', '.join(unknown)}; choose from {', '.join(FAMILIES)}")
-    report = Report(options.quick)
+    report = Report(options.quick or options.minutes > 0.0)
     seed = secrets.randbits(32) if options.seed is None else options.seed
-    report.note(f"--seed {seed} draws the same cases again")
-    checks = options.checks or (50_000 if options.quick else 1_000_000)
-    for name in options.names or FAMILIES:
-        report.start(name)
-        FAMILIES[name](report, seed, checks)
+    checks = options.checks or (50_000 if report.quick else 1_000_000)
+    end = time.monotonic() + 60.0 * options.minutes
+    for round_seed in count(seed):
+        report.note(f"--seed {round_seed} draws the same cases again")
+        for name in options.names or FAMILIES:
+            report.start(name)
+            FAMILIES[name](report, round_seed, checks)
+        if report.failures or time.monotonic() >= end:
+            break
     print()
     for failure in report.failures:
         print(f"FAILED {failure}")
