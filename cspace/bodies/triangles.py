@@ -488,7 +488,7 @@ def piece_depth(row: Floats, point: Row) -> float:
 
     It is negative outside and for other rows.
     """
-    radius = row[9]
+    radius = float(row[9])
     from_center = minus(point, row_at(row, 0))
     if radius == 0.0:
         return -np.inf

@@ -338,9 +338,10 @@ def dilate(
 
 
 @kernel
-def read_word(words: Words, k: int, shift: int) -> int:
+def read_word(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
     """Return the 64 bits of a string that begin ``shift`` bits after word k."""
     low = words[k] >> shift
     # Two shifts, because a shift by 64 bits is undefined.
     high = (words[k + _ONE] << _ONE) << (_LAST_BIT - shift)
-    return low | high
+    word: np.uint64 = low | high
+    return word

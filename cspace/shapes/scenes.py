@@ -172,7 +172,7 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
     if kind == "cylinder":
         return cylinder_bounds(*sizes)
-    return capsule_bounds(*sizes, 0.0)
+    return capsule_bounds(sizes[0], 0.0)
 
 
 def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
