@@ -60,8 +60,9 @@ def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     expected = [max(k for k in range(len(cells)) if boundaries[k] <= one) for one in yaw]
     away = np.abs(yaw[:, None] - boundaries).min(axis=1) > 1e-9
     assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
-    # Wrapping may round a boundary into either cell beside it.
+    # A boundary belongs to the cell above it, but wrapping may round it into either cell.
     above = np.arange(len(cells))
+    np.testing.assert_array_equal(cells.cell_of(boundaries[:-1]), above)
     numbers = cells.cell_of(boundaries[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % len(cells))).all()
 
