@@ -33,15 +33,25 @@ def make_rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
 # ---- the plane -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
-@given(robots(), st.floats(-7, 7), st.floats(0, 3.2), st.sampled_from([0.0, 0.1]), seeds)
-def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, margin, seed):
-    outer, inner = make_rasters(robot, 0.2, margin, yaw_turn(yaw, angle))
-    t = np.concatenate([[-1.0, 0.0, 1.0], np.random.default_rng(seed).uniform(-1, 1, 5)])
-    for one in yaw + angle * t:
-        outer_there, inner_there = make_rasters(robot, 0.2, margin, yaw_turn(one))
-        assert outer_there <= outer
-        assert inner <= inner_there
+bars = st.tuples(st.floats(0.3, 4.0), st.floats(0.2, 0.6), st.floats(-1.0, 1.0)).map(
+    lambda sizes: Robot.rectangle(sizes[0], sizes[1], (sizes[2], 0.0))
+)
+
+
+@settings(max_examples=60)
+@given(
+    robots() | bars,
+    st.floats(-7, 7),
+    st.floats(0, 0.3) | st.floats(0, 3.2),
+    st.sampled_from([0.0, 0.1]),
+)
+def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, margin):
+    """Draw robots many cells large, whose ends move farther than a cell."""
+    outer, inner = make_rasters(robot, 0.04, margin, yaw_turn(yaw, angle))
+    for share in (-1.0, -0.3, 0.0, 0.6, 1.0):
+        there = make_rasters(robot, 0.04, margin, yaw_turn(yaw + share * angle))
+        assert there[0] <= outer
+        assert inner <= there[1]
 
 
 # ---- space ---------------------------------------------------------------------------------------
