@@ -157,14 +157,9 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     hull_radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
     looseness = np.zeros(len(counts))
     boxes = np.column_stack([tree.boxes[:, :6], ball_radii, hull_radii, looseness])
-    nodes = np.zeros((len(counts), 5), dtype=np.int64)
-    is_leaf = counts == 1
-    parents = np.flatnonzero(~is_leaf)
-    nodes[parents, 0] = parents + 2 * (counts[parents] // 2)
-    nodes[parents, 4] = parents + 1
     corners, first_corners = _row_corners(rows)
-    nodes[is_leaf, 1] = first_corners[starts[is_leaf]]
-    nodes[is_leaf, 2] = first_corners[starts[is_leaf] + 1]
+    nodes = _link_nodes(spans, first_corners)
+    is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
     nodes[:, 3] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
     nodes[0, 3] = 1
@@ -203,8 +198,24 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(corners_of_hulls).T))
 
 
+def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
+    """Return rows of :attr:`Hulls.nodes` with children, and with the corners of leaves."""
+    starts, counts = spans.T
+    nodes = np.zeros((len(counts), 5), dtype=np.int64)
+    is_leaf = counts == 1
+    parents = np.flatnonzero(~is_leaf)
+    nodes[parents, 0] = parents + 2 * (counts[parents] // 2)
+    nodes[parents, 4] = parents + 1
+    nodes[is_leaf, 1] = first_corners[starts[is_leaf]]
+    nodes[is_leaf, 2] = first_corners[starts[is_leaf] + 1]
+    return nodes
+
+
 def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
-    """Return a mask of the nodes to test as hulls: the root, and nodes below a larger rank."""
+    """Return a mask of the nodes to test as hulls.
+
+    These are the root, and nodes whose parent has a larger rank.
+    """
     inner = np.flatnonzero(nodes[:, 0])
     parents = np.zeros(len(nodes), dtype=np.int64)
     parents[nodes[inner, 0]] = inner
@@ -254,7 +265,10 @@ class HullFit(NamedTuple):
 
 
 def _fit_hull(points: Floats) -> HullFit:
-    """Fit a convex hull to points; a flat set keeps all points and has infinite volume."""
+    """Fit a convex hull to points.
+
+    A flat set keeps all points, and has infinite volume.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -297,7 +311,10 @@ def _largest_gap(points: Floats, triangles: Floats) -> float:
 
 
 def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
-    """Split points so that each block has few pairs with ``others`` planes or triangles."""
+    """Split points into blocks that have few pairs with others.
+
+    ``others`` is the number of planes or triangles with which each point is compared.
+    """
     blocks = len(points) * others // MAX_PAIRS_PER_BLOCK + 1
     return np.array_split(points, blocks)
 
@@ -404,7 +421,10 @@ def stop_motion(motion: RelativeMotion) -> RelativeMotion:
 
 @kernel
 def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
-    """Return True if the children of two nodes are no better: leaves, or too long a motion."""
+    """Return True if the children of two nodes prove no more.
+
+    The nodes are leaves, or the motion is too long for any of their children.
+    """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False
     if hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0:
@@ -420,9 +440,9 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
-    """Return the slack of two nodes by their boxes, or by the first one's ball.
+    """Return the slack of two nodes by their boxes.
 
-    The ball counts if its slack is below ``enough``.
+    The ball of the first node decides if the boxes' slack is at most ``enough``.
 
     Also returns a bound of the displacement of the first node, and its center.
     """
@@ -452,16 +472,19 @@ def box_slack(
 
 @kernel
 def has_hull(hulls: Hulls, node: int) -> bool:
-    """Return True if a node has a convex hull; leaves without corners fill their box."""
+    """Return True if a node has a convex hull.
+
+    A leaf without corners fills its box.
+    """
     return bool(hulls.nodes[node, 0] == 0 or hulls.nodes[node, 2] > 0)
 
 
 @kernel
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
-    """Write the two pairs of a node and the children of the other node to ``scratch``.
+    """Replace a pair of nodes by two pairs with children.
 
-    A node without a hull is split first, then the larger node. ``center`` is that of node a, as
-    seen from node b.
+    Writes them to two rows of ``scratch``, from ``row`` on. A node without a hull is split first,
+    then the larger node. ``center`` is that of node a, as seen from node b.
     """
     a_has_hull = has_hull(hulls, a)
     prefers_a = not a_has_hull
@@ -492,10 +515,10 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool]:
-    """Return :func:`tree_slack` of two hulls, and whether they are apart at the central moment.
+    """Return the slack of two hulls, as :func:`tree_slack` does.
 
-    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first
-    direction tried.
+    Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
+    the first hull. ``n``, of any length or zero, is the first direction tried.
     """
     required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
     best = -math.inf
@@ -549,10 +572,11 @@ def slack_along(
     low: float,
     limits: tuple[float, float, float, float],
 ) -> float:
-    """Return the slack along n: of any motion up to a speed, or of the linear motion if larger.
+    """Return the slack of two hulls along n.
 
-    ``low`` is the coordinate of the second hull along -n. ``limits`` are the central gap, the
-    required distance, the speed, and the slack that is enough.
+    It is that of any motion up to a speed, or that of the linear motion if larger. ``low`` is the
+    coordinate of the second hull along -n. ``limits`` are the central gap, the required distance,
+    the speed, and the slack that is enough.
     """
     gap, required, speed, enough = limits
     slack = gap - required - speed

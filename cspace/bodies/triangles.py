@@ -163,13 +163,17 @@ def build_tree(rows: Floats, levers: Floats) -> Trees:
 
 
 def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
+    """Join trees in one record.
+
+    Also returns the root of each tree, -1 if it is empty.
+    """
     shifted = []
     roots = []
     node = 0
     triangle = 0
     for tree in trees:
-        roots.append(node if len(tree.boxes) else -1)
+        is_empty = len(tree.boxes) == 0
+        roots.append(-1 if is_empty else node)
         shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
         node += len(tree.boxes)
         triangle += len(tree.triangles)
@@ -221,10 +225,11 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
 
 def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
-    """Build the boxes of a tree by halving along the longest side, level by level.
+    """Build the boxes of a tree around items in boxes.
 
-    Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and
-    number of items of each node, shape (m, 2).
+    Each level halves the items of its nodes along the longest side. Returns the boxes, shape (m,
+    6), the order of the items in the tree, and the first item and number of items of each node,
+    shape (m, 2).
     """
     number_of_nodes = max(2 * len(low) - 1, 0)
     boxes = np.empty((number_of_nodes, 6))
@@ -318,11 +323,12 @@ def free_fraction(
 def next_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
-    """Find two leaves that may come too near on a fraction of a motion.
+    """Find two leaves that may come too near during a motion.
 
-    With the ``axes`` of a box of configurations, skip nodes that may move past each other there.
-    ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes in the rows from 1 to
-    ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if there are none.
+    Only the given ``fraction`` of the motion counts. With the ``axes`` of a box of configurations,
+    skip nodes that may move past each other there. ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a
+    stack of pairs of nodes in the rows from 1 to ``top - 1``. Returns the row of the leaves, above
+    the remaining pairs; 0 if there are none.
     """
     step = motion.step
     required = motion.required
@@ -387,7 +393,10 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
 
 @kernel
 def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
-    """Return True if two axis-aligned boxes at an offset are apart along an axis."""
+    """Return True if two axis-aligned boxes are apart.
+
+    ``offset`` leads between their centers; their half sides are ``half`` and ``other_half``.
+    """
     largest_gap = 0.0
     for axis in range(3):
         gap = abs(offset[axis]) - (half[axis] + other_half[axis])
@@ -436,9 +445,10 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
 
 @kernel
 def count_edges(edges: Corners) -> int:
-    """Return the number of edges to test: 3, or 1 for a segment or point.
+    """Return the number of edges to test.
 
-    These repeat their last corner, so the first edge is the only one.
+    There are 3, or 1 for a segment or point: these repeat their last corner, so that the first edge
+    is the only one.
     """
     return 3 if dot(edges[1], edges[1]) > 0.0 else 1
 
@@ -520,15 +530,15 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     scale = 0.5
     for _ in range(16):
         from_first = nearest_of_triangle(minus(target, first), to_second, to_third)
-        near = add_scaled(first, from_first, 1.0)
-        if piece_depth(q, near) > depth:
+        nearest = add_scaled(first, from_first, 1.0)
+        if piece_depth(q, nearest) > depth:
             return True
         if is_ball:  # no point of the triangle is nearer to its center
             return False
         # Alternate projections between the triangle and a shrunken box, so that they can end inside
         # the box. The shrunken box grows towards the full box.
         target, first_axis, second_axis, third_axis = read_box(q)
-        from_center = minus(near, target)
+        from_center = minus(nearest, target)
         for axis in (first_axis, second_axis, third_axis):
             coordinate = dot(from_center, axis) / dot(axis, axis)
             target = add_scaled(target, axis, min(max(coordinate, -scale), scale))
@@ -574,12 +584,13 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 @kernel
 def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
-    """Return True if a segment that passes through a triangle still does after a motion.
+    """Return True if a segment stays through a triangle in a motion.
 
-    All points of the one or the other move by at most ``displacement``. While the ends of the
-    segment do not meet the triangle, and the segment does not meet its edges, the number of signed
-    intersections cannot change. So it suffices that these distances exceed ``displacement``. Each
-    is bounded by projections onto a line along the nearest points.
+    The segment from p to q passes through b. All points of the one or the other move by at most
+    ``displacement``. While the ends of the segment do not meet the triangle, and the segment does
+    not meet its edges, the number of signed intersections cannot change. So it suffices that these
+    distances exceed ``displacement``. Each is bounded by projections onto a line along the nearest
+    points.
     """
     for end in (p, q):
         u, v, w = minus(b[0], end), minus(b[1], end), minus(b[2], end)

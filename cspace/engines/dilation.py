@@ -199,7 +199,10 @@ class Padding(NamedTuple):
 
     @classmethod
     def of(cls, shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> Padding:
-        """Return the padding of a map, of which the first ``results`` cells are robot positions."""
+        """Compute the padding of a map for rasters.
+
+        The first ``results`` cells of the map are robot positions.
+        """
         lower = np.array([to_three_axes(raster.lower, 0) for raster in rasters]).min(axis=0)
         upper = np.array([to_three_axes(raster.upper, 0) for raster in rasters]).max(axis=0)
         largest = np.array(shape) - 1  # larger offsets cannot fall on the map
@@ -305,9 +308,10 @@ class PaddedBits:
 def dilate(
     source: Words, lengths: Ints, distances: Ints, wide: Words, wider: Words, result: Words
 ) -> bool:
-    """Set bit k of a result if a run of bits that begins ``distance`` after bit k has a set bit.
+    """Unite shifted runs of a string of bits in ``result``.
 
-    Return False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
+    Sets bit k of the result if a run of bits that begins ``distance`` after bit k has a set bit.
+    Returns False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
     scratch of the source's size. The source reaches a word beyond the last run.
     """
     all_bits = np.uint64(0)
@@ -339,7 +343,7 @@ def dilate(
 
 @kernel
 def read_word(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
-    """Return the 64 bits of a string that begin ``shift`` bits after word k."""
+    """Return 64 bits of a string, from ``shift`` bits after word k."""
     low = words[k] >> shift
     # Two shifts, because a shift by 64 bits is undefined.
     high = (words[k + _ONE] << _ONE) << (_LAST_BIT - shift)

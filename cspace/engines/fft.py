@@ -84,10 +84,10 @@ def collide(
     """
     members = []
     for raster, result in zip(rasters, out, strict=True):
-        near = clip_raster(raster, occupied.shape)
-        missing = near.count / 2.0 + (raster.count - near.count) * outside
-        if near.count:
-            members.append(Member(near, missing, result))
+        clipped = clip_raster(raster, occupied.shape)
+        missing = clipped.count / 2.0 + (raster.count - clipped.count) * outside
+        if clipped.count:
+            members.append(Member(clipped, missing, result))
         else:
             _write(result, 0.0, missing, add)
     if not members:
@@ -169,9 +169,10 @@ class Tiling(NamedTuple):
         return cells
 
     def invert(self, product: NDArray[Any], first: Ints, stop: Ints) -> NDArray[Any]:
-        """Return the numbers from ``first`` up to ``stop`` of the inverse of a spectrum.
+        """Return a window of the inverse of a spectrum.
 
-        Others are left out after the transform along each axis.
+        The window reaches from ``first`` up to ``stop``. Other numbers are left out after the
+        transform along each axis.
         """
         *leading, last = _make_box(first, stop)
         for axis, kept in enumerate(leading):
@@ -241,7 +242,7 @@ def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: T
 
 
 def _intersect(start: Ints, stop: Ints, lower: Any, upper: Any) -> tuple[Ints, Ints]:
-    """Return start and stop of the part of a box within another, which may be empty."""
+    """Intersect two boxes; return start and stop, equal if empty."""
     start = np.maximum(start, lower)
     return start, np.maximum(start, np.minimum(stop, upper))
 
@@ -252,7 +253,10 @@ def _make_box(start: Ints, stop: Ints) -> tuple[slice, ...]:
 
 
 def _write(out: NDArray[Any], sums: Any, missing: float, add: bool) -> None:
-    """Write the overlaps ``sums + missing``, or True if there are any, or add 1 for any."""
+    """Write the overlaps ``sums + missing``.
+
+    An array of booleans gets True if there are any; with ``add``, the array grows by 1 if so.
+    """
     if add:
         out += np.greater(sums, 0.5 - missing)
     elif out.dtype == np.bool_:

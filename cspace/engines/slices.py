@@ -57,12 +57,12 @@ def slice_rasters(
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))
     threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
-    made = in_threads(
+    original_rasters = in_threads(
         lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
         originals,
         threads,
     )
-    rasters = dict(zip(originals, made, strict=True))
+    rasters = dict(zip(originals, original_rasters, strict=True))
     for number, source in enumerate(sources):
         if number not in rasters:
             outer, inner = rasters[source]
@@ -144,7 +144,8 @@ def fill_states(
     """
     # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.
     hits = states.view(np.bool_)
-    outputs = [hits if overlaps is None else overlaps, states]
+    outer_output = hits if overlaps is None else overlaps
+    outputs = [outer_output, states]
     for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
         advance = partial(_advance, progress, index, len(groups))
         engine.collide(

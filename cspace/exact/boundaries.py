@@ -133,9 +133,9 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         # Farther pieces do not reach the grid. Without the cap, the squares of large distances
         # would overflow.
         outside = np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100)
-        apart = np.linalg.norm(outside, axis=1)
-        near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
-        return RoundedSimplices(simplices[near], border.radii[near])
+        distances = np.linalg.norm(outside, axis=1)
+        is_near = distances <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
+        return RoundedSimplices(simplices[is_near], border.radii[is_near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
             simplices = _clip_to_half_space(simplices, axis, wall, sign)
@@ -198,7 +198,7 @@ class _Side(NamedTuple):
 
 
 def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
-    """Return faces of outer cells on one side of the grid, shape (n, 3, 3)."""
+    """Return faces of outer cells on a side of the grid, shape (n, 3, 3)."""
     layers = np.moveaxis(workspace.outer, side.axis, 0)
     faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
     outermost = -1 if side.is_upper else 0
@@ -208,7 +208,7 @@ def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
 
 
 def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
-    """Return segments of one side of the grid inside a region, shape (n, 2, 2)."""
+    """Return segments of a grid's side inside a region, shape (n, 2, 2)."""
     axis = side.axis
     along = 1 - axis
     wall = grid.upper[axis] if side.is_upper else grid.lower[axis]

@@ -248,7 +248,7 @@ class BoundaryProofs:
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
     ) -> Containment:
-        """Collect the points of the robot and of the obstacles that containment tests need."""
+        """Collect the points that containment tests need."""
         workspace = problem.workspace
         grid = workspace.grid
         robot = self._robot
@@ -351,7 +351,10 @@ class BoundaryProofs:
 def _build_boundary_trees(
     problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
 ) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one."""
+    """Build the trees of robot, obstacles and walls.
+
+    They are scaled to coordinates of about one.
+    """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
     missing_axis = (0, 3 - grid.dim)
@@ -492,10 +495,10 @@ def edge_state(
 
 @kernel
 def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
-    """Prove an arc free; return the number of distances measured, or -1 if it is not proven.
+    """Prove an arc free.
 
-    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
-    is proven first.
+    Returns the number of distances measured, or -1 if the arc is not proven. The arc is cut into
+    equal pieces. Most colliding edges of a planner collide at their end, so it is proven first.
     """
     boundaries = inputs.boundaries
     measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
@@ -522,14 +525,8 @@ def prove_part(
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
     and leaves the remainders on both sides.
     """
-    map_ = inputs.map
     boundaries = inputs.boundaries
     parts = scratch.parts
-    p0 = arc.p0
-    r0 = arc.r0
-    p1 = arc.p1
-    r1 = arc.r1
-    number = arc.number
     parts[0, 0] = first
     parts[0, 1] = last
     pending = 1
@@ -537,23 +534,18 @@ def prove_part(
         pending -= 1
         first = parts[pending, 0]
         last = parts[pending, 1]
-        if arc.angle_error == 0.0 and first < last:
-            start = position_along(p0, p1, first)
-            end = position_along(p0, p1, last)
-            start_rotation = rotation_along(r0, r1, number, first)
-            end_rotation = rotation_along(r0, r1, number, last)
-            if edge_is_free(map_, start, start_rotation, end, end_rotation):
-                continue
+        if first < last and cells_are_free(inputs.map, arc, first, last):
+            continue
         half = 0.5 * (last - first)
         center = 0.5 * (first + last)
-        position = position_along(p0, p1, center)
-        rotation = rotation_along(r0, r1, number, center)
-        state = state_at(map_, position, rotation)
+        position = position_along(arc.p0, arc.p1, center)
+        rotation = rotation_along(arc.r0, arc.r1, arc.number, center)
+        state = state_at(inputs.map, position, rotation)
         if state == FREE and first == last:
             continue
         if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
             return -1
-        place = reference_point(map_, position, boundaries.scale)
+        place = reference_point(inputs.map, position, boundaries.scale)
         motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
         enough = half / ADVANCE_FACTOR
         fraction = free_fraction(
@@ -575,6 +567,18 @@ def prove_part(
             parts[pending + 1, 1] = center - proven
             pending += 2
     return measured
+
+
+@kernel
+def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
+    """Return True if FREE cells prove a part of an arc."""
+    if arc.angle_error > 0.0:
+        return False
+    start = position_along(arc.p0, arc.p1, first)
+    end = position_along(arc.p0, arc.p1, last)
+    start_rotation = rotation_along(arc.r0, arc.r1, arc.number, first)
+    end_rotation = rotation_along(arc.r0, arc.r1, arc.number, last)
+    return bool(edge_is_free(map_, start, start_rotation, end, end_rotation))
 
 
 @kernel
@@ -652,7 +656,7 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
 
 @kernel
 def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
-    """Return True if a point of a small obstacle part lies in the robot's bounding box."""
+    """Return True if an obstacle anchor lies in the robot's bounding box."""
     low = containment.low
     high = containment.high
     for k in range(len(containment.anchors)):

@@ -47,7 +47,7 @@ class Raster:
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
         trimmed = np.ascontiguousarray(cells[tuple(window)])
-        trimmed_lower = tuple(low + part.start for low, part in zip(lower, window, strict=True))
+        trimmed_lower = tuple(low + cut.start for low, cut in zip(lower, window, strict=True))
         return cls(frozen(trimmed), trimmed_lower)
 
     def rotate(self, matrix: Floats) -> Raster:
@@ -108,7 +108,10 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
 
 
 def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
-    """Return the first and the last indices of an array that lie in boxes, shape (n, d)."""
+    """Return the first and last indices of an array in boxes.
+
+    The boxes are given by their corners, shape (n, d), and so are the indices.
+    """
     first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
     last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
     return first, last
@@ -120,11 +123,11 @@ def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> No
     A slab is a range of first indices.
     """
 
-    def work(start: int, stop: int) -> int:
+    def run_kernel(start: int, stop: int) -> int:
         kernel(out, *inputs, start, stop)
         return -1
 
-    in_chunks(work, len(out), MIN_SLABS_PER_THREAD)
+    in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:

@@ -306,7 +306,7 @@ def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
 
 
 def _place_points(info: MapInfo, points: ArrayLike, cos: float, sin: float) -> Floats:
-    """Return points of the image, in cells, as points of the map, in metres."""
+    """Convert points of the image, in cells, to metres of the map."""
     rotated = np.asarray(points) @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(info.origin + info.resolution * rotated)
 
@@ -346,7 +346,8 @@ def _rotate_image(
     bounded = ~solid if exterior_solid else solid
     points = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
     segments = _place_points(info, points, cos, sin).reshape(-1, 4)
-    outer, inner = outline_cells([(segments, True)] if len(segments) else [], grid)
+    parts = [(segments, True)] if len(segments) else []
+    outer, inner = outline_cells(parts, grid)
     if exterior_solid:
         outer, inner = ~inner, ~outer
     return grid, outer, inner, _sample_image(info, unknown, grid)

@@ -127,8 +127,10 @@ def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
     points = local.reshape(-1, 2)
-    first = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
-    stop = np.minimum(np.floor(points.max(axis=0)).astype(int) + 2, grid.shape)
+    lowest_cell = np.floor(points.min(axis=0)).astype(int)
+    highest_cell = np.floor(points.max(axis=0)).astype(int)
+    first = np.maximum(lowest_cell - 1, 0)
+    stop = np.minimum(highest_cell + 2, grid.shape)
     window_x, window_y = map(slice, first.tolist(), stop.tolist())
     window = window_x, window_y
     if (first >= stop).any():

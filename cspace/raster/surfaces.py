@@ -377,9 +377,9 @@ def _shrink(
 
 
 def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], None]) -> Bools:
-    """Return the untouched boxes that are cut off from the boundary of the array.
+    """Find untouched boxes that are cut off from the array's boundary.
 
-    Boxes are cut off if no untouched boxes connect them to the boundary. Calls ``on_empty`` with
+    Boxes are cut off if no untouched boxes connect them to it. Calls ``on_empty`` with
     the spacing if there are none.
     """
     labels, count = scipy.ndimage.label(~touched)

@@ -191,8 +191,12 @@ def subdivide(
 
 
 def _measure_levers(points: Floats, about_z: bool) -> Floats:
-    """Return the distances of points, shape (..., 3), from the origin or the z axis."""
-    return np.asarray(np.linalg.norm(points[..., : 2 if about_z else 3], axis=-1))
+    """Return the distances of points from the origin, or the z axis.
+
+    The points have shape (..., 3).
+    """
+    arms = points[..., :2] if about_z else points
+    return np.asarray(np.linalg.norm(arms, axis=-1))
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
@@ -252,9 +256,10 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
 
 @kernel
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
-    """Return the z-interval of the part of a polygon with ``low <= y <= high``.
+    """Return the z-interval of a polygon between two y-values.
 
-    The polygon is convex, with ``n`` corners (y, z). Returns (inf, -inf) if there is no such part.
+    That is the part with ``low <= y <= high``. The polygon is convex, with ``n`` corners (y, z).
+    Returns (inf, -inf) if there is no such part.
     """
     lowest = math.inf
     highest = -math.inf
@@ -354,7 +359,8 @@ def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float
                 best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
-        best = min(best, _cube_point_distance(minus(row_at(p, 0), center), half))
+        corner = minus(row_at(p, 0), center)
+        best = min(best, _cube_point_distance(corner, half))
         best = min(best, _cube_edges_distance(p, q, center, half))
     return best
 
@@ -402,7 +408,7 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within a radius of what triangle ``t`` sweeps."""
+    """Return True if a cube is near what triangle ``t`` sweeps."""
     x, y, z = minus(center, row_at(swept.origin, 0))
     level = 0.0 if swept.about_z else z
     if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:
@@ -438,9 +444,9 @@ def _mark_within(
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
         # Cubes far from the plane of the triangle cannot be near either.
-        near = swept.swing * swept.farthest[t] + radius + slack
+        reach = swept.swing * swept.farthest[t] + radius + slack
         x, y, z = triangle[0]
-        slope_x, slope_y, half_height = _plane_heights(triangle, near, half)
+        slope_x, slope_y, half_height = _plane_heights(triangle, reach, half)
         for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
             for j in range(first[t, 1], last[t, 1] + 1):
                 height = z + slope_x * (i - x) + slope_y * (j - y)

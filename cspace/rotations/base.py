@@ -68,8 +68,8 @@ def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     everywhere.
     """
     # Both the remainder and the difference are exact.
-    rest = np.fmod(steps, 2.0 * TWO_PI)
-    shortest = rest - TWO_PI * np.rint(rest / TWO_PI)
+    remainder = np.fmod(steps, 2.0 * TWO_PI)
+    shortest = remainder - TWO_PI * np.rint(remainder / TWO_PI)
     return np.where(periodic_axes, shortest, steps)
 
 
@@ -557,15 +557,16 @@ class Rotations(ABC):
         shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
         cell, shape (m,) each, in the order of the configurations; rounding is included.
         """
-        rows = []
+        indices = []
         cells = []
-        batch = max(1, MAX_PAIRS_PER_BATCH // len(self))
-        for k in range(0, max(len(q), 1), batch):
-            reach = self.covering_angles + angles[k : k + batch, None]
-            row, cell = np.nonzero(self.angles_to_centers(q[k : k + batch]) <= reach)
-            rows.append(row + k)
+        batch_size = max(1, MAX_PAIRS_PER_BATCH // len(self))
+        for first in range(0, max(len(q), 1), batch_size):
+            batch = slice(first, first + batch_size)
+            reach = self.covering_angles + angles[batch, None]
+            index, cell = np.nonzero(self.angles_to_centers(q[batch]) <= reach)
+            indices.append(first + index)
             cells.append(cell)
-        return np.concatenate(rows), np.concatenate(cells)
+        return np.concatenate(indices), np.concatenate(cells)
 
     @property
     def neighbors(self) -> Ints:
@@ -606,10 +607,10 @@ class Rotations(ABC):
         if rotation is not None:
             width = angles[self.cell_of(rotation)].item()
             return f"{self.format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
-        width = f"{angles.min():.3g}°" + (
-            "" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°"
-        )
-        return f"over all rotations, {len(self)} rotation cells of {width}"
+        widths = f"{angles.min():.3g}°"
+        if np.ptp(angles) >= 1e-6:
+            widths = f"{widths} to {angles.max():.3g}°"
+        return f"over all rotations, {len(self)} rotation cells of {widths}"
 
     def __str__(self) -> str:
         """Return the number of cells in words."""

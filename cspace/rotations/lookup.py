@@ -45,7 +45,8 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
     """Return the rotation at the end of the numbers of a configuration."""
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
-    return (row[-1] if borders.shape[0] > 0 else 0.0,)
+    yaw = row[-1] if borders.shape[0] > 0 else 0.0
+    return (yaw,)
 
 
 @inlined
@@ -91,13 +92,17 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
     if len(first) == 4:
         path = find_arc(first, second, arc)
         angle = 4.0 * path.half_angle
-        return angle, angle if path.is_tiny else 0.0
+        error = angle if path.is_tiny else 0.0
+        return angle, error
     return abs(signed_angle(first[0], second[0], arc)), 0.0
 
 
 @kernel
 def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbers:
-    """Return the rotation at t, from 0 to 1, along an arc; quaternions by SLERP."""
+    """Return the rotation at t, from 0 to 1, along an arc.
+
+    Quaternions are interpolated by SLERP.
+    """
     if len(first) == 4:
         path = find_arc(first, second, arc)
         angle = 2.0 * path.half_angle
@@ -189,7 +194,10 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
 
 @inlined
 def signed_angle(first: float, second: float, arc: int) -> float:
-    """Return the signed angle of the shorter arc (0), in [-pi, pi], or the other one (1)."""
+    """Return the signed angle of an arc between two yaws.
+
+    Arc 0 is the shorter one, in [-pi, pi], and arc 1 the other one.
+    """
     angle = second - first
     angle -= math.floor(angle / TWO_PI) * TWO_PI
     if angle > math.pi:
@@ -298,7 +306,10 @@ def normalise(q: Numbers, scale: float) -> Numbers:
 
 @kernel
 def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
-    """Return the shortest arc (0) or, if both are equal, the other one (1)."""
+    """Return a shortest arc between two quaternions.
+
+    Arc 0 is the shorter one; arc 1 is the other one, if both are equal up to rounding.
+    """
     a, b = normalise(q0, 1.0), normalise(q1, 1.0)
     # Both signs of a quaternion are one rotation; the nearer sign gives the shorter arc.
     is_beyond_right_angle = dot_product(a, b) < 0.0
@@ -313,7 +324,7 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
 
 @kernel
 def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
-    """Return the cell at a point of the chord, and where the chord leaves it.
+    """Find where the chord of an arc leaves its current cell.
 
     ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
     the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.

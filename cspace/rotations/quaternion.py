@@ -385,9 +385,10 @@ def _chart(n: int) -> _Chart:
 
 
 def _integrate_measure(parts: Ints, n: int) -> Floats:
-    """Return the Haar measures of cells with the given parts, shape (m, 3), in one unit.
+    """Return the Haar measures of cells, in one unit.
 
-    Gauss-Legendre quadrature over the arc tangents of the quotients.
+    The cells are given by their parts, shape (m, 3). Gauss-Legendre quadrature over the arc
+    tangents of the quotients.
     """
     nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
     angles = np.pi / (2.0 * n) * (parts[..., None] + (nodes + 1.0) / 2.0) - np.pi / 4.0
@@ -398,8 +399,8 @@ def _integrate_measure(parts: Ints, n: int) -> Floats:
     return np.asarray(np.einsum("mi,mj,mk,mijk->m", *by_axis, density))
 
 
-_CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
-"""Corners of the unit cube."""
+_CORNERS: Final = np.indices((2, 2, 2)).reshape(3, -1).T
+"""Corners of the unit cube, shape (8, 3)."""
 
 
 def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:

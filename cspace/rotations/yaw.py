@@ -286,7 +286,10 @@ def check_wrappable(yaws: Floats, name: str) -> None:
 
 
 def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | None:
-    """Return a symmetry of a shape that keeps z and has a determinant, or None."""
+    """Return a symmetry of a shape about the z axis, or None.
+
+    Its determinant is 1 for a turn, -1 for a mirror.
+    """
     for symmetry in shape.symmetries:
         (a, b), (c, d) = symmetry[:2, :2].tolist()
         keeps_z = bool((symmetry[2:, 2:] == 1.0).all())

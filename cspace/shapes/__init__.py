@@ -108,7 +108,10 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
 
 def _convert_sequence(given: Any, name: str) -> Shape:
-    """Make the shape of a list or array: geometries, corners, or vertices and faces."""
+    """Make the shape of a list or array.
+
+    It holds geometries, corners of a polygon, or vertices and faces.
+    """
     import shapely
 
     from cspace.files.vector import read_shapes
@@ -143,7 +146,10 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
 
 def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a short text, WKT, or a file of polygons or a mesh."""
+    """Make the shape that a text describes.
+
+    The text is a short text, WKT, or the path of a file of polygons or a mesh.
+    """
     from cspace.files.meshes import MESH_SUFFIXES
     from cspace.files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 

@@ -79,8 +79,8 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
             break
         chosen = np.sort(np.concatenate([remaining, added]))
         open_bodies = []
-        for part in _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared):
-            body = replace(part, faces=chosen[part.faces])
+        for found in _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared):
+            body = replace(found, faces=chosen[found.faces])
             if body.closed:
                 closed.append(body)
             elif not has_no_area[body.faces].all():
@@ -92,10 +92,10 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
 
 
 def component_labels(first: Ints, second: Ints, count: int) -> Ints:
-    """Label the connected components of a graph, in the order of their first vertices.
+    """Label the connected components of a graph.
 
-    The graph has `count` vertices, and edges from `first[i]` to `second[i]`. Returns shape
-    (count,).
+    Labels ascend in the order of the components' first vertices. The graph has `count` vertices,
+    and edges from `first[i]` to `second[i]`. Returns shape (count,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -278,7 +278,7 @@ class Mesh(ExactShape):
         return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     def _refuse_fill(self, hint: str) -> None:
-        """Raise InputError if the inside depends on the spacing, because exact answers must not."""
+        """Raise InputError if the inside depends on the spacing."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
             raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
@@ -406,6 +406,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def _winding(self) -> WindingNumber:
+        """Winding number of the closed bodies, relative to the lower corner of the bounds."""
         from cspace.raster.surfaces import WindingNumber
 
         counted = self.windings != 0

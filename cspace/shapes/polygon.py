@@ -60,8 +60,7 @@ class Polygons(ExactShape):
         """
         import shapely
 
-        geometries = _as_geometries(shape)
-        parts = [part for whole in geometries for part in shapely.get_parts(whole)]
+        parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
         if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)

@@ -107,7 +107,10 @@ def read_urdf(
 def _check_shapes(
     urdf: URDF, given: str | Sequence[str] | None, links: Sequence[str], file: str
 ) -> None:
-    """Refuse links without collision geometry, and warn if links that move are left out."""
+    """Refuse links without collision geometry.
+
+    Warns if links that move are left out.
+    """
     with_geometry = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     omitted = [name for name in with_geometry if name not in links]
     if len(omitted) == len(with_geometry):
@@ -124,7 +127,7 @@ def _check_shapes(
 
 
 def _read_origin(collision: Any, place: str) -> Floats:
-    """Return the pose of a collision geometry in the frame of its link, shape (4, 4)."""
+    """Return the pose of a collision geometry in its link, shape (4, 4)."""
     if collision.origin is None:
         return np.eye(4)
     return check_finite(collision.origin, f"{place}: origin")
@@ -143,8 +146,8 @@ def link_shapes(
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
         outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
-        is_mesh = collision.geometry.mesh is not None
-        outer = Mesh(*outer_surface, solid if is_mesh else "auto", place)
+        solid_part = solid if collision.geometry.mesh is not None else "auto"
+        outer = Mesh(*outer_surface, solid_part, place)
         outer.warn_if_open(fills=False)
         shape: Shape = outer
         if inner_surface is not outer_surface:

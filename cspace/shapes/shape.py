@@ -528,8 +528,9 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
     def make_profile(factor: float) -> Floats:
         upper = factor * arc + (0.0, length / 2.0)
         lower = upper[::-1] * (1.0, -1.0)
-        # The halves of a ball share the corner at the equator.
-        return np.concatenate([lower, upper if length else upper[1:]])
+        if length == 0.0:
+            upper = upper[1:]  # the halves of a ball share the corner at the equator
+        return np.concatenate([lower, upper])
 
     # The polygon of the arc touches the arc from outside, like the polygons of its circles.
     outer = make_profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
@@ -537,7 +538,7 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
 
 
 def _revolve_bounds(outer: Floats, inner: Floats) -> BoundsPair:
-    """Revolve the profiles of an outer and an inner bound, with slack for the rounding."""
+    """Revolve an outer and an inner profile, with slack for rounding."""
     return _revolve(outer * (1.0 + _BOUND_SLACK)), _revolve(inner * (1.0 - _BOUND_SLACK))
 
 

@@ -242,14 +242,15 @@ def test_the_distance_of_a_cube_is_exact():
     """Test radii just above and just below the distance."""
     rng = np.random.default_rng(3)
     for size in np.repeat([0.3, 1.0, 4.0], 200):
-        triangle = rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
-        gap = measure_cube_distance(triangle, np.zeros(3), 1.0)
+        cell = tuple(rng.integers(0, 3, 3).tolist())
+        triangle = cell + rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
+        gap = measure_cube_distance(triangle, np.array(cell), 1.0)
         if gap < 1e-3:
             continue
         for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
-            out = np.zeros((1, 1, 1), dtype=bool)
+            out = np.zeros((3, 3, 3), dtype=bool)
             mark_within(out, sweep_triangles(triangle[None], 0.0, False), 1.0, radius)
-            assert out[0, 0, 0] == expected, (triangle, gap, radius)
+            assert out[cell] == expected, (triangle, gap, radius)
 
 
 def test_subdivided_triangles_are_short_and_cover_the_originals():
