@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
+from cspace.raster.bitmaps import QUARTER_TURNS
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats, Ints, Surface
 
@@ -404,9 +405,6 @@ corners."""
 _MAX_ELLIPSE_SLACK: Final = 2.0**-20
 """Maximum relative growth of an ellipse's bounds that covers rounding."""
 
-_QUARTER_TURNS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
-"""Cosine and sine of 0 to 3 quarter turns."""
-
 BoundsPair = tuple[Surface, Surface]
 """An outer and an inner surface; the outer solid contains the inner one."""
 
@@ -575,7 +573,7 @@ def _make_ring() -> Floats:
     # The last angle begins the next quarter.
     x = cosines[:-1]
     y = sines[:-1]
-    quarters = [np.stack([c * x - s * y, s * x + c * y], axis=1) for c, s in _QUARTER_TURNS]
+    quarters = [np.stack([c * x - s * y, s * x + c * y], axis=1) for c, s in QUARTER_TURNS]
     return np.concatenate(quarters)
 
 

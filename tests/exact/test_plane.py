@@ -201,16 +201,6 @@ def test_denormal_bounds_clip_like_zero(low):
     assert free[gap > ORACLE_BAND].all()
 
 
-def test_half_turns_are_proven_along_both_arcs():
-    """Rotate a bar beside a wall, which blocks one arc."""
-    wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
-    space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
-    assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)
-    assert not space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, -3.1], exact=True)
-    for yaws in [(0.0, math.pi), (math.pi, 0.0), (0.0, -math.pi), (0.0, math.pi + 1e-10)]:
-        assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in yaws), exact=True)
-
-
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_far_configurations_are_decided(outside):
     space = cspace.build(

@@ -196,45 +196,8 @@ def test_meshes_agree_with_manifold3d(seed, margin):
 # ---- cases solved by hand ------------------------------------------------------------------------
 
 
-def make_corridor(share, side=0.6):
-    """Build a corridor along x, ``share`` robots wide."""
-    half = side * share / 2
-    blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
-    return Workspace.from_mesh(
-        join_boxes(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4)
-    )
-
-
 def cube(size):
     return trimesh.creation.box(size)
-
-
-BODIES = {
-    "box": Robot.box((0.9, 0.6, 0.5)),
-    "mesh": Robot.from_mesh(trimesh.creation.box((0.9, 0.6, 0.5))),
-    "ball": Robot.ball(0.3),
-    "cells": Robot.from_bitmap(np.ones((3, 2, 1), dtype=bool), 0.3, (-0.45, -0.3, -0.15)),
-}
-
-
-@pytest.mark.parametrize("body", BODIES)
-def test_only_exact_queries_pass_a_barely_wider_corridor(body):
-    wide, narrow = (cspace.build(make_corridor(share), BODIES[body]) for share in (1.02, 0.98))
-    edge = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
-    assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
-    assert wide.is_free([3.0, 2.0, 2.0], exact=True) and not wide.is_free([3.0, 2.0, 2.0])
-    assert not narrow.motion_is_free(*edge, exact=True) and not narrow.is_free(
-        [3.0, 2.0, 2.0], exact=True
-    )
-    assert wide.motion_is_free([1.0, 1.999, 2.0], [5.0, 2.001, 2.1], exact=True)
-    assert not wide.motion_is_free([1.0, 1.985, 2.0], [5.0, 2.015, 2.1], exact=True)
-
-
-@pytest.mark.parametrize("body", BODIES)
-def test_corridor_as_wide_as_the_robot_is_blocked(body):
-    space = cspace.build(make_corridor(1.0 + 1e-13), BODIES[body])
-    assert not space.motion_is_free([1.0, 2.0, 2.0], [5.0, 2.0, 2.0], exact=True)
-    assert not space.is_free([3.0, 2.0, 2.0], exact=True)
 
 
 SPOT = trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3))

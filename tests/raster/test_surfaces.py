@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
+from cspace.raster.triangles import mark_within, sweep_triangles
+from cspace.shapes import Box
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import cross, dot, units
 from tests.helpers.placements import ORACLE_BAND
@@ -112,6 +113,19 @@ def test_touched_cells_agree_with_exact_separating_axes(seed, kind, lower, spaci
     assert not inner.any()
 
 
+@settings(max_examples=30)
+@given(seeds, st.booleans())
+def test_a_box_as_a_mesh_has_the_cells_of_the_box(seed, inward):
+    rng = np.random.default_rng(seed)
+    grid = Grid((0, 0, 0), 1.0, (9, 8, 7))
+    low = rng.integers(-2, 5, 3) + rng.choice([0.25, 0.5, 0.75], 3)
+    extents = rng.integers(1, 9, 3) - rng.choice([0.125, 0.625], 3)
+    mesh = Mesh.of(make_box(low, low + extents, inward))
+    expected = Box(extents, low + extents / 2).cells(grid)
+    for cells, box_cells in zip(mesh.cells(grid), expected, strict=True):
+        np.testing.assert_array_equal(cells, box_cells)
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_filling_leaves_a_box_without_a_face_open(axis):
     """Leave out a face at the border of cells, which are touched on both sides of it."""
@@ -157,34 +171,6 @@ def test_a_filled_mesh_is_what_its_cells_enclose():
         assert not cells[7:].any()
 
 
-def find_covered(boxes, side, fine=4):
-    """Return masks of cells meeting boxes, and inside them.
-
-    The corners of the boxes are at odd multiples of 1 / (2 fine).
-    """
-    centers = (np.arange(side * fine) + 0.5) / fine
-    filled = np.zeros((side * fine,) * 3, dtype=bool)
-    for low, high in boxes:
-        x, y, z = ((centers > a) & (centers < b) for a, b in zip(low, high, strict=True))
-        filled |= x[:, None, None] & y[None, :, None] & z[None, None, :]
-    blocks = filled.reshape(side, fine, side, fine, side, fine)
-    return blocks.any(axis=(1, 3, 5)), blocks.all(axis=(1, 3, 5))
-
-
-def find_touched(boxes, side):
-    """Return cells that surfaces of boxes meet."""
-    cells = np.arange(side)
-    touched = np.zeros((side,) * 3, dtype=bool)
-    for low, high in boxes:
-        meet = [(cells <= b) & (cells + 1 >= a) for a, b in zip(low, high, strict=True)]
-        within = [(cells > a) & (cells + 1 < b) for a, b in zip(low, high, strict=True)]
-        outer, inner = (
-            x[:, None, None] & y[None, :, None] & z[None, None, :] for x, y, z in (meet, within)
-        )
-        touched |= outer & ~inner
-    return touched
-
-
 @settings(max_examples=25)
 @given(seeds, st.sampled_from([0.0, 0.0, 0.3, 0.75]))
 @example(0, 0.5)
@@ -213,22 +199,6 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
         assert not cells[~may].any()
 
 
-@settings(max_examples=30)
-@given(seeds, st.integers(1, 4), st.booleans())
-def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count, inward):
-    rng = np.random.default_rng(seed)
-    side = 12
-    lows = rng.integers(1, 6, (count, 3)) + rng.choice([0.25, 0.5, 0.75], (count, 3))
-    highs = np.minimum(lows + rng.integers(1, 7, (count, 3)) - 0.25, side - 0.25)
-    boxes = list(zip(lows, highs, strict=True))
-    meeting, lying = find_covered(boxes, side)
-    surface = find_touched(boxes, side)
-    mesh = Mesh.of(join_meshes(*(make_box(*box, inward=inward) for box in boxes)))
-    outer, inner = mesh.cells(Grid((0, 0, 0), 1.0, (side,) * 3))
-    assert (outer == meeting | surface).all()
-    assert (inner == lying & ~surface).all()
-
-
 def measure_cube_distance(triangle, center, half):
     """Return a triangle's distance from a cube."""
     corners = np.array(list(product((-half, half), repeat=3))) + center
@@ -251,19 +221,6 @@ def test_the_distance_of_a_cube_is_exact():
             out = np.zeros((3, 3, 3), dtype=bool)
             mark_within(out, sweep_triangles(triangle[None], 0.0, False), 1.0, radius)
             assert out[cell] == expected, (triangle, gap, radius)
-
-
-def test_subdivided_triangles_are_short_and_cover_the_originals():
-    rng = np.random.default_rng(4)
-    triangles = rng.normal(size=(20, 3, 3)) * 3.0
-    pieces = subdivide(triangles, 0.7, 0.0, False)
-    assert np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max() <= 0.7
-    areas = [
-        np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1).sum()
-        for part in (triangles, pieces)
-    ]
-    assert areas[0] == pytest.approx(areas[1])
-    assert (subdivide(triangles, np.inf, 0.0, False) == triangles).all()
 
 
 def test_a_thin_robot_is_never_too_small():

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, CSpace
+from cspace import CSpace
 from cspace.rotations import Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawRotations
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.arrays import Floats, Ints
 
 COUNT = 8
 
@@ -68,39 +68,6 @@ def space() -> Iterator[CSpace]:
         workspace = cspace.Workspace.from_array(occupied, 0.1)
         robot = cspace.Robot.box((0.5, 0.12, 0.06))
         yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
-
-
-def draw(space: CSpace, n: int) -> Floats:
-    rng = np.random.default_rng(3)
-    low = [*space.grid.lower, -4.0]
-    high = [*space.grid.upper, 4.0]
-    return rng.uniform(low, high, (n, 4))
-
-
-def collides(space: CSpace, q: Floats) -> Bools:
-    """Return True for configurations with a colliding sample point."""
-    axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
-    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-    occupied = np.pad(space.workspace.outer, 1, constant_values=True)
-    answers = np.empty(len(q), dtype=np.bool_)
-    for k, turn in enumerate(Rotation.from_euler("y", q[:, 3:]).as_matrix()):
-        cells = np.floor((turn @ points.T + q[k, :3, None]) / 0.1).astype(int) + 1
-        answers[k] = occupied[
-            tuple(np.clip(cells, 0, np.reshape(occupied.shape, (3, 1)) - 1))
-        ].any()
-    return answers
-
-
-def test_states_agree_with_samples_of_the_robot(space: CSpace) -> None:
-    assert space.axes == ("x", "y", "z", "pitch")
-    q = draw(space, 3000)
-    states = space.classify(q)
-    truth = collides(space, q)
-    assert not truth[states == FREE].any()
-    assert truth[states == BLOCKED].all()
-    assert (states == FREE).sum() > 100 and (states == BLOCKED).sum() > 100
-    check = space.point_checker()
-    assert [check(*each) for each in q[:200]] == (states[:200] == FREE).tolist()
 
 
 def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None:

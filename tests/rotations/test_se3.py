@@ -5,19 +5,16 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace import FREE, MIXED, InputError, Robot, Rotations, Workspace
 from tests.helpers.handmade import ALL_FREE, map_of
 from tests.helpers.maps import proven_paths
-from tests.helpers.placements import draw_configurations, draw_quaternions
+from tests.helpers.placements import draw_quaternions
 from tests.helpers.strategies import seeds
-
-H = 0.25
 
 
 def draw_map(rng, n, free=0.8, shape=(2, 1, 2)):
@@ -208,60 +205,6 @@ def test_all_rotations_in_a_free_box_are_free(seed, n, angle):
 
 
 # ---- geometry ------------------------------------------------------------------------------------
-
-
-def compute_depths(extents, middle, q, lows):
-    """Return the penetration depth (n,) into cubes.
-
-    The depth is negative for disjoint boxes, by 15 separating axes (Gottschalk and others, 1996).
-    """
-    turns = Rotation.from_quat(q[:, 3:]).as_matrix()
-    centers = q[:, :3] + turns @ middle
-    depth = np.full(len(q), -np.inf)
-    axes = [
-        np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(q))).transpose(2, 0, 1),
-        turns.transpose(0, 2, 1),
-    ]
-    axes.append(np.cross(axes[0][:, :, None], axes[1][:, None]).reshape(len(q), 9, 3))
-    axes = np.concatenate(axes, axis=1)
-    length = np.linalg.norm(axes, axis=2, keepdims=True)
-    axes = np.where(length > 1e-6, axes / np.maximum(length, 1e-6), axes[:, :1])
-    own = (np.abs(axes @ turns) * np.asarray(extents) / 2).sum(axis=2)
-    for low in lows:
-        apart = np.abs(np.einsum("nad,nd->na", axes, centers - (low + H / 2)))
-        depth = np.maximum(depth, (own + H / 2 * np.abs(axes).sum(axis=2) - apart).min(axis=1))
-    return depth
-
-
-@settings(max_examples=12)
-@given(seeds, st.sampled_from([1, 2, 3]), st.booleans(), st.sampled_from(["blocked", "free"]))
-def test_states_of_rotating_boxes_agree_with_geometry(seed, n, as_mesh, outside):
-    """Draw configurations anywhere and near boundaries."""
-    rng = np.random.default_rng(seed)
-    occupied = np.zeros((7, 6, 5), dtype=bool)
-    occupied[tuple(rng.integers(0, occupied.shape, (int(rng.integers(1, 4)), 3)).T)] = True
-    occupied[2:5, 2:5, 1:4] |= rng.random() < 0.3
-    extents = rng.uniform(0.05, 0.6, 3)
-    center = rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
-    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(center))
-    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, center)
-    space = cspace.build(
-        Workspace.from_array(occupied, H),
-        robot,
-        rotations=Rotations.quaternions(n),
-        outside=outside,
-    )
-    q = draw_configurations(space, rng, 600)
-    states = space.classify(q)
-    depth = compute_depths(extents, center, q, H * np.argwhere(occupied))
-    corners = center + extents / 2 * np.array(list(itertools.product((-1, 1), repeat=3)))
-    placed = q[:, None, :3] + np.einsum(
-        "nij,kj->nki", Rotation.from_quat(q[:, 3:]).as_matrix(), corners
-    )
-    if outside == "blocked":
-        depth = np.maximum(depth, np.maximum(-placed, placed - space.grid.upper).max(axis=(1, 2)))
-    assert (depth[states == FREE] <= 1e-9).all()
-    assert (depth[states == BLOCKED] >= -1e-9).all()
 
 
 def test_disconnection_is_proven_in_six_dimensions():
