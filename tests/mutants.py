@@ -101,6 +101,12 @@ MUTANTS = (
         "rows = round_up(shape[1] + min(rows_before, rows_after))",
         "tests/engines",
     ),
+    Mutant(
+        "cspace/engines/slices.py",
+        "sources = image_slices.min(axis=0).tolist()",
+        "sources = image_slices.max(axis=0).tolist()",
+        "tests/engines/test_slices.py",
+    ),
     # Record and updates.
     # Look-ups and motions.
     # Components, distances and searches.

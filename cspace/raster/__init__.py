@@ -138,7 +138,7 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower
-    if float(np.prod(shape)) > MAX_RASTER_CELLS:
+    if np.prod(shape) > MAX_RASTER_CELLS:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
             "robot",

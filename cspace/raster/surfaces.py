@@ -344,7 +344,7 @@ def _unite_with_previous_cells(cells: Bools) -> None:
 
 def _check_filled_size(shape: Ints, source: str) -> None:
     """Refuse to fill a surface of too many cells."""
-    if float(np.prod(shape.astype(float))) > _MAX_FILLED_CELLS:
+    if np.prod(shape.astype(float)) > _MAX_FILLED_CELLS:
         size = " x ".join(map(str, shape))
         raise InputError(
             source,

@@ -1,6 +1,5 @@
 """Rasters of rotating shapes, in the plane and in space."""
 
-import math
 from itertools import product
 
 import numpy as np
@@ -165,16 +164,3 @@ def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, ma
         strict=True,
     ):
         assert list_positions(mine) == list_positions(there)
-
-
-@pytest.mark.parametrize("name", SOLID)
-def test_permuted_quarter_turns_equal_fresh_rasters(name):
-    robot = SOLID[name]()
-    angle = 0.1
-    first = robot.rasters(0.083, 0.02, yaw_turn(0.0, angle, 3))
-    for turns in range(1, 4):
-        fresh = robot.rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
-        matrix = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), turns)
-        assert [list_positions(raster.rotate(matrix)) for raster in first] == [
-            list_positions(raster) for raster in fresh
-        ]
