@@ -124,6 +124,12 @@ MUTANTS = (
         "tests/exact/test_plane.py",
     ),
     Mutant(
+        "cspace/exact/proofs.py",
+        "best = min(best, distance - spans[k])",
+        "best = max(best, distance - spans[k])",
+        "tests/exact/test_plane.py",
+    ),
+    Mutant(
         "cspace/exact/boundaries.py",
         "if high[axis] > grid.upper[axis]:",
         "if high[axis] > grid.upper[axis] + 1.0:",

@@ -99,6 +99,30 @@ def test_points_agree_with_shapely(space, seed):
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
 
 
+@settings(max_examples=25)
+@given(spaces(), seeds, st.sampled_from([0.0, 0.2]), st.sampled_from([0.0, 0.3]))
+def test_obstacle_distance_is_a_sharp_lower_bound(space, seed, length, turn):
+    """Bound the pieces around several free configurations."""
+    rng = np.random.default_rng(seed)
+    q = draw_near_mixed(space, rng, 60)
+    q = q[space.is_free(q, exact=True)][:8]
+    if not len(q):
+        return
+    shape = obstacles_of(space)
+    at_centers = measure_distances(space, q, shape).min()
+    bound = space.obstacle_distance(q, length, turn)
+    assert bound <= at_centers
+    if length == turn == 0.0:
+        assert bound >= at_centers - 1e-6 or at_centers == np.inf
+    direction = rng.normal(size=(len(q), 40, 2))
+    direction *= 0.5 * length / np.linalg.norm(direction, axis=2, keepdims=True)
+    moved = np.repeat(q[:, None], 40, axis=1)
+    moved[..., :2] += direction
+    moved[..., 2:] += 0.5 * turn * rng.choice([-1.0, 1.0], moved[..., 2:].shape)
+    nearest = measure_distances(space, moved, shape).min()
+    assert bound <= nearest or nearest <= space.margin  # the bound is for free paths
+
+
 @settings(max_examples=14)
 @given(spaces(), seeds)
 def test_free_edges_never_collide(space, seed):
