@@ -41,17 +41,131 @@ MUTANTS = (
     # Rotations.
     Mutant(
         "cspace/rotations/base.py",
-        "2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever",
-        "1.9 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever",
-        "tests/rotations tests/laws",
+        "chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)",
+        "chord = 1.9 * math.sin(min(self.covering_angle, math.pi) / 2.0)",
+        "tests/raster/test_turns.py",
+    ),
+    Mutant(
+        "cspace/rotations/quaternion.py",
+        'cosines = np.einsum("mki,mi->mk", corners, center).min(axis=1)',
+        'cosines = np.einsum("mki,mi->mk", corners, center).mean(axis=1)',
+        "tests/rotations/test_quaternion.py",
+    ),
+    Mutant(
+        "cspace/rotations/yaw.py",
+        'np.searchsorted(self.borders, in_cells, side="right") - 1',
+        'np.searchsorted(self.borders, in_cells, side="left") - 1',
+        "tests/rotations/test_yaw.py",
     ),
     # Rasters.
+    Mutant(
+        "cspace/raster/boxes.py",
+        "k_last = min(last_z, math.floor(high_z + half_chord - b0))",
+        "k_last = min(last_z, math.floor(high_z + half_chord - b0)) - 1",
+        "tests/raster/test_boxes.py",
+    ),
+    Mutant(
+        "cspace/raster/boxes.py",
+        "grown = RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii)",
+        "grown = RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii)",
+        "tests/raster/test_boxes.py",
+    ),
+    Mutant(
+        "cspace/raster/segments.py",
+        "mark_touched(near_boundary, segments, growth, 0.0, 0.0, SLACK)",
+        "mark_touched(near_boundary, segments, 0.8 * growth, 0.0, 0.0, SLACK)",
+        "tests/raster/test_turns.py",
+    ),
+    Mutant(
+        "cspace/raster/triangles.py",
+        "displacement = swept.swing * min(swept.farthest[t], max_lever)",
+        "displacement = swept.swing * min(swept.nearest[t], max_lever)",
+        "tests/raster/test_turns.py",
+    ),
     # Engines.
+    Mutant(
+        "cspace/engines/fft.py",
+        'ROUNDOFFS: Final = {"float32": 2.0**-24,',
+        'ROUNDOFFS: Final = {"float32": 2.0**-32,',
+        "tests/engines/test_fft.py",
+    ),
+    Mutant(
+        "cspace/engines/fft.py",
+        "tiling = Tiling(lower, size, size - reach, precision)",
+        "tiling = Tiling(lower, size, size - reach + 1, precision)",
+        "tests/engines",
+    ),
+    Mutant(
+        "cspace/engines/dilation.py",
+        "rows = round_up(shape[1] + max(rows_before, rows_after))",
+        "rows = round_up(shape[1] + min(rows_before, rows_after))",
+        "tests/engines",
+    ),
+    Mutant(
+        "cspace/engines/slices.py",
+        "sources = image_slices.min(axis=0).tolist()",
+        "sources = image_slices.max(axis=0).tolist()",
+        "tests/engines/test_slices.py",
+    ),
     # Record and updates.
     # Look-ups and motions.
     # Components, distances and searches.
     # Exact geometry.
+    Mutant(
+        "cspace/exact/proofs.py",
+        "parts[pending, 0] = center + proven",
+        "parts[pending, 0] = center + 2.0 * proven",
+        "tests/exact/test_plane.py",
+    ),
+    Mutant(
+        "cspace/exact/proofs.py",
+        "elif not containment.outer[i, j, m]:",
+        "elif not containment.inner[i, j, m]:",
+        "tests/exact/test_plane.py",
+    ),
+    Mutant(
+        "cspace/exact/proofs.py",
+        "best = min(best, distance - spans[k])",
+        "best = max(best, distance - spans[k])",
+        "tests/exact/test_plane.py",
+    ),
+    Mutant(
+        "cspace/exact/boundaries.py",
+        "if high[axis] > grid.upper[axis]:",
+        "if high[axis] > grid.upper[axis] + 1.0:",
+        "tests/exact/test_boundaries.py",
+    ),
     # Shapes and bodies.
+    Mutant(
+        "cspace/bodies/triangles.py",
+        "gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)",
+        "gap_below = min(a1, a2, 0.0) - max(b0, b1)",
+        "tests/bodies/test_triangles.py",
+    ),
+    Mutant(
+        "cspace/bodies/triangles.py",
+        "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
+        "",
+        "tests/bodies/test_triangles.py",
+    ),
+    Mutant(
+        "cspace/bodies/hulls.py",
+        "slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed",
+        "slack = math.sqrt(squared_distance) - ball_radius - motion.required",
+        "tests/bodies/test_hulls.py",
+    ),
+    Mutant(
+        "cspace/shapes/bodies.py",
+        "is_outside = winding.evaluate(corners) <= 0",
+        "is_outside = winding.evaluate(corners) < 0",
+        "tests/shapes/test_bodies.py",
+    ),
+    Mutant(
+        "cspace/shapes/balls.py",
+        "return rounded_rasters(balls, spacing, margin + growth, growth)",
+        "return rounded_rasters(balls, spacing, margin + growth, 0.0 * growth)",
+        "tests/raster/test_turns.py",
+    ),
     # Arms.
     # Planners: drives, states, results.
     # Planners: trajectories.
