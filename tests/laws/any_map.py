@@ -35,7 +35,7 @@ MAP_INPUTS = {
     "plane": Inputs((40, 33), WEDGE, None, 14),
     "space": Inputs((14, 12, 13), PLANK, None, 8),
     "yaw": Inputs((30, 27), WEDGE, 8, 5),
-    "yaw in space": Inputs((13, 12, 9), PLANK, 6, 3),
+    "yaw in space": Inputs((15, 15, 9), PLANK, 6, 2),
     "quaternions": Inputs((14, 13, 12), PLANK, Rotations.quaternions(2), 1),
 }
 

@@ -10,23 +10,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TWO_PI
-from tests.helpers import handmade, oracles
+from tests.helpers import oracles
 from tests.helpers.handmade import (
     ALL_FREE,
     Outside,
     cells_around,
-    fill_boxes,
     free_except,
     map_of,
     outsides,
     state_of,
     states,
 )
-from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
@@ -181,26 +178,6 @@ def test_edges_along_a_boundary_touch_both_sides(seed, which):
             assert not map_of(state, spacing=h, lower=(lower,) * dim).motion_is_free(q0, q1).any()
 
 
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides())
-def test_samples_of_a_free_edge_are_free(seed, kind, outside):
-    rng = np.random.default_rng(seed)
-    states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
-    dim = states.ndim - 1
-    outside = outside.project(dim)
-    space = handmade.make_map(states, kind, outside)
-    inside, around = (
-        rng.random((2, 60, dim)) * space.grid.upper,
-        rng.uniform(-0.6, 1.8, (2, 60, dim)),
-    )
-    positions = np.where(rng.random((60, 1)) < 0.5, inside, around)
-    endpoints = np.concatenate([positions, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
-    q0, q1 = handmade.configurations(space, endpoints)
-    free = space.motion_is_free(q0, q1)
-    for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(sample_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_long_edges_outside_the_grid_are_decided(dim):
     space = map_of(np.zeros((4,) * dim))
@@ -213,35 +190,6 @@ def test_long_edges_outside_the_grid_are_decided(dim):
         q = np.full(dim, 0.5)
         q[axis] = value
         assert not blocked_outside.motion_is_free((0.5,) * dim, q)
-
-
-def test_edges_outside_avoid_undecided_regions():
-    space = cspace.build(
-        Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1),
-        Robot.disc(0.2),
-        outside="free",
-    )
-    assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
-    assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
-    assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
-
-
-@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_edge_queries_broadcast_batches(kind):
-    space = handmade.make_map(handmade.full_states(kind, 4), kind)
-    size = space.size
-    one, many = (
-        handmade.configurations(space, np.full(size, 0.1)),
-        handmade.configurations(space, np.ones((3, 5, size))),
-    )
-    assert space.motion_is_free(one, many).shape == (3, 5)
-    assert space.motion_is_free(many[:, :1], many[0]).shape == (3, 5)
-    assert space.motion_is_free(np.empty((0, size)), one).shape == (0,)
-    assert space.is_free_around(np.zeros((2, 0, size)), 0.1).shape == (2, 0)
-    with pytest.raises(InputError, match="broadcast"):
-        space.motion_is_free(many[0, :3], many[0, :4])
-    with pytest.raises(InputError, match="edge number 0"):
-        space.motion_is_free(one, [*one[:-1], np.nan])
 
 
 # ---- positions and yaws --------------------------------------------------------------------------
@@ -272,54 +220,6 @@ def resolve_configuration(end, borders, shape):
         *(value * n / SIDE for value, n in zip(position, shape, strict=False)),
         resolve_yaw(yaw, borders),
     )
-
-
-@settings(max_examples=100)
-@given(rotation_cells(6), blocks, endpoints, endpoints, ROOMS)
-@example(
-    4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE)
-)  # through the wrap at pi
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
-@example(
-    4,
-    [(1, 1, 1, 0)],
-    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (SIDE, SIDE),
-)  # along a border
-@example(
-    4,
-    [(0, 1, 1, 0)],
-    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (SIDE, SIDE),
-)
-@example(
-    8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE)
-)  # half a turn: either way
-@example(8, [(7, 0, 0, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))
-@example(1, [(0, 3, 3, 0)], (0.0, 0.0, 0.0, 1.0), (0.6, 0.6, 0.0, -2.0), (SIDE, SIDE))
-@example(
-    2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE)
-)  # a corner of all three
-def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(
-    rotations, closed, start, end, shape
-):
-    space = map_free_except(closed, rotations, shape)
-    boundaries = space.rotations.borders
-    q0, q1 = (
-        resolve_configuration(start, boundaries, shape),
-        resolve_configuration(end, boundaries, shape),
-    )
-    walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
-    answer = space.motion_is_free(q0, q1)
-    assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
-    closed_cells = set(map(tuple, np.argwhere(space.cell_states != FREE).tolist()))
-    if answer:
-        assert not closed_cells & oracles.touched_turned_cells(*walk)
-    else:  # the query may refuse a cell within its slack
-        assert closed_cells & oracles.touched_turned_cells(*walk, slack=1e-8)
 
 
 @settings(max_examples=60)
@@ -406,16 +306,3 @@ def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
         assert not map_free_except([cell], rotations).motion_is_free(q0, q1)
     walk = (q0, q1, H, (0, 0), (SIDE, SIDE), boundaries)
     assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
-
-
-def test_edges_outside_the_grid_follow_the_policy():
-    robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
-    workspace = Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1)
-    free = cspace.build(workspace, robot, rotations=16, outside="free")
-    blocked = cspace.build(workspace, robot, rotations=16)
-    assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))
-    assert not free.motion_is_free(
-        (-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0)
-    )  # the front reaches 0.3 m ahead
-    assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and 0.1 m behind
-    assert not blocked.motion_is_free((0.5, 0.2, 0.0), (1.5, 0.2, 0.0))

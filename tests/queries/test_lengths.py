@@ -68,20 +68,6 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
         assert space.certify_path(0.25 * path).all()
 
 
-def test_bounds_of_long_paths_are_within_three_percent():
-    rng = np.random.default_rng(3)
-    for angle in np.linspace(0.0, math.pi / 2, 8):
-        blocked = rng.random((90, 90)) < 0.05
-        ends = 45.0 + 40.0 * np.array(
-            [[-math.cos(angle), -math.sin(angle)], [math.cos(angle), math.sin(angle)]]
-        )
-        blocked[tuple(ends.astype(int).T)] = False
-        space = map_of(
-            np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
-        )
-        assert space.min_path_length(*ends) >= 80.0 / 1.0275 - 2.0
-
-
 def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     blocked = np.zeros((20, 20), dtype=bool)
     blocked[np.arange(20), np.arange(20)] = True

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import example, given, settings
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace, build
+from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length, to_graph
-from tests.helpers.planning import ENDPOINTS, build_from_states, build_room, turn_between
+from tests.helpers.planning import build_from_states, turn_between
 from tests.helpers.strategies import exteriors, seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
@@ -174,36 +173,6 @@ def test_path_is_widest_whatever_is_outside_the_grid(name: str, seed: int, outsi
             assert passed.min() == pytest.approx(best, abs=1 / 64 + 1e-5)
 
 
-def test_path_keeps_away_from_obstacles_at_the_border_of_a_free_exterior() -> None:
-    cells = np.zeros((40, 21), dtype=bool)
-    cells[20, 8:13] = cells[20, 20] = True  # a block with a gap above, and nothing below
-    space = build(Workspace.from_array(cells, 1.0), Robot.disc(0.2), outside="free")
-    path = space.find_widest_path((5.5, 10.5), (35.5, 10.5), straight=False)
-    assert np.asarray(space.clearance(path)).min() == pytest.approx(6.5)
-    assert np.asarray(space.clearance(path))[[0, -1]] == pytest.approx(13.5)
-
-
-def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
-    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    path = space.find_widest_path((0.45, 0.45), (5.55, 0.45))
-    assert space.certify_path(path).all() and np.asarray(space.clearance(path[1:-1])).min() > 1.4
-    assert np.asarray(space.clearance(path)).min() == pytest.approx(space.clearance((0.45, 0.45)))
-
-
-@pytest.mark.parametrize("name", [*WIDEST_SPACES, "floating"])
-def test_widest_path_takes_the_wide_passage(name: str) -> None:
-    space = build_room(name)
-    path = space.find_widest_path(*ENDPOINTS[name])
-    assert len(path) > 2 and space.certify_path(path).all()
-    assert np.array_equal(path[[0, -1]], space.rotations.make_canonical(np.array(ENDPOINTS[name])))
-    assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
-    back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
-    there = space.find_widest_path(*ENDPOINTS[name], straight=False)
-    assert np.asarray(space.clearance(back)).min() == pytest.approx(
-        np.asarray(space.clearance(there)).min(), abs=2e-3
-    )
-
-
 def test_memory_does_not_grow_with_path_length() -> None:
     state = np.zeros((240, 200), dtype=np.uint8)
     for n, x in enumerate(range(6, 234, 8)):
@@ -221,14 +190,6 @@ def test_memory_does_not_grow_with_path_length() -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["plane", "turning"])
-def test_search_ends_at_the_time_limit_and_is_found_later(name: str) -> None:
-    space = copy.copy(build_room(name))
-    assert space.find_widest_path(*ENDPOINTS[name], time_limit=1e-9).shape == (0, space.size)
-    expected = build_room(name).find_widest_path(*ENDPOINTS[name])
-    assert len(expected) and np.array_equal(space.find_widest_path(*ENDPOINTS[name]), expected)
-
-
 def test_threads_find_the_same_paths() -> None:
     rng = np.random.default_rng(1)
     space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
@@ -239,24 +200,3 @@ def test_threads_find_the_same_paths() -> None:
             lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)
         ):
             assert all(map(np.array_equal, paths, expected))
-
-
-def test_widest_path_follows_obstacle_changes() -> None:
-    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    endpoints = (1.0, 2.0), (5.0, 2.0)
-    before = space.find_widest_path(*endpoints)
-    space.add_obstacle("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
-    after = space.find_widest_path(*endpoints)
-    assert space.certify_path(after).all() and not space.certify_path(before).all()
-    assert np.array_equal(after, build(space.workspace, space.robot).find_widest_path(*endpoints))
-    space.remove_obstacle("pillar")
-    assert np.array_equal(space.find_widest_path(*endpoints), before)
-
-
-def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    space = build_room("plane")
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(
-        InputError, match=r"to search it by clearance.* needs about .* of memory.*at most 950 bytes"
-    ):
-        space.find_widest_path(*ENDPOINTS["plane"])
