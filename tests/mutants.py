@@ -86,9 +86,9 @@ MUTANTS = (
         "tests/laws",
     ),
     Mutant(
-        "cspace/queries/points.py",
-        "return math.ceil(low) - 1, math.floor(high)",
-        "return math.floor(low), math.floor(high)",
+        "cspace/queries/edges.py",
+        "return closed_cells(min(begin, end) - SLACK,",
+        "return closed_cells(min(begin, end) + SLACK,",
         "tests/laws",
     ),
     Mutant(

@@ -131,38 +131,6 @@ def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
         np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
 
 
-@pytest.mark.parametrize("rotations", [None, 24])
-def test_move_returns_the_changed_cells(rotations: int | None) -> None:
-    space = build_empty_room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
-    space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance(
-        (1.0, 1.0, 0.0)
-    )
-    space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
-    for corner in (0.62, 1.7, 2.31):  # overlapping, within a robot's reach, and beyond
-        before = space.cell_states.copy()
-        update = space.add_obstacle(
-            "cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46)
-        )
-        changed = np.argwhere(space.cell_states != before)
-        assert update.changed == len(changed) > 0
-        assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
-
-
-def test_obstacles_leave_workspace_polygons_unchanged() -> None:
-    # A shape that an obstacle covers is exact again after the obstacle is removed.
-    wall, bounds = shapely.Point(1.0, 1.0).buffer(0.32), (0.0, 0.0, 4.0, 3.0)
-    space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
-    q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
-    before = space.is_free(q, exact=True)
-    space.add_obstacle("cart", CART_BOX)
-    both = cspace.build(Workspace.from_polygons([wall, CART_BOX], 0.1, bounds), Robot.disc(0.3))
-    np.testing.assert_array_equal(space.cell_states, both.cell_states)
-    np.testing.assert_array_equal(space.is_free(q, exact=True), both.is_free(q, exact=True))
-    space.remove_obstacle("cart")
-    np.testing.assert_array_equal(space.is_free(q, exact=True), before)
-    assert space.workspace.shapes is not None and not space.obstacles
-
-
 def test_exact_queries_see_moves_within_a_cell() -> None:
     space = build_empty_room()
     free = space.point_checker(exact=True)
@@ -170,18 +138,6 @@ def test_exact_queries_see_moves_within_a_cell() -> None:
     assert free(2.0, 1.98) and not free(2.0, 1.96)
     assert space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.69)).changed == 0
     assert not free(2.0, 1.98) and free(2.0, 2.0)
-
-
-def test_updates_keep_added_obstacles() -> None:
-    space, empty = build_empty_room(), build_empty_room()
-    space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-    state = space.cell_states.copy()
-    assert space.update(OBSTACLE & False, (18, 13)).changed == 0  # there was nothing to clear
-    np.testing.assert_array_equal(space.cell_states, state)
-    space.update(OBSTACLE, (18, 13))
-    space.remove_obstacle("cart")
-    empty.update(OBSTACLE, (18, 13))
-    np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
 def test_obstacles_and_updates_make_unknown_cells_known() -> None:
@@ -283,125 +239,6 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
 # ---- accepted and rejected shapes ----------------------------------------------------------------
 
 
-def test_obstacles_accept_every_kind_of_shape() -> None:
-    square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
-    obstacles: list[tuple[Any, Any]] = [
-        (shapely.Polygon(square), None),
-        ([shapely.Polygon(square)], None),
-        (square, None),
-        (np.array(square), None),
-        (shapely.Polygon(square).wkt, None),
-        (shapely.geometry.mapping(shapely.Polygon(square)), None),
-    ]
-    states = []
-    for obstacle, radius in obstacles:
-        space = build_empty_room()
-        space.add_obstacle("cart", obstacle, radius=radius)
-        states.append(space.cell_states)
-    assert all((state == states[0]).all() for state in states)
-    solid = cspace.build(
-        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
-    )
-    box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
-    meshes = (box, trimesh.Scene([box]), (box.vertices, box.faces), cspace.Mesh.of(box))
-    for obstacle in (*meshes, Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
-        solid.add_obstacle("box", obstacle)
-        states.append(solid.cell_states.copy())
-    assert all((state == states[0]).all() for state in states)
-    balls = cspace.shapes.Balls.of([(0.8, 0.8, 0.8)], 0.3)
-    solid.add_obstacle("box", balls)
-    states = [solid.cell_states.copy()]
-    solid.add_obstacle("box", balls.centers, radius=balls.radii)
-    assert (solid.cell_states == states[0]).all() and list(solid.obstacles) == ["box"]
-
-
-def test_obstacles_accept_robots_and_specs() -> None:
-    space, other = build_empty_room(), build_empty_room()
-    for text in (
-        "disc:0.3@1,1",
-        "rect:0.5x0.3@2,1",
-        "ellipse:0.5,0.3@2,2",
-        "footprint:[[1,1],[2,1],[1,2]]",
-    ):
-        space.add_obstacle("e", text)
-        other.add_obstacle("e", Robot.parse(text))
-        np.testing.assert_array_equal(space.cell_states, other.cell_states)
-        assert space.obstacles["e"].spec == Robot.parse(text).shape.spec
-        assert not space.is_free(space.obstacles["e"].outer.bounds[0] + 0.2, exact=True)
-
-
-@refusals(
-    "name, obstacle, radius, message",
-    ("cart", Robot.ball(0.3), None, "is in space"),
-    ("cart", "ball:0.3", None, "is in space"),
-    ("cart", "cube:0.3", None, "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
-    ("cart", "ellipse:0.3", None, "RADIUS_X,RADIUS_Y must follow"),
-    ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a PosedShape"),
-    ("", CART_BOX, None, "non-empty"),
-    (3, CART_BOX, None, "non-empty"),
-    (None, CART_BOX, None, "non-empty"),
-    ("cart", None, None, "a mesh is needed"),
-    ("cart", 5, None, "a mesh is needed"),
-    ("cart", OBSTACLE, None, "their size must be given"),
-    ("cart", shapely.Polygon(), None, "is empty"),
-    ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
-    (
-        "cart",
-        [(0.0, 0.0), (1.0, 1.0)],
-        None,
-        "points need a radius; pass their radius, .* at least 3",
-    ),
-    ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
-    ("cart", (1.0, 1.0), None, "points need a radius"),
-    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not valid.*make_valid"),
-    ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "must be finite"),
-    ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
-    ("cart", [(0.0, np.inf)], 0.1, "must be finite"),
-    ("cart", [(0.0, 0.0)], -0.1, "below zero"),
-    ("cart", [(0.0, 0.0)], np.nan, "must be finite"),
-    ("cart", [], 0.1, "n at least 1"),
-    ("cart", CART_BOX, 0.1, "must be numeric"),
-    ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
-    ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
-    ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
-    ("cart", "no such file.stl", None, "does not exist"),
-)
-def test_rejected_obstacles_change_nothing(
-    name: Any, obstacle: Any, radius: Any, message: str
-) -> None:
-    space = build_empty_room()
-    space.add_obstacle("cart", CART_BOX)
-    state, shape = space.cell_states.copy(), space.obstacles["cart"]
-    with pytest.raises(cspace.CspaceError, match=message):
-        space.add_obstacle(name, obstacle, radius=radius)
-    np.testing.assert_array_equal(space.cell_states, state)
-    assert space.obstacles == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
-
-
-def test_unknown_names_and_windows_are_rejected() -> None:
-    space = build_empty_room()
-    with pytest.raises(InputError, match="there is no named obstacle"):
-        space.remove_obstacle("cart")
-    space.add_obstacle("cart", CART_BOX)
-    with pytest.raises(InputError, match="must be one of 'cart'"):
-        space.remove_obstacle("dog")
-    fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
-    solid = cspace.build(
-        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
-    )
-    with pytest.raises(InputError, match="solid='fill'"):
-        solid.add_obstacle("box", fill)
-    assert not solid.obstacles
-
-
-def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
-    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
-    assert not hasattr(tiled, "add_obstacle")
-    with pytest.raises(ConfigurationError, match="window of a larger one"):
-        tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART_BOX)
-
-
 # ---- copies, files, threads ----------------------------------------------------------------------
 
 
@@ -420,19 +257,6 @@ def test_copies_keep_names_and_change_independently(again: Any) -> None:
     np.testing.assert_array_equal(other.cell_states, empty.cell_states)
     space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
-
-
-def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
-    space = build_empty_room()
-    space.add_obstacle("cart", CART_BOX)
-    space.save(tmp_path / "map.zarr")
-    opened = cspace.open(tmp_path / "map.zarr")
-    assert not opened.obstacles
-    np.testing.assert_array_equal(opened.cell_states, space.cell_states)
-    q = np.random.default_rng(0).uniform((1.0, 1.0), (3.0, 2.0), (300, 2))
-    np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
-    opened.add_obstacle("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
-    assert not opened.is_free((2.0, 1.5))
 
 
 def test_obstacles_from_threads_wait_for_each_other() -> None:

@@ -65,6 +65,3 @@ def test_a_saved_map_that_is_replaced_opens_whole_or_not_at_all(tmp_path: Path) 
     assert found <= {(), *known}
 
 
-def test_a_map_that_is_missing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="does not exist"):
-        cspace.open(tmp_path / "map.zarr")

@@ -103,18 +103,6 @@ def test_a_robot_too_large_has_no_free_cell() -> None:
         assert not (space.cell_states == cspace.FREE).any()
 
 
-def test_a_build_in_tiles_warns_before_the_work(tmp_path: Path) -> None:
-    def stop(done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    def build() -> None:
-        options = {"outside": "free", "progress": stop}
-        with pytest.raises(KeyboardInterrupt):
-            cspace.build(PLANE, Robot.disc(300), store=tmp_path / "m.zarr", **options)
-
-    assert len(find_warnings(build)) == 1
-
-
 USUAL_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any]]] = {
     "point": (PLANE, Robot("point", Point.at_origin(2)), {}),
     "as long as an axis": (PLANE, Robot.rectangle(10, 0.4), {}),
@@ -136,27 +124,6 @@ def test_a_build_with_a_usual_robot_does_not_warn(case: str) -> None:
     assert not find_warnings(lambda: cspace.build(workspace, robot, **options))
 
 
-def test_obstacles_smaller_than_a_cell_give_the_same_warning() -> None:
-    triangle = shapely.Polygon([(0, 0), (0.002, 0), (0, 0.001)])
-    (warning,) = find_warnings(lambda: Workspace.from_polygons([triangle], 0.1))
-    assert "0.002 m x 0.001 m" in str(warning.message)
-
-
 # ---- arguments in the wrong place ----
 
 
-def test_a_file_name_for_the_workspace_is_refused_with_the_call_that_reads_it() -> None:
-    for path in ("map.yaml", Path("map.yaml")):
-        with pytest.raises(InputError, match=r"workspace is .*Workspace\.open\('map\.yaml'\)"):
-            cspace.build(path, Robot.disc(0.3))
-    with pytest.raises(InputError, match=r"call build\(workspace, robot\)"):
-        cspace.build("disc:0.3", PLANE)
-    with pytest.raises(InputError, match=r"robot is 'robot\.urdf'.*Robot\.open"):
-        cspace.build(PLANE, "robot.urdf")
-
-
-def test_a_short_text_builds_the_map_of_the_robot_that_it_describes() -> None:
-    text = "rect:0.6x0.4"
-    space = cspace.build(PLANE, text)
-    assert space.robot.spec == Robot.parse(text).spec
-    assert np.array_equal(space.cell_states, cspace.build(PLANE, Robot.parse(text)).cell_states)

@@ -21,6 +21,12 @@ WEDGE = np.array([(-0.2, -0.15), (0.65, -0.05), (0.1, 0.25)])
 PLANK = np.array([(x, y, z) for x in (-0.05, 0.45) for y in (-0.1, 0.1) for z in (0.0, 0.1)])
 """Corners of a box in space, most of it far from the reference point."""
 
+NEEDLE = np.array([(-0.1, -0.1), (3.0, 0.0), (-0.1, 0.1)])
+"""Corners of a robot in the plane that is thirty cells long."""
+
+PLATE = np.array([(x, y, z) for x in (0.0, 1.1) for y in (-1.1, 0.0) for z in (0.0, 0.05)])
+"""Corners of a plate in space; one is perpendicular to the axis of the longest turn in a cell."""
+
 
 class Inputs(NamedTuple):
     """Cells of the workspace, corners of the robot, rotation cells and number of obstacles."""
@@ -31,11 +37,17 @@ class Inputs(NamedTuple):
     obstacles: int
 
 
+LONG_INPUTS = {
+    "plane": Inputs((72, 70), NEEDLE, 3, 1),
+    "space": Inputs((36, 35, 36), PLATE, Rotations.quaternions(1), 1),
+}
+"""Inputs with long robots and few rotation cells, so that a turn sweeps many cells."""
+
 MAP_INPUTS = {
     "plane": Inputs((40, 33), WEDGE, None, 14),
     "space": Inputs((14, 12, 13), PLANK, None, 8),
     "yaw": Inputs((30, 27), WEDGE, 8, 5),
-    "yaw in space": Inputs((15, 15, 9), PLANK, 6, 2),
+    "yaw in space": Inputs((15, 15, 9), PLANK, 6, 1),
     "quaternions": Inputs((14, 13, 12), PLANK, Rotations.quaternions(2), 1),
 }
 
@@ -146,7 +158,14 @@ def build_map(
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
     """
-    shape, corners, rotations, number = MAP_INPUTS[space]
+    return build_of(MAP_INPUTS[space], storage, outside, seed, folder, thin)
+
+
+def build_of(
+    inputs: Inputs, storage: str, outside: str, seed: int, folder: Path, thin: bool = False
+) -> AnyMap:
+    """Build a map as :func:`build_map`, of given inputs."""
+    shape, corners, rotations, number = inputs
     low, high = corners.min(axis=0), corners.max(axis=0)
     is_plane = len(shape) == 2
     robot = Robot.polygon(corners) if is_plane else Robot.box(high - low, (low + high) / 2)

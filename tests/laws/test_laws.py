@@ -20,14 +20,17 @@ from tests.helpers.placements import draw_configurations
 from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
+    LONG_INPUTS,
     SPACING,
     AnyMap,
+    Inputs,
     build_map,
+    build_of,
     draw_obstacles,
     reopen,
 )
 
-EXTERIORS = ("blocked", "free")
+BLOCKED_OUTSIDE = ("plane", "yaw in space")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
     "classify": (1, ()),
     "is_free": (1, ()),
@@ -49,7 +52,8 @@ NUDGE = 1e-10
 def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
     """Build a map of a kind; its exterior is blocked or free, depending on the space."""
     space, storage = kind
-    return build_map(space, storage, EXTERIORS[len(space) % 2], 5, folder)
+    outside = "blocked" if space in BLOCKED_OUTSIDE else "free"
+    return build_map(space, storage, outside, 5, folder)
 
 
 @pytest.fixture(scope="module", params=ALL_KINDS, ids="-".join)
@@ -96,6 +100,19 @@ def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: in
     # The contact is in the corner of a box.
     around = any_map.move(q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns)
     assert not space.is_free_around(around, 0.03 + NUDGE).any()
+
+
+@pytest.mark.parametrize("inputs", LONG_INPUTS.values(), ids=LONG_INPUTS)
+def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(
+    inputs: Inputs, tmp_path: Path
+) -> None:
+    long_map = build_of(inputs, "memory", "free", 0, tmp_path)
+    occupied = np.zeros_like(long_map.occupied)
+    occupied[tuple(n // 2 for n in occupied.shape)] = True
+    space = long_map.rebuild(occupied)
+    q = long_map._replace(occupied=occupied).draw_contacts(np.random.default_rng(0), 20_000)
+    assert space.grid.contains(q[:, : long_map.dim]).mean() > 0.9
+    assert not space.is_free(q).any()
 
 
 @settings(max_examples=6)
@@ -197,6 +214,20 @@ def test_classify_and_count_return_the_states_of_the_cells(any_map: AnyMap) -> N
     q, cells = any_map.draw_inside(np.random.default_rng(0), 400)
     np.testing.assert_array_equal(any_map.space.classify(q), any_map.states[tuple(cells.T)])
     assert any_map.space.count() == tuple(np.bincount(any_map.states.ravel(), minlength=3).tolist())
+    assert not any_map.memory.cell_states.flags.writeable
+
+
+def test_equal_rotations_get_equal_states(any_map: AnyMap) -> None:
+    rng = np.random.default_rng(16)
+    q = draw_configurations(any_map.memory, rng, 300)
+    same = q.copy()
+    if len(any_map.space.rotations.names) == 4:
+        same[:, 3:] *= -1.0
+    else:
+        q[:, any_map.dim :] = rng.uniform(-3.0, 3.0, (300, q.shape[1] - any_map.dim))
+        same = q.copy()
+        same[:, any_map.dim :] += 2.0 * np.pi * rng.choice([-1000, -1, 1, 1000])
+    np.testing.assert_array_equal(any_map.space.classify(same), any_map.space.classify(q))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ QUERIES = {
 }
 """Queries of one configuration, with the type of their answer."""
 
-Q = (0.4, 0.7, 0.5)
+Q = (1.45, 1.95, 0.5)
 
 
 @cache

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -106,20 +105,6 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         free = handmade.components(states == FREE, kind)[tuple(positions.T)]
         answers = proven_paths(space, q[:, None], q[None])
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
-
-
-@pytest.mark.parametrize(
-    "robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"]
-)
-@pytest.mark.parametrize(
-    ("spacing", "beyond", "proven"),
-    [(0.1, 0.0, False), (0.1, 1e-3, True), (0.05, 0.0, True)],
-    ids=["to the bounds", "beyond the bounds", "finer cells"],
-)
-def test_walls_disconnect_small_robots_as_the_page_of_limits_says(robot, spacing, beyond, proven):
-    wall = shapely.box(2.0, -beyond, 2.4, 3.0 + beyond)
-    workspace = Workspace.from_polygons([wall], spacing, bounds=(0.0, 0.0, 4.0, 3.0))
-    assert cspace.build(workspace, robot).is_disconnected((0.5, 1.5), (3.5, 1.5)) == proven
 
 
 def test_bar_passes_only_lengthwise():

@@ -1,7 +1,6 @@
 """Edges against exact clipping, OMPL's interpolation, and samples along them."""
 
 import math
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, TWO_PI
+from cspace.rotations.base import TWO_PI
 from tests.helpers import oracles
 from tests.helpers.handmade import (
     ALL_FREE,
@@ -55,58 +54,16 @@ points = st.tuples(places, places, places)
 
 @settings(max_examples=200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
-@example(
-    free_except((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75)
-)  # through a lattice point
-@example(free_except((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
-@example(
-    free_except((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1)
-)  # through a line of the lattice
-@example(free_except((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
-@example(
-    free_except((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5)
-)  # along a line that four cells share
-@example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
-@example(free_except((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
-@example(free_except((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
-@example(
-    free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
-)  # a point that eight cells share
-@example(
-    free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0)
-)  # upright except for tiny numbers
-@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
-@example(free_except((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
-@example(free_except(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(free_except((1, 1, 2)), ALL_FREE, (0.25,) * 3, (0.75,) * 3)  # through a lattice point
+@example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line
+@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))
 @example(free_except(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-@example(
-    free_except(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6)
-)
 @example(
     free_except(),
     Outside(np.array([1, 1, 4, 2, 2, 5]), FREE),
     (0.3, 0.3, 0.9),
     (0.3, 0.3, 1.0 + 2.0**-20),
 )
-@example(
-    free_except(),
-    Outside(np.array([1, 1, -2, 2, 2, -1]), FREE),
-    (0.3, 0.3, 0.9),
-    (0.3, 0.3, -(2.0**-20)),
-)
-# In the plane: through a corner.
-@example(free_except((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(free_except((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(
-    free_except((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
-)  # along a border, above a cell
-@example(
-    free_except((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
-)  # and below one
-@example(free_except(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
-# Upright except for tiny numbers.
-@example(free_except((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))
-@example(free_except((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
 def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, start, end):
     dim, outside = state.ndim, outside.project(state.ndim)
     start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
@@ -147,35 +104,6 @@ def test_rounding_hides_no_touched_cell(seed, away, dim):
     q0, q1 = q0 * (1.0 + near[0]), q1 * (1.0 + near[1])
     for start, end, free in zip(q0, q1, space.motion_is_free(q0, q1).tolist(), strict=True):
         assert not (free and touches(start, end, [blocked], h, lower))
-
-
-@settings(max_examples=20)
-@given(seeds, st.sampled_from([(2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]))
-def test_edges_along_a_boundary_touch_both_sides(seed, which):
-    """Use the floats next to the exact boundary."""
-    rng, (dim, axis) = np.random.default_rng(seed), which
-    for _ in range(15):
-        h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
-        lower = (
-            -h * k
-        )  # the boundary is near zero, where its distance from the corner is rounded the most
-        boundary = Fraction(lower) + Fraction(h) * k
-        below = (
-            float(boundary)
-            if Fraction(float(boundary)) <= boundary
-            else np.nextafter(float(boundary), -9.0)
-        )
-        above = (
-            float(boundary)
-            if Fraction(float(boundary)) >= boundary
-            else np.nextafter(float(boundary), 9.0)
-        )
-        for cell, values in ((k - 1, (below, below - 1e-17)), (k, (above, above + 1e-17))):
-            state = np.zeros((7,) * dim, dtype=np.uint8)
-            state[(slice(None),) * axis + (cell,)] = MIXED
-            q0, q1 = lower + h * rng.uniform(0, 7, (2, 2, dim))
-            q0[:, axis] = q1[:, axis] = values
-            assert not map_of(state, spacing=h, lower=(lower,) * dim).motion_is_free(q0, q1).any()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -252,19 +180,6 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
     assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
-
-
-def test_rotation_boundaries_have_slack():
-    space = map_free_except([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
-    for yaw, expected in (
-        (1.0 - 0.5 * ANGLE_SLACK, False),
-        (1.0 - 1e-6, True),
-        (2.0 + 1e-6, True),
-        (2.0, False),
-    ):
-        assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
-    assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
-    assert space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0 - 1e-6))
 
 
 # ---- OMPL ----------------------------------------------------------------------------------------

@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
+from cspace import BLOCKED, FREE, MIXED, Rotations
 from cspace.queries.paths import pulled_straight
 from tests.helpers import handmade
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.queries.test_widest import (
     WIDEST_SPACES,
@@ -86,21 +85,6 @@ def test_corners_are_cut_down_to_the_obstacle_between():
 
 
 SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
-
-
-@SEARCHES
-@refusals(
-    "q0, q1, options, message",
-    ((0.5, 0.5), (0.5, 1.5), {}, "q1 is .* FREE configuration"),
-    ((-3.0, 0.5), (0.5, 0.5), {}, "q0 is .* FREE configuration"),
-    ((0.5, 0.5), (np.nan, 1.5), {}, "q1\\[0\\] is nan"),
-    ((0.5, 0.5), (1.5, 0.5, 1.0), {}, "q1 has shape"),
-    ((0.5, 0.5), (1.5, 0.5), {"time_limit": 0.0}, r"time_limit is 0\.0"),
-)
-def test_searches_refuse(name, q0, q1, options, message):
-    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
-    with pytest.raises(InputError, match=message):
-        getattr(space, name)(q0, q1, **options)
 
 
 @SEARCHES

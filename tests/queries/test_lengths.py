@@ -83,16 +83,6 @@ def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
 
 
-@pytest.mark.parametrize("rows", [1, 9])
-def test_find_path_slides_between_walls_on_both_sides(rows):
-    states = np.zeros((3 * rows, 12), np.uint8)
-    states[rows - 1, 3:5] = states[rows, 6:8] = states[rows - 1, 9] = BLOCKED
-    space = map_of(states, outside="blocked", spacing=1.0)
-    path = space.find_path((rows - 1e-3, 1.0), (rows + 1e-3, 11.0))
-    assert space.certify_path(path).all()
-    assert path_length(path) <= 10.5
-
-
 @pytest.mark.parametrize(("spacing", "turns"), [(0.1, False), (1.0, True)])
 def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
     states = np.zeros((2, 9, 9), np.uint8)

@@ -13,7 +13,6 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
-from tests.helpers import handmade
 from tests.helpers.handmade import (
     ALL_FREE,
     Outside,
@@ -24,7 +23,6 @@ from tests.helpers.handmade import (
     states,
 )
 from tests.helpers.strategies import (
-    L_SHAPE,
     boundary_yaws,
     resolve_yaw,
     rotation_cells,
@@ -35,53 +33,7 @@ from tests.helpers.strategies import (
 POLICIES = st.sampled_from(["blocked", "free"])
 
 
-@pytest.fixture(scope="module", params=handmade.MAP_KINDS)
-def space(request):
-    """Build a wall with a gap, in every space."""
-    dim = 3 if "space" in request.param else 2
-    occupied = np.zeros((40, 30, 12)[:dim], dtype=bool)
-    occupied[18:22, :18] = True
-    turns = {
-        "turning": 12,
-        "turning in space": 12,
-        "turning in space any way": Rotations.quaternions(1),
-    }
-    robot = {
-        "plane": Robot.disc(0.3),
-        "turning": Robot.polygon(L_SHAPE),
-        "space": Robot.box((0.4, 0.3, 0.2)),
-        "turning in space": Robot.box((0.6, 0.2, 0.2), (0.1, 0.0, 0.0)),
-        "turning in space any way": Robot.box((0.3, 0.2, 0.1)),
-    }[request.param]
-    workspace = Workspace.from_array(occupied, 0.1, (-1.0, 2.0, -0.5)[:dim])
-    return cspace.build(workspace, robot, rotations=turns.get(request.param), counts=True)
-
-
-# ---- types of results ----------------------------------------------------------------------------
-
-
-def test_cell_states_are_read_only(space):
-    with pytest.raises(ValueError):
-        space.cell_states[(0,) * space.cell_states.ndim] = FREE
-
-
 # ---- the state of a cell -------------------------------------------------------------------------
-
-
-def test_equal_rotations_get_equal_states(space):
-    """Add whole turns to yaws; negate quaternions."""
-    states = space.cell_states.reshape(-1, *space.grid.shape)
-    cells, number = handmade.all_cells(states)[::97], 1 % len(states)
-    for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[len(space.rotations.names)]:
-        q, rotation = handmade.cell_centers(space, cells), space.rotations.centers[number]
-        if len(space.rotations.names) == 4:
-            q[:, 3:] *= wraps
-            rotation = rotation * wraps
-        else:
-            q[:, space.grid.dim :] += wraps * TWO_PI
-            rotation = rotation + wraps * TWO_PI
-        assert (space.classify(q) == states[tuple(cells.T)]).all()
-        assert (space.states_at(rotation) == states[number]).all()
 
 
 @settings(max_examples=100)
@@ -115,9 +67,6 @@ def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
         assert space.is_connected(q, q).tolist() == [state == FREE for state in expected]
         assert space.is_disconnected(q, q).tolist() == [state == BLOCKED for state in expected]
         assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
-
-
-# ---- the exterior --------------------------------------------------------------------------------
 
 
 # ---- boxes of configurations ---------------------------------------------------------------------
@@ -236,6 +185,3 @@ def test_contains_robot_is_true_where_the_robot_fits(shape, robot, rotations, an
         Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside="free"
     )
     assert space.contains_robot(list(answers)).tolist() == list(answers.values())
-
-
-# ---- threads -------------------------------------------------------------------------------------

@@ -69,16 +69,6 @@ def test_sample_free_repeats_with_the_seed(space):
     assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
 
 
-@pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
-def test_sample_free_draws_each_of_few_free_cells(free):
-    """Place FREE cells at the ends of blocks counted together."""
-    states = np.full((1, 25, 40), BLOCKED)
-    states.flat[free] = FREE
-    space = handmade.make_map(states, "plane", spacing=1.0)
-    drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
-    assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
-
-
 @settings(max_examples=60)
 @given(
     seeds,

@@ -72,14 +72,28 @@ def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh, 
             )
 
 
-def test_sharing_slices_in_space_changes_no_state(monkeypatch):
-    """Share each slice of a box among four rotation cells."""
-    workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
-    robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
-    shared = cspace.build(workspace, robot, rotations=turns, counts=True)
+@pytest.mark.parametrize(
+    ("robot", "rotations", "slices"),
+    [
+        (Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2), 8),
+        (Robot.rectangle(0.7, 0.3), 8, 4),
+        (Robot.rectangle(0.5, 0.5), 6, 6),
+        (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 12, 3),
+        (Robot.disc(0.25), 7, 1),
+        (Robot.disc(0.25, (1e-9, 0.0)), 7, 7),
+        (Robot.rectangle(0.7, 0.3), [0.0, 1.0, math.pi, math.pi + 1.0, 2.0 * math.pi], 4),
+    ],
+    ids=["box", "bar", "square", "four discs", "disc", "disc off its center", "unequal cells"],
+)
+def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
+    cells = np.random.default_rng(0).random((25, 20) if robot.dim == 2 else (8, 7, 6)) < 0.03
+    workspace = Workspace.from_array(cells, 0.1)
+    shared = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(turns), "find_images", Rotations.find_images)
-    alone = cspace.build(workspace, robot, rotations=turns, counts=True)
-    assert (len(shared._seen), len(alone._seen)) == (8, 32)
+    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations.find_images)
+    alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    assert len(shared.overlap_counts) == slices
+    assert len(alone.overlap_counts) == len(alone.rotations)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
     assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()

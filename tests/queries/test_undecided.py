@@ -95,9 +95,3 @@ def test_exact_paths_turn_where_the_gap_demands_it() -> None:
         assert not collides(
             space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 200))[0], walls
         ).any()
-
-
-def test_a_gap_narrower_than_the_robot_is_not_passed() -> None:
-    space, _ = build_gap(0.39, Robot.disc(0.2))
-    path = space.find_path((1.0, 0.7), (3.0, 0.7), exact=True)
-    assert path_length(path, space.rotations) > 4.0

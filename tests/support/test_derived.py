@@ -52,17 +52,6 @@ def test_only_derived_parts_are_dropped():
     assert Owner.part.__doc__ == "Part of the owner."
 
 
-def test_a_failed_part_is_computed_at_the_next_access():
-    def fails():
-        raise MemoryError
-
-    owner = Owner(fails)
-    with pytest.raises(MemoryError):
-        _ = owner.part
-    owner.make = object
-    assert type(owner.part) is object
-
-
 def test_all_parts_of_an_owner_share_its_lock():
     first, second = Owner(), Owner()
     threads = [threading.Thread(target=getattr, args=(owner, "other")) for owner in (second, first)]

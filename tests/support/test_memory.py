@@ -24,26 +24,6 @@ def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
 
 
-@pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
-@pytest.mark.parametrize(
-    "rotations",
-    [10**7, np.linspace(0, 2 * math.pi, 10**6)],
-    ids=["a count of yaws", "borders of yaws"],
-)
-def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
-    workspace, robot = (
-        cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
-        cspace.Robot.rectangle(0.3, 0.1),
-    )
-    options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(
-        cspace.InputError,
-        match=r"rotations .* from 2 to 65537 borders|rotations .* from 1 to 65536",
-    ):
-        cspace.build(workspace, robot, rotations=rotations, **options)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
 @pytest.mark.parametrize("kind", ["yaw", "quaternions"])
@@ -93,5 +73,3 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
-def test_sizes_are_formatted_in_round_units():
-    assert [bytes_text(n) for n in (12, 1500, 2.5e9)] == ["12 bytes", "1.5 kB", "2.5 GB"]
