@@ -24,12 +24,15 @@ PLANK = np.array([(x, y, z) for x in (-0.05, 0.45) for y in (-0.1, 0.1) for z in
 NEEDLE = np.array([(-0.1, -0.1), (3.0, 0.0), (-0.1, 0.1)])
 """Corners of a robot in the plane that is thirty cells long."""
 
-PLATE = np.array([(x, y, z) for x in (0.0, 1.1) for y in (-1.1, 0.0) for z in (0.0, 0.05)])
-"""Corners of a plate in space; one is perpendicular to the axis of the longest turn in a cell."""
+TIP = np.array([(1.1, -1.1, 0.0)])
+"""Center of a small ball in space, perpendicular to the axis of the longest turn in a cell."""
 
 
 class Inputs(NamedTuple):
-    """Cells of the workspace, corners of the robot, rotation cells and number of obstacles."""
+    """Cells of the workspace, corners of the robot, rotation cells and number of obstacles.
+
+    One corner is the center of a small ball, two or more those of a polygon or box.
+    """
 
     shape: tuple[int, ...]
     corners: Floats
@@ -39,7 +42,7 @@ class Inputs(NamedTuple):
 
 LONG_INPUTS = {
     "plane": Inputs((72, 70), NEEDLE, 3, 1),
-    "space": Inputs((36, 35, 36), PLATE, Rotations.quaternions(1), 1),
+    "space": Inputs((36, 35, 36), TIP, Rotations.quaternions(1), 1),
 }
 """Inputs with long robots and few rotation cells, so that a turn sweeps many cells."""
 
@@ -167,8 +170,12 @@ def build_of(
     """Build a map as :func:`build_map`, of given inputs."""
     shape, corners, rotations, number = inputs
     low, high = corners.min(axis=0), corners.max(axis=0)
-    is_plane = len(shape) == 2
-    robot = Robot.polygon(corners) if is_plane else Robot.box(high - low, (low + high) / 2)
+    if len(corners) == 1:
+        robot = Robot.ball(0.01, corners[0])
+    elif len(shape) == 2:
+        robot = Robot.polygon(corners)
+    else:
+        robot = Robot.box(high - low, (low + high) / 2)
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1.0, 1.0, len(shape))
     filled = rng.random(shape) < 0.5

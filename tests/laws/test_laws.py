@@ -102,6 +102,7 @@ def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: in
     assert not space.is_free_around(around, 0.03 + NUDGE).any()
 
 
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # the ball is far from its origin
 @pytest.mark.parametrize("inputs", LONG_INPUTS.values(), ids=LONG_INPUTS)
 def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(
     inputs: Inputs, tmp_path: Path
