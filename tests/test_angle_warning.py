@@ -4,8 +4,6 @@ import math
 import warnings
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ import pytest
 import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
-from planners.states import find_state_kind
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
@@ -71,5 +68,3 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
 def test_angles_up_to_a_whole_turn_do_not_warn(call: str) -> None:
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
         assert not catch_warnings(lambda yaw=yaw: ANGLE_CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
-
-

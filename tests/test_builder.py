@@ -8,23 +8,17 @@ import numpy as np
 import pyclipper
 import pytest
 import shapely
-import trimesh
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy import ndimage
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
-from cspace.rotations.base import TWO_PI
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.refusals import refusals
-from tests.helpers.strategies import L_SHAPE, exteriors, robots, seeds, solid_robots, stars
-from tests.soak.plane import place_polygon
+from tests.helpers.strategies import exteriors, robots, seeds, solid_robots, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -119,53 +113,6 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     offsets = np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2), -1).reshape(-1, 2)
     offsets = offsets[shapely.contains_xy(shapely.Polygon(robot).buffer(-1e-6), *(h * offsets).T)]
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.filterwarnings("ignore:the robot's mesh is")  # the mesh may lie far from its origin
-@settings(max_examples=20)
-@given(seeds, exteriors, st.sampled_from([0.0, 0.1]), st.booleans())
-def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin, as_mesh):
-    # The oracle intersects footprints with shapely and compares heights.
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
-    extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
-    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
-    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
-    space = cspace.build(
-        Workspace.from_array(occupied, CELL_SIDE),
-        robot,
-        rotations=int(rng.integers(1, 20)),
-        outside=outside,
-        margin=margin,
-    )
-    q = rng.uniform([-0.3] * 3 + [-7.0], [*(np.array(space.grid.upper) + 0.3), 7.0], (400, 4))
-    q[:, :3] = np.where(
-        rng.random((400, 3)) < 0.3, CELL_SIDE * np.rint(q[:, :3] / CELL_SIDE), q[:, :3]
-    )
-    q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
-    low, high = middle - extents / 2, middle + extents / 2
-    footprint = shapely.box(*low[:2], *high[:2])
-    footprints = place_polygon(footprint, q[:, [0, 1, 3]])
-    gap = np.full(len(q), np.inf)
-    for cell in CELL_SIDE * np.argwhere(occupied):
-        flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + CELL_SIDE)))
-        up = np.maximum(
-            np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - CELL_SIDE), 0.0
-        )
-        gap = np.minimum(gap, np.hypot(flat, up))
-    if outside == "blocked":
-        walls = shapely.bounds(footprints)
-        sides = [
-            walls[:, :2],
-            space.grid.upper[:2] - walls[:, 2:],
-            q[:, 2:3] + low[2],
-            space.grid.upper[2] - q[:, 2:3] - high[2],
-        ]
-        gap = np.minimum(gap, np.concatenate(sides, axis=1).min(axis=1))
-    states = space.classify(q)
-    assert not ((states == FREE) & (gap < margin - 1e-9)).any()
-    assert not ((states == BLOCKED) & (gap > 1e-9)).any()
 
 
 @settings(max_examples=15)
@@ -292,18 +239,3 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
 
 
 SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
-
-
-def test_build_rejects_maps_that_exceed_the_memory(monkeypatch):
-    workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
-    with pytest.raises(
-        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be used"
-    ):
-        cspace.build(workspace, Robot.ball(0.1))
-    with pytest.raises(
-        InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0."
-    ):
-        Workspace.from_mesh(
-            ([(0, 0, 0), (100.1, 100.1, 0), (0, 0, 100.1)], [(0, 1, 2)]), 0.1, solid="surface"
-        )

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import Grid, InputError
-from cspace.support.check import check_count, check_word
-from tests.helpers.refusals import refusals
+from cspace import Grid
 
 
 def test_a_grid_stores_plain_immutable_values():
@@ -43,23 +41,3 @@ def test_a_center_lies_in_its_cell(i, j, spacing, low):
 def test_far_points_do_not_wrap_around():
     grid = Grid((0, 0), 1e-3, (10, 10))
     assert (grid.cell_of((1e300, -1e300)) == (2**62, -(2**62))).all()
-
-
-@refusals(
-    "lower, spacing, shape, message",
-    ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
-    ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
-    ((0, 0), float("nan"), (1, 1), "spacing is nan"),
-    ((0, 0), "wide", (1, 1), "spacing is 'wide'"),
-    ((0, np.inf), 1.0, (1, 1), r"lower\[1\] is inf"),
-    ((0,), 1.0, (1,), "lower is"),
-    ((0, 0), 1.0, (1, 0), "shape is"),
-    ((0, 0), 1.0, (1, 2, 3), "shape is"),
-    ((0, 0), 1.0, (1.5, 2), "shape is"),
-    ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
-)
-def test_invalid_grids_are_refused(lower, spacing, shape, message):
-    with pytest.raises(InputError, match=message):
-        Grid(lower, spacing, shape)
-
-

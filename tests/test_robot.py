@@ -1,13 +1,11 @@
 """Robots: geometry, short texts, files and refusals."""
 
-import numpy as np
 import pytest
 import shapely
 
-from cspace import FileError, GeometryError, InputError, Mesh, Robot
+from cspace import GeometryError, InputError, Mesh, Robot
 from cspace.shapes import as_shape
 from tests.helpers.mesh_files import TETRAHEDRON
-from tests.helpers.refusals import refusals
 
 UNIT_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -50,18 +48,6 @@ def test_open_reads_polygon_files(tmp_path, data):
     assert Robot.open(tmp_path / "robot.wkt").geometry.area == 1.0
     car = Robot.open(data / "polygons" / "car.geojson").geometry
     assert car.bounds == pytest.approx((-2.1267, -1.217, 2.1267, 1.217), abs=1e-3)
-
-
-def test_bitmap_of_odd_bytes_matches_numpy():
-    # Viewed as boolean, all of these bytes are True.
-    odd = np.full((6, 5), 100, np.uint8)
-    odd[2:4] = 101
-    mine, plain = (
-        Robot.from_bitmap(odd.view(bool), 0.1),
-        Robot.from_bitmap(np.ones((6, 5), bool), 0.1),
-    )
-    assert (mine.shape.boundary().simplices == plain.shape.boundary().simplices).all()
-    assert mine.spec == plain.spec
 
 
 def test_spec_returns_a_copy():

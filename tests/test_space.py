@@ -1,8 +1,5 @@
 """Maps as objects: copies, sizes and pictures."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 

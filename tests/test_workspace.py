@@ -1,26 +1,21 @@
 """Workspaces: arrays, readers by suffix, bounds, spacing and shapes."""
 
-import inspect
-from collections.abc import Callable
+import re
+import warnings
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
-import xarray
 from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
-from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.workspace import covering_grid
-from tests.helpers.mesh_files import TETRAHEDRON
-from tests.helpers.refusals import refusals
 
 L_CELLS = [[1, 1, 0], [0, 1, 0]]
 """Obstacle cells of an L, two cells along x and three along y."""
@@ -93,38 +88,6 @@ def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.M
         Workspace.open(files / "map.map")
 
 
-def make_workspaces(scale: float, bounds: Any = None) -> list[Callable[[], Workspace]]:
-    """Return builders of a mesh, a cloud and a polygon."""
-    vertices, faces = TETRAHEDRON
-    flat = None if bounds is None else (*bounds[:2], *bounds[3:5])
-    return [
-        lambda: Workspace.from_mesh((vertices * scale, faces), 0.1, bounds),
-        lambda: Workspace.from_points(vertices * scale, 0.1, bounds, radius=0.01),
-        lambda: Workspace.from_polygons(f"POLYGON ((0 0, {scale} 0, 0 {scale}, 0 0))", 0.1, flat),
-    ]
-
-
-def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
-    # Bounds are numbers in a row, or the lower and the upper corner.
-    mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
-    for bounds in (mesh.bounds, mesh.bounds.ravel(), [(0, 0, 0), (3, 2, 1)], (0, 0, 0, 3, 2, 1)):
-        made = [
-            Workspace.from_mesh(mesh, 0.5, bounds),
-            Workspace.from_balls([(1, 1, 0)], [0.2], 0.5, bounds),
-        ]
-        made.append(Workspace.from_points([(1, 1, 0)], 0.5, bounds))
-        assert {each.grid for each in made} == {Grid((0, 0, 0), 0.5, (6, 4, 2))}
-    for flat in (area.bounds, mesh.bounds[:, :2], ((0, 0), (3, 2))):
-        assert Workspace.from_polygons(area, 0.5, flat).grid == Grid((0, 0), 0.5, (6, 4))
-    for wrong in (mesh.bounds.T, mesh.bounds[:, :2], [mesh.bounds], mesh.bounds[0], 1.0):
-        with pytest.raises(
-            InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper corner"
-        ):
-            Workspace.from_mesh(mesh, 0.5, wrong)
-    with pytest.raises(InputError, match="xmax, ymax must be above xmin, ymin"):
-        Workspace.from_polygons(area, 0.5, [(0, 3), (0, 2)])  # the ends of each axis
-
-
 @given(st.lists(st.floats(1.0, 1e3), min_size=2, max_size=3), st.integers(10**6, 10**9))
 def test_the_spacing_that_a_refusal_advises_fits_in_memory(sides: list[float], free: int) -> None:
     corners = np.array([np.zeros(len(sides)), sides])
@@ -166,3 +129,34 @@ def test_workspaces_accept_shapes_of_every_kind():
     assert solids.grid.dim == 3
 
 
+def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
+    # Bounds are numbers in a row, or the lower and the upper corner.
+    mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
+    for bounds in (mesh.bounds, (0, 0, 0, 3, 2, 1)):
+        assert Workspace.from_mesh(mesh, 0.5, bounds).grid == Grid((0, 0, 0), 0.5, (6, 4, 2))
+    for flat in (area.bounds, ((0, 0), (3, 2))):
+        assert Workspace.from_polygons(area, 0.5, flat).grid == Grid((0, 0), 0.5, (6, 4))
+    with pytest.raises(InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper"):
+        Workspace.from_mesh(mesh, 0.5, mesh.bounds.T)
+    with pytest.raises(InputError, match="xmax, ymax must be above xmin, ymin"):
+        Workspace.from_polygons(area, 0.5, [(0, 3), (0, 2)])
+
+
+@pytest.mark.parametrize(
+    ("extent", "bounds", "warns"),
+    [
+        (0.099, None, True),
+        (0.1, None, False),
+        (0.024, (-1, -1, 1, 1), True),
+        (0.026, (-1, -1, 1, 1), False),
+        (1.0, (10, 10, 12, 12), True),
+    ],
+)
+def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds, warns) -> None:
+    square = shapely.box(0.0, 0.0, extent, extent)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Workspace.from_polygons(square, 0.1, bounds)
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == warns
+    assert all(re.search("units are probably wrong|has no obstacle", text) for text in texts)

@@ -6,21 +6,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 import cspace
-import planners
 from cspace import Robot, Workspace
-from cspace.errors import ConfigurationError
 from cspace.support.arrays import Floats
-from planners.states import find_state_kind
-from tests.helpers.maps import proven_paths
-from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.strategies import rotation_cells, seeds
 
 MAP_SIZES = {
@@ -82,20 +73,3 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
         assert_in_range(*(end[-1] for _, *both in tiled.subproblems(first, last) for end in both))
-
-
-@pytest.mark.parametrize("name", ["turning", "yawing"])
-@pytest.mark.parametrize("planner", ["RRTConnect", "Grid", "MaxClearance"])
-def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
-    start, goal = (
-        [*q[:-1], q[-1] + turns * 2.0 * math.pi]
-        for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True)
-    )
-    plan = planners.plan(build_room(name), start, goal, planner=planner, simplify=False, seed=0)
-    assert plan.solved
-    assert_in_range(plan.start[-1], plan.goal[-1], plan.path[:, -1], plan.waypoints[:, -1])
-    with pytest.raises(ConfigurationError, match="the nearest is") as caught:
-        planners.plan(build_room(name), [0.0] * (len(start) - 1) + [4.0], goal)
-    assert_in_range(caught.value.nearest[-1])  # type: ignore[index]
-
-

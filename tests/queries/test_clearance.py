@@ -12,7 +12,6 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from tests.helpers import handmade, oracles
 from tests.helpers.strategies import seeds
-from tests.helpers.waiting import write_while_querying
 
 
 def measure_distances(points, cells):
@@ -143,39 +142,3 @@ def test_clearance_is_finite_far_away_and_zero_for_nan(dim):
     assert space.clearance(far).tolist() == [space.clearance(q) for q in far]
     for wrong in (np.nan, np.inf):
         assert space.clearance_checker()(wrong, *rest) == 0.0
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_clearance_during_updates_is_that_of_some_state(dim):
-    """Compare with clearances with and without the changing obstacle."""
-    cells = np.zeros((40, 300) if dim == 2 else (40, 70, 20), dtype=bool)
-    cells[(5,) * dim] = True
-    space = cspace.build(
-        Workspace.from_array(cells, 1.0), Robot.disc(0.1) if dim == 2 else Robot.ball(0.1)
-    )
-    q = np.random.default_rng(0).uniform(6.5, 18.0, (400, dim))
-    position, on, off = (
-        (19,) * dim,
-        np.ones((1,) * dim, dtype=bool),
-        np.zeros((1,) * dim, dtype=bool),
-    )
-    far = space.clearance(q)
-    space.update(on, position)
-    near = space.clearance(q)
-    assert (near < far).any()
-    wrong, check = [], space.clearance_checker()
-
-    def query_map():
-        answers = np.array([space.clearance(q), [check(*one) for one in q.tolist()]])
-        wrong.append(((answers < near) | (answers > far)).sum())
-
-    def change():
-        for _ in range(200):
-            space.update(off, position)
-            space.update(on, position)
-
-    write_while_querying(query_map, [change])
-    assert wrong and not any(wrong)
-    assert (space.clearance(q) == near).all()
-    space.update(off, position)
-    assert [check(*one) for one in q.tolist()] == far.tolist() == space.clearance(q).tolist()

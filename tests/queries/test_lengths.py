@@ -83,17 +83,6 @@ def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
 
 
-@pytest.mark.parametrize(("spacing", "turns"), [(0.1, False), (1.0, True)])
-def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
-    states = np.zeros((2, 9, 9), np.uint8)
-    states[0, 4, :8], states[1, 4, 1:] = BLOCKED, BLOCKED
-    space = map_of(states, 2, outside="blocked", spacing=spacing)
-    path = space.find_path((0.5 * spacing, 0.5 * spacing, 0.0), (8.5 * spacing, 0.5 * spacing, 0.0))
-    assert (np.ptp(path[:, 2]) > 0.0) == turns and space.certify_path(path).all()
-    if not turns:
-        assert path_length(path) <= 1.01 * spacing * (2 * math.hypot(3.5, 7.5) + 1.0)
-
-
 @pytest.mark.parametrize("name", ["arena", "random512-10-0"])
 def test_paths_are_at_most_as_long_as_grid_paths(data, name):
     workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map", 1.0)

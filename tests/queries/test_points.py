@@ -5,12 +5,10 @@ import math
 from fractions import Fraction
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-import cspace
-from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
 from tests.helpers.handmade import (
@@ -52,21 +50,6 @@ def test_boundary_belongs_to_the_cell_above(state, outside, seed):
     assert space.classify(q).tolist() == [
         state_of(state, outside, tuple(cell)) for cell in cells.tolist()
     ]
-
-
-def test_queries_agree_on_the_rotation_cell_at_far_boundaries():
-    """Wrap by many turns, which rounds."""
-    cells = Rotations.of(72)
-    states = np.arange(72) % 3
-    space = map_of(np.broadcast_to(states[:, None, None], (72, 3, 3)), 72)
-    boundaries = np.asarray(cells.borders)[:-1]
-    for wraps in (-3, 0, 2, 100, 1000, 150_000):
-        q = np.column_stack([np.full((72, 2), 0.3), boundaries + wraps * TWO_PI])
-        expected = space.classify(q)
-        assert (states[cells.cell_of(q[:, 2])] == expected).all()
-        assert space.is_connected(q, q).tolist() == [state == FREE for state in expected]
-        assert space.is_disconnected(q, q).tolist() == [state == BLOCKED for state in expected]
-        assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
 
 
 # ---- boxes of configurations ---------------------------------------------------------------------
@@ -162,26 +145,3 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
         one = np.full_like(state, FREE)
         one[cell] = MIXED
         assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
-
-
-# ---- robots inside obstacles ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("shape", "robot", "rotations", "answers"),
-    [
-        ((12, 12), Robot.rectangle(0.6, 0.6), None, {(0.65, 0.65): True, (0.25, 0.65): False}),
-        (
-            (12, 6),
-            Robot.rectangle(0.6, 0.1),
-            36,
-            {(0.6, 0.3, 0.0): True, (0.6, 0.3, math.pi): True, (0.6, 0.3, math.pi / 2): False},
-        ),
-    ],
-)
-def test_contains_robot_is_true_where_the_robot_fits(shape, robot, rotations, answers):
-    occupied = np.pad(np.ones(np.subtract(shape, 2), dtype=bool), 1)
-    space = cspace.build(
-        Workspace.from_array(occupied, 0.1), robot, rotations=rotations, outside="free"
-    )
-    assert space.contains_robot(list(answers)).tolist() == list(answers.values())

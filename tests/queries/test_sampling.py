@@ -60,15 +60,6 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
 
 
-def test_sample_free_repeats_with_the_seed(space):
-    samples = space.sample_free(500, np.random.default_rng(0))
-    assert samples.shape == (500, space.size)
-    assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
-    assert (samples != space.sample_free(500, np.random.default_rng(1))).any()
-    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.size,)
-    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
-
-
 @settings(max_examples=60)
 @given(
     seeds,

@@ -3,14 +3,12 @@
 import itertools
 
 import numpy as np
-import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import planners
-from cspace import MIXED, Robot, Workspace
+from cspace import Robot, Workspace
 from cspace.queries.paths import path_length
 from tests.helpers.placements import collides
 from tests.helpers.planning import sample_edge
@@ -69,20 +67,6 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(
         assert space.min_path_length(*ends) <= path_length(path, space.rotations) * (1.0 + 1e-6)
     else:
         assert not space.motion_is_free(*ends, exact=True)
-
-
-@pytest.mark.parametrize(
-    "robot", [Robot.disc(0.2), Robot.rectangle(0.4, 0.4)], ids=["disc", "square"]
-)
-def test_a_gap_of_mixed_cells_shortens_the_path(robot: Robot) -> None:
-    space, walls = build_gap(0.5, robot)
-    start, goal = (1.0, 1.2), (3.0, 1.2)
-    assert (space.classify([(2.0, 0.68), (2.0, 0.7)]) == MIXED).all()
-    plans = [planners.plan(space, start, goal, exact=exact) for exact in (False, True)]
-    assert all(plan.certified and plan.planner == "Grid" for plan in plans)
-    assert plans[0].length > 5.0 and plans[1].length < 2.3 and plans[1].gap < 0.15 < plans[0].gap
-    clearance = min(wall.distance(shapely.LineString(plans[1].waypoints)) for wall in walls)
-    assert clearance >= 0.2
 
 
 def test_exact_paths_turn_where_the_gap_demands_it() -> None:

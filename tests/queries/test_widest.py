@@ -1,10 +1,8 @@
 """Widest paths: largest bottleneck clearance, then shortest length."""
 
 import bisect
-import copy
 import itertools
 import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
+from cspace import FREE, MIXED, CSpace
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length, to_graph
 from tests.helpers.planning import build_from_states, turn_between
@@ -113,15 +111,3 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         ]
         passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
         assert clearances[passed].min() >= best - 1 / 64 - 1e-5
-
-
-def test_threads_find_the_same_paths() -> None:
-    rng = np.random.default_rng(1)
-    space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
-    pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
-    expected = [copy.copy(space).find_widest_path(*pair) for pair in pairs]
-    with ThreadPoolExecutor(4) as pool:
-        for paths in pool.map(
-            lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)
-        ):
-            assert all(map(np.array_equal, paths, expected))

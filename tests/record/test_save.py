@@ -202,7 +202,10 @@ def shapes_of(text: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     ({}, {"exterior": np.tile([0, 0, 2**62, 2, 0], (2, 1))}, "exterior reaches beyond all grids"),
     ({}, {"inner": np.ones((4, 3), bool)}, "not in outer"),
     (*shapes_of(b"[" * 99999), "'shapes' tells of no obstacles"),
-    (*shapes_of(b'[{"kind": "balls", "centers": [[0, NaN]], "radii": [1]}]'), "its parts make no map "),
+    (
+        *shapes_of(b'[{"kind": "balls", "centers": [[0, NaN]], "radii": [1]}]'),
+        "its parts make no map ",
+    ),
     (*shapes_of(b'[{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}]'), "differ in dim"),
     ({"arrays": "cell_states slice_of x y yaw yaw_bounds covering_angle"}, {}, "lacks ['outer']"),
     ({"arrays": "cell_states outer slice_of x y ../outside"}, {}, "has ['../outside']"),
@@ -317,41 +320,6 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
 
 
 # ---- what other software finds -------------------------------------------------------------------
-
-
-def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
-    dataset, dim = space.to_xarray(), space.grid.dim
-    turns = {} if not space.rotations.names else {"rotation": len(space.rotations)}
-    assert dict(dataset.cell_states.sizes) == turns | dict(
-        zip("xyz", space.grid.shape, strict=False)
-    )
-    for axis, name in enumerate("xyz"[:dim]):
-        np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
-        assert dataset[name].attrs["units"] == "m"
-    assert all(dataset[name].attrs["long_name"] for name in dataset.variables)
-    flags = dataset.cell_states.attrs
-    assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"], strict=True)) == {
-        "free": cspace.FREE,
-        "mixed": cspace.MIXED,
-        "blocked": cspace.BLOCKED,
-    }
-    positions = np.stack(
-        np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1
-    )
-    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[
-        len(space.rotations.names)
-    ]
-    every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
-    for rotation, states in zip(
-        np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True
-    ):
-        q = np.concatenate(
-            [positions, np.broadcast_to(rotation, (*positions.shape[:-1], len(rotation)))], axis=-1
-        )
-        np.testing.assert_array_equal(states, space.classify(q))
-    with pytest.raises(ValueError):
-        dataset.cell_states.values[...] = 0
-    dataset.copy(deep=True).cell_states[...] = 0
 
 
 def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:

@@ -62,29 +62,6 @@ def test_existing_checkers_follow_updates(world: World) -> None:
         check_agreement(ours, checkers(fresh), world)
 
 
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.parametrize(
-    "kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")]
-)
-@settings(max_examples=10)
-@given(st.data())
-def test_exact_queries_and_checkers_follow_updates(
-    kinds: tuple[str, ...], data: st.DataObject
-) -> None:
-    world = data.draw(worlds(kinds))
-    space = world.build()
-    ours = checkers(space, exact=True)
-    space.is_free(world.points(3), exact=True)
-    for fresh in world.stream(space, 2):
-        q = world.points(20)
-        np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
-        near = world.near(q, 0.1)
-        np.testing.assert_array_equal(
-            space.motion_is_free(q, near, exact=True), fresh.motion_is_free(q, near, exact=True)
-        )
-        check_agreement(ours, checkers(fresh, exact=True), world)
-
-
 # ---- other maps and shapes -----------------------------------------------------------------------
 
 
@@ -130,21 +107,6 @@ def test_prefetched_samples_are_checked_after_an_update(rotations: int | None) -
     space.update(np.ones((30, 30), dtype=bool), (0, 0))
     for _ in range(300):
         assert sampler.sample(state) and si.isValid(state)
-
-
-def test_plans_follow_a_door_that_closes_and_opens() -> None:
-    occupied = fill_boxes((40, 30), 20, but=[np.s_[20, 10:20]])
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
-    endpoints, door = ((0.5, 1.5), (3.5, 1.5)), np.ones((1, 10), dtype=bool)
-    for shut in (False, True, False):
-        space.update(door & shut, (20, 10))
-        plan = planners.plan(space, *endpoints, seed=1)
-        assert (
-            plan.is_disconnected is shut
-            and plan.is_connected is (not shut)
-            and plan.solved is (not shut)
-        )
-        assert plan.certified is (not shut)
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -269,15 +231,3 @@ def test_a_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyP
     space.export(tmp_path / "map.yaml")
     changing.join()
     assert (space.cell_states != FREE).sum() > (build_empty_room().cell_states != FREE).sum()
-
-
-def test_an_obstacle_that_only_configurations_outside_the_grid_reach_is_no_longer_free() -> None:
-    body = Robot.polygon(shapely.box(1.0, -0.2, 1.4, 0.2))  # ahead of its reference point
-    space = cspace.build(Workspace.from_array(fill_boxes((20, 20)), 0.1), body, outside="free")
-    outside = (-1.15, 0.25)
-    assert space.is_free(outside) and space.clearance(outside) > 0.0
-    space.add_obstacle("crate", shapely.box(0.0, 0.2, 0.1, 0.3))
-    assert not space.is_free(outside) and not space.is_free(outside, exact=True)
-    assert not space.motion_is_free(outside, (-1.2, 0.25)) and space.clearance(outside) == 0.0
-    space.remove_obstacle("crate")
-    assert space.is_free(outside)

@@ -1,7 +1,6 @@
 """Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
 
 import ast
-import fcntl
 import os
 import pickle
 import shutil
@@ -19,7 +18,7 @@ import cspace
 import planners
 from benchmarks.first_process import DEMO
 from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
-from cspace.support.compiling import FILES_WITHOUT_KERNELS, KEPT_SECONDS, clock, is_private, kernel
+from cspace.support.compiling import FILES_WITHOUT_KERNELS, clock, is_private, kernel
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -182,22 +181,6 @@ def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
         else:
             pending += [(name, each) for each in constants_in(place)]
     assert len(seen) > 100
-
-
-def test_processes_save_code_one_at_a_time(
-    probe: Callable[..., tuple[str, str]], tmp_path: Path
-) -> None:
-    probe("answer = None; import cspace.probe, sys; print('4.0 0'); sys.exit()")  # makes the folder
-    (lock,) = (tmp_path / "cache").rglob("lock")
-    with lock.open() as opened:
-        fcntl.flock(opened, fcntl.LOCK_EX)
-        process = start(tmp_path, RUN_PROBE.format(before="print('begun', flush=True)"))
-        assert process.stdout is not None and process.stdout.readline() == "begun\n"
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(2.0)
-        assert not list((tmp_path / "cache").rglob("*.nbc"))
-        fcntl.flock(opened, fcntl.LOCK_UN)
-        assert process.communicate()[0] == "4.0 0\n"
 
 
 # ---- privacy -------------------------------------------------------------------------------------
