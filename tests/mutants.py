@@ -108,8 +108,92 @@ MUTANTS = (
         "tests/engines/test_slices.py",
     ),
     # Record and updates.
+    Mutant(
+        "cspace/record/update.py",
+        "first = np.maximum(changed_cells.min(axis=0) - highest_offset, 0)",
+        "first = np.maximum(changed_cells.min(axis=0) - highest_offset + 1, 0)",
+        "tests/laws tests/record/test_update.py",
+    ),
+    Mutant(
+        "cspace/record/exterior.py",
+        "reached = [*(low - outer.upper), *(high - outer.lower)]",
+        "reached = [*(low - outer.upper + 1), *(high - outer.lower)]",
+        "tests/laws tests/record/test_exterior.py",
+    ),
+    Mutant(
+        "cspace/record/save.py",
+        'if digest.hexdigest() != attributes["digest"]:',
+        "if False:",
+        "tests/record/test_save.py",
+    ),
+    Mutant(
+        "cspace/space.py",
+        "derived.drop(self)\n        # Checkers",
+        "# Checkers",
+        "tests/laws tests/record/test_update.py",
+    ),
     # Look-ups and motions.
+    Mutant(
+        "cspace/queries/edges.py",
+        "if not inside and map_.exterior[s, 2 * map_.dim] != FREE:",
+        "if not inside and map_.exterior[s, 2 * map_.dim] == FREE:",
+        "tests/laws",
+    ),
+    Mutant(
+        "cspace/rotations/lookup.py",
+        "- (1 if on_boundary else 0))",
+        "- (0 if on_boundary else 0))",
+        "tests/laws",
+    ),
+    Mutant(
+        "cspace/queries/edges.py",
+        "return closed_cells(min(begin, end) - SLACK,",
+        "return closed_cells(min(begin, end) + SLACK,",
+        "tests/laws",
+    ),
+    Mutant(
+        "cspace/queries/points.py",
+        "return count - 1 if cell == count and coordinate <= upper else cell",
+        "return cell",
+        "tests/laws tests/queries/test_points.py",
+    ),
     # Components, distances and searches.
+    Mutant(
+        "cspace/queries/components.py",
+        "links.append(pair_nodes)  # the space",
+        "pass  # the space",
+        "tests/queries/test_components.py",
+    ),
+    Mutant(
+        "cspace/queries/distance.py",
+        "spread += share * (1.0 - share)",
+        "spread += 0.5 * share * (1.0 - share)",
+        "tests/laws",
+    ),
+    Mutant(
+        "cspace/queries/distance.py",
+        "high = last + 1.0",
+        "high = last + 0.0",
+        "tests/queries/test_clearance.py",
+    ),
+    Mutant(
+        "cspace/queries/search.py",
+        "if passable & needed == needed:",
+        "if passable & needed != 0:",
+        "tests/queries/test_free_path.py",
+    ),
+    Mutant(
+        "cspace/queries/lower_bound.py",
+        "distance * (1.0 - ROUNDING_SHARE) / STRETCH - float(to_corners)",
+        "distance * (1.0 - ROUNDING_SHARE) - float(to_corners)",
+        "tests/queries/test_lengths.py",
+    ),
+    Mutant(
+        "cspace/queries/widest.py",
+        "near_level = min(level, levels[slice_of[other], i, j, k])",
+        "near_level = levels[slice_of[other], i, j, k]",
+        "tests/queries/test_widest.py",
+    ),
     # Exact geometry.
     Mutant(
         "cspace/exact/proofs.py",
