@@ -112,11 +112,11 @@ def find_constructor(path: StrPath) -> str:
     suffix = check_suffix(path, WORKSPACE_FORMATS, "the suffix selects the format")
     if suffix == ".npy":
         array = read_npy(path)
-        return (
-            "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
-        )
+        holds_points = array.dtype.kind == "f" and array.shape[1:] == (3,)
+        return "from_points" if holds_points else "from_array"
     if suffix == ".ply":
-        return "from_mesh" if read_ply_header(path).faces else "from_points"
+        header = read_ply_header(path)
+        return "from_mesh" if header.faces else "from_points"
     return WORKSPACE_FORMATS[suffix].method
 
 
@@ -128,10 +128,12 @@ def read_dimension(path: StrPath) -> int:
     method = find_constructor(path)
     suffix = Path(path).suffix.lower()
     dimension = WORKSPACE_FORMATS[suffix].dimension
-    if dimension is None:
-        array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
-        dimension = 3 if method == "from_points" else int(array.ndim)
-    return dimension
+    if dimension is not None:
+        return dimension
+    if method == "from_points":
+        return 3
+    array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
+    return int(array.ndim)
 
 
 def read_npy(path: StrPath) -> NDArray[Any]:

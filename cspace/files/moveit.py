@@ -7,6 +7,7 @@ answer but are not read are refused too, unless they are empty.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias
 
@@ -79,25 +80,25 @@ def refused(hint: str) -> Parser:
 def _holds_entries(value: Any) -> bool:
     """Return True if a message holds more than neutral fields and zeros."""
     if isinstance(value, Mapping):
-        entries = (each for name, each in value.items() if name not in _NEUTRAL_FIELDS)
-        return any(map(_holds_entries, entries))
+        fields = (field for name, field in value.items() if name not in _NEUTRAL_FIELDS)
+        return any(map(_holds_entries, fields))
     if isinstance(value, list):
-        return any(each != 0 for each in value)
+        return any(entry != 0 for entry in value)
     return bool(value)
 
 
 def only(*accepted: Any, hint: str = "correct it") -> Parser:
-    """Make a parser that accepts some values; a missing one is the first."""
+    """Make a parser that accepts some values; a missing value is the first of them."""
+    rule = f"it must be {' or '.join(map(repr, accepted))}"
 
     def parse(value: Any, place: str) -> Any:
         if value is None:
             return accepted[0]
         # True == 1 in Python, but not in a message.
         is_flag = isinstance(value, bool)
-        if value not in [each for each in accepted if isinstance(each, bool) == is_flag]:
-            raise wrong_value(
-                value, place, f"it must be {' or '.join(repr(each) for each in accepted)}", hint
-            )
+        comparable = [choice for choice in accepted if isinstance(choice, bool) == is_flag]
+        if value not in comparable:
+            raise wrong_value(value, place, rule, hint)
         return value
 
     return parse
@@ -131,7 +132,7 @@ def table(fields: Mapping[str, Parser]) -> Parser:
 
 
 def list_of(parser: Parser) -> Parser:
-    """Make a parser of a list; a missing one is empty."""
+    """Make a parser of a list; a missing list is empty."""
 
     def parse(value: Any, place: str) -> list[Any]:
         if not isinstance(value, list | None):
@@ -146,8 +147,9 @@ def unwrapped(field: str, parser: Parser) -> Parser:
     wrapped = table({field: parser})
 
     def parse(value: Any, place: str) -> Any:
-        is_table = isinstance(value, dict)
-        return wrapped(value, place)[field] if is_table else parser(value, place)
+        if isinstance(value, dict):
+            return wrapped(value, place)[field]
+        return parser(value, place)
 
     return parse
 
@@ -163,7 +165,7 @@ def parse_name(value: Any, place: str) -> str:
 def parse_names(value: Any, place: str) -> list[str]:
     """Parse a list of different names."""
     names: list[str] = list_of(parse_name)(value, place)
-    for name, following in zip(sorted(names), sorted(names)[1:], strict=False):
+    for name, following in itertools.pairwise(sorted(names)):
         if name == following:
             raise ContentError(
                 f"has {name[:40]!r} twice in {place}", "names must differ", "remove one"
@@ -173,7 +175,8 @@ def parse_names(value: Any, place: str) -> list[str]:
 
 def parse_frame(value: Any, place: str) -> str:
     """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
-    return parse_name(value, place).lstrip("/") if value or value == 0 else ""
+    is_given = value or value == 0
+    return parse_name(value, place).lstrip("/") if is_given else ""
 
 
 def parse_number(value: Any, place: str) -> float:
@@ -195,12 +198,12 @@ def numbers(count: int) -> Parser:
     """Make a parser of a list of numbers, or of a table with x, y, z and w."""
 
     def parse(value: Any, place: str) -> Floats:
-        given = value
+        entries = value
         if isinstance(value, dict) and len(value) == count:
-            given = [value.get(name) for name in "xyzw"[:count]]
-        if not isinstance(given, list) or len(given) != count:
+            entries = [value.get(name) for name in "xyzw"[:count]]
+        if not isinstance(entries, list) or len(entries) != count:
             raise wrong_value(value, place, f"it must be {count} finite numbers")
-        return np.array([parse_number(each, place) for each in given])
+        return np.array([parse_number(entry, place) for entry in entries])
 
     return parse
 
@@ -212,7 +215,7 @@ _TRANSFORM: Final = table({"translation": _POSITION, "rotation": _QUATERNION})
 
 
 def parse_pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a rigid motion, shape (4, 4); a missing one is the identity."""
+    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
     fields = _POSE(value, place)
     return _make_motion(fields["position"], fields["orientation"], place)
 
@@ -235,7 +238,10 @@ def parse_identity(value: Any, place: str) -> None:
 
 
 def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
-    """Return a rigid motion, shape (4, 4); like MoveIt, normalise the quaternion."""
+    """Return the matrix of a rigid motion, shape (4, 4).
+
+    Like MoveIt, normalise the quaternion, x to w.
+    """
     from scipy.spatial.transform import Rotation
 
     if np.abs(position).max() > MAX_POSITION_METRES:
@@ -265,12 +271,11 @@ _PRIMITIVE: Final = table(
 def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
     fields = _PRIMITIVE(value, place)
-    kinds = {name: name for name in PRIMITIVES} | {
-        str(number): name for number, name in enumerate(PRIMITIVES, 1)
-    }
-    kind = kinds.get(str(fields["type"]).lower())
-    if kind is None:
-        known = ", ".join(f"{name} ({number})" for number, name in enumerate(PRIMITIVES, 1))
+    kind = str(fields["type"]).lower()
+    numbered = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
+    kind = numbered.get(kind, kind)
+    if kind not in PRIMITIVES:
+        known = ", ".join(f"{name} ({number})" for number, name in numbered.items())
         raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {known}")
     names = PRIMITIVES[kind]
     sizes = fields["dimensions"]
@@ -278,25 +283,24 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     used = sizes[: len(names)]
     padding = sizes[len(names) :]
     if len(used) < len(names) or any(padding) or min(used) <= 0.0:
-        raise wrong_value(
-            sizes, f"{place}.dimensions", f"a {kind} has {', '.join(names)}, metres above zero"
-        )
+        rule = f"a {kind} has {', '.join(names)}, metres above zero"
+        raise wrong_value(sizes, f"{place}.dimensions", rule)
     return kind, used
 
 
 def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -> list[Floats]:
     """Return the poses of a list of shapes; a single shape needs none."""
-    found: list[Floats] = fields[poses]
+    matrices: list[Floats] = fields[poses]
     count = len(fields[items])
-    if not found and count == 1:
+    if not matrices and count == 1:
         return [np.eye(4)]
-    if len(found) != count:
+    if len(matrices) != count:
         raise ContentError(
-            f"has {count} {items} but {len(found)} {poses} at {place}",
+            f"has {count} {items} but {len(matrices)} {poses} at {place}",
             "each needs a pose",
             "add or remove some",
         )
-    return found
+    return matrices
 
 
 # ---- messages ------------------------------------------------------------------------------------
@@ -532,10 +536,14 @@ def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
 
 
 def find_frame(frames: set[str]) -> str:
-    """Return the one frame of all poses."""
+    """Return the common frame of all poses.
+
+    Raises ContentError if there are several.
+    """
     if len(frames) > 1:
+        names = ", ".join(map(repr, sorted(frames)))
         raise ContentError(
-            f"has poses in the frames {', '.join(map(repr, sorted(frames)))}",
+            f"has poses in the frames {names}",
             "they must be in one frame",
             "write them in the planning frame; an attached object may be in its link's frame",
         )
