@@ -107,12 +107,6 @@ class ExportFormat(NamedTuple):
     summary: str
 
 
-_ROS_MAP: Final = ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
-_GEOTIFF: Final = ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
-_BOUNDARY: Final = ExportFormat(
-    write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
-)
-
 EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
     **dict.fromkeys(
         MAP_SUFFIXES, ExportFormat(save, "all", None, "a saved map, which `cspace.open` reads")
@@ -126,9 +120,18 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
         "`cell_states_00` and on",
     ),
     ".nc": ExportFormat(_write_netcdf, "all or one", None, "netCDF, indexed `[rotation, z, y, x]`"),
-    **dict.fromkeys((".tif", ".tiff"), _GEOTIFF),
-    **dict.fromkeys((".yaml", ".yml"), _ROS_MAP),
-    **dict.fromkeys(WRITERS, _BOUNDARY),
+    **dict.fromkeys(
+        (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
+    ),
+    **dict.fromkeys(
+        (".yaml", ".yml"), ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
+    ),
+    **dict.fromkeys(
+        WRITERS,
+        ExportFormat(
+            write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
+        ),
+    ),
 }
 """Formats of exports, by suffix."""
 

@@ -21,9 +21,6 @@ _VTK_TYPES: Final = {
 }
 """Name in VTK, and stored type, of each NumPy type."""
 
-_SIZE_BYTES: Final = 8
-"""Size, in bytes, of the number before each array that says how many bytes it has."""
-
 
 def write_vti(
     arrays: Mapping[str, NDArray[Any]],
@@ -49,14 +46,14 @@ def write_vti(
     origin = " ".join(map(repr, lower))
     spacing = " ".join([repr(grid.spacing)] * 3)
     elements = []
-    offset = 0
+    offset = 0  # of each array, after its number of bytes in 8 bytes
     for name, array in (*fields.items(), *arrays.items()):
         vtk_type, stored_type = _VTK_TYPES[str(array.dtype)]
         elements.append(
             f'        <DataArray type="{vtk_type}" Name={quoteattr(name)} '
             f'NumberOfTuples="{array.size}" format="appended" offset="{offset}"/>\n'
         )
-        offset += _SIZE_BYTES + array.size * np.dtype(stored_type).itemsize
+        offset += 8 + array.size * np.dtype(stored_type).itemsize
     header = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
@@ -72,6 +69,6 @@ def write_vti(
         for array in (*fields.values(), *arrays.values()):
             _, stored_type = _VTK_TYPES[str(array.dtype)]
             content = array.astype(stored_type).tobytes(order="F")  # x varies fastest in VTK
-            file.write(len(content).to_bytes(_SIZE_BYTES, "little"))
+            file.write(len(content).to_bytes(8, "little"))
             file.write(content)
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")

@@ -188,8 +188,7 @@ def check_suffix(path: StrPath, known: Iterable[str], rule: str, argument: str =
     file = check_name(path)
     suffix = file.suffix.lower()
     if suffix not in known:
-        choices = ", ".join(filter(None, known))
-        hint = suggest_file(file, f"use one of {choices}")
+        hint = suggest_file(file, f"use one of {', '.join(filter(None, known))}")
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
     return suffix
 

@@ -51,26 +51,30 @@ _IMAGE_SUFFIXES: Final = (
     ".tiff",
 )
 
-_ROS_MAP: Final = Format(
-    "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
-)
-_IMAGE: Final = Format("from_image", 2, "an image, dark pixels occupied")
-_POLYGONS: Final = Format("from_polygons", 2, "polygons, lines and points")
-_MESH: Final = Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud")
-_OCTOMAP: Final = Format("from_octomap", 3, "an OctoMap")
-_POINTS: Final = Format(
-    "from_points", 3, "a point cloud, with a radius; `.pcd` of `ascii` or `binary` data"
-)
-
 WORKSPACE_FORMATS: Final[dict[str, Format]] = {
-    **dict.fromkeys(ros.YAML_SUFFIXES, _ROS_MAP),
-    **dict.fromkeys(_IMAGE_SUFFIXES, _IMAGE),
+    **dict.fromkeys(
+        ros.YAML_SUFFIXES,
+        Format(
+            "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
+        ),
+    ),
+    **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2, "an image, dark pixels occupied")),
     ".map": Format("from_movingai", 2, "a MovingAI map"),
     ".3dmap": Format("from_movingai", 3, "a MovingAI map of voxels"),
-    **dict.fromkeys(vector.POLYGON_SUFFIXES, _POLYGONS),
-    **dict.fromkeys(meshes.MESH_SUFFIXES, _MESH),
-    **dict.fromkeys((".bt", ".ot"), _OCTOMAP),
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), _POINTS),
+    **dict.fromkeys(
+        vector.POLYGON_SUFFIXES, Format("from_polygons", 2, "polygons, lines and points")
+    ),
+    **dict.fromkeys(
+        meshes.MESH_SUFFIXES,
+        Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud"),
+    ),
+    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3, "an OctoMap")),
+    **dict.fromkeys(
+        (".xyz", ".txt", ".csv", ".pcd"),
+        Format(
+            "from_points", 3, "a point cloud, with a radius; `.pcd` of `ascii` or `binary` data"
+        ),
+    ),
     ".npy": Format("from_array", None, "a boolean array, or points: rows of three floats"),
     ".zarr": Format(
         "from_array",

@@ -265,6 +265,5 @@ def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
 
 def _make_line_error(number: int, lines: list[str], rule: str) -> ContentError:
     """Return the error for a line that breaks `rule`."""
-    line = lines[number - 1]
-    problem = f"line {number} is {line[:60]!r}"
+    problem = f"line {number} is {lines[number - 1][:60]!r}"
     return ContentError(problem, f"it must hold {rule}", "correct it or fetch it again")

@@ -20,9 +20,9 @@ import math
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
@@ -53,9 +53,6 @@ from cspace.support.check import check_finite
 
 Json = dict[str, Any]
 """An object of a glTF header."""
-
-Mesh = TypeVar("Mesh")
-"""Key of a mesh that a scene places: a number in glTF, an element in COLLADA."""
 
 _MESH_KIND: Final = "mesh"
 
@@ -97,7 +94,10 @@ def _read_gltf(file: Path) -> Surface:
     header = _parse_gltf_header(text)
     for buffer in header.get("buffers", []):
         buffer["content"] = _read_buffer(buffer, embedded, file)
-    parts = [_read_gltf_parts(mesh, header) for mesh in header.get("meshes", [])]
+    parts = [
+        [_read_gltf_part(part, header) for part in mesh["primitives"]]
+        for mesh in header.get("meshes", [])
+    ]
     placed = list(_place_gltf_meshes(header))
     # Parts may share arrays, and a mesh may be placed several times, so the memory is checked
     # before anything is copied.
@@ -114,7 +114,7 @@ def _read_gltf(file: Path) -> Surface:
 
 
 def _join_placed(
-    surfaces: Mapping[Mesh, list[Surface]], placed: Sequence[tuple[Mesh, Floats]]
+    surfaces: Mapping[Any, list[Surface]], placed: Iterable[tuple[Any, Floats]]
 ) -> Surface:
     """Join copies of meshes, each with its transform.
 
@@ -131,11 +131,6 @@ def _make_gltf_surface(points: Floats, corners: Ints | range) -> Surface:
     vertices = points.astype(np.float64)
     sizes = np.full(len(corners) // 3, 3)
     return vertices, triangulate(vertices, np.asarray(corners, dtype=np.int64), sizes)
-
-
-def _read_gltf_parts(mesh: Json, header: Json) -> list[tuple[Floats, Ints | range]]:
-    """Return the points and the corners of each primitive of a glTF mesh."""
-    return [_read_gltf_part(part, header) for part in mesh["primitives"]]
 
 
 def _read_gltf_part(part: Json, header: Json) -> tuple[Floats, Ints | range]:
@@ -458,8 +453,9 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
             raise ContentError(f"has the node {element.get('id')!r} within itself")
         else:
             pose = parent_pose @ _parse_collada_transform(element)
-            children = (child for child in reversed(element) if child.tag not in _TRANSFORMS)
-            pending += [_PendingElement(child, pose, (*nodes_above, element)) for child in children]
+            nodes = (*nodes_above, element)
+            inner = (child for child in reversed(element) if child.tag not in _TRANSFORMS)
+            pending += [_PendingElement(child, pose, nodes) for child in inner]
 
 
 def _read_unit(root: Element) -> float:

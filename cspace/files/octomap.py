@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,8 +35,7 @@ _UNSEEN: Final = 2
 """State of cells without a leaf; 0 is free and 1 is occupied."""
 
 
-@dataclass(frozen=True, slots=True)
-class _OctomapHeader:
+class _OctomapHeader(NamedTuple):
     """Content of the text before the nodes of an OctoMap."""
 
     binary: bool

@@ -155,13 +155,8 @@ def read_json(
         lists = text.count("[")
         needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
         check_file_memory(path, f"holds {lists:,} lists", needed)
-        return json.loads(text, parse_int=_parse_json_integer)
-
-
-def _parse_json_integer(word: str) -> int | float:
-    """Convert an integer of JSON to a float if it may exceed 64 bits."""
-    # int() takes quadratic time; the float of a very long integer is infinite.
-    return float(word) if len(word) > 18 else int(word)
+        # int() takes quadratic time; the float of a very long integer is infinite.
+        return json.loads(text, parse_int=lambda word: float(word) if len(word) > 18 else int(word))
 
 
 def parse_xml(data: bytes) -> Element:

@@ -34,6 +34,7 @@ _PCD_KEYS: Final = (
     *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
     *("WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"),
 )
+"""Keys of the lines of a PCD header."""
 
 
 def read_points(path: StrPath) -> Floats:

@@ -12,9 +12,8 @@ from __future__ import annotations
 import io
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -321,8 +320,7 @@ _MEMORY_PER_PLY_BYTE: Final = 8.0
 """Bytes of memory to read one byte of a PLY file."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlyHeader:
+class PlyHeader(NamedTuple):
     """The header of a PLY file.
 
     Attributes

@@ -14,6 +14,7 @@ import pathlib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -112,8 +113,7 @@ class MapInfo(NamedTuple):
     yaw: float
 
 
-@dataclass(frozen=True, slots=True)
-class _MapHeader:
+class _MapHeader(NamedTuple):
     """Content of the YAML file of a map."""
 
     info: MapInfo
@@ -401,20 +401,19 @@ def read_occupancy_grid(
     known = (percent >= 0) & (percent <= 100)
     free = known & (percent / 100.0 < low)
     occupied = known & (percent / 100.0 >= high)
-    origin = _parse_coordinate(msg, "x"), _parse_coordinate(msg, "y")
-    info = MapInfo("msg", _parse_resolution(msg), origin, _parse_yaw(msg))
+    position = "info.origin.position"
+    values = [_get_field(msg, f"{position}.{name}") for name in "xy"]
+    x, y = check_finite(values, f"msg.{position}").tolist()
+    info = MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg))
     return info, free, occupied
 
 
 def _get_field(msg: object, path: str) -> Any:
     """Return a field of a message by its dotted path."""
-    value = msg
-    for name in path.split("."):
-        try:
-            value = getattr(value, name)
-        except AttributeError as error:
-            raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
-    return value
+    try:
+        return attrgetter(path)(msg)
+    except AttributeError as error:
+        raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
 
 
 def missing_field_error(argument: str, path: str, kind: str) -> InputError:
@@ -422,12 +421,6 @@ def missing_field_error(argument: str, path: str, kind: str) -> InputError:
     return InputError(
         argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message"
     )
-
-
-def _parse_coordinate(msg: object, name: str) -> float:
-    """Return x or y of the origin of a message's map, metres."""
-    path = f"info.origin.position.{name}"
-    return float(check_finite(_get_field(msg, path), f"msg.{path}"))
 
 
 def _parse_resolution(msg: object) -> float:
@@ -492,8 +485,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     problem = f"is {footprint!r:.80}"
     hint = "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
-        is_text = isinstance(footprint, str)
-        rows = ast.literal_eval(footprint.strip()) if is_text else footprint
+        rows = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = check_finite(rows, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise GeometryError(name, problem, rule, hint, value=footprint) from error

@@ -217,14 +217,12 @@ def _check_codecs(metadata: Any) -> list[str]:
 
 def missing_chunk(name: str) -> ContentError:
     """Return the error for an array that lacks one or more chunks."""
-    attribute = MISSING_CHUNKS_ATTRIBUTE
-    return ContentError(
-        f"lacks {name}",
-        "a lost chunk would pass for free space",
-        "copy the array again, or write it with "
-        "zarr.create_array(..., config={'write_empty_chunks': True}); "
-        f'if missing chunks hold the fill value, set array.attrs["{attribute}"] = "fill_value"',
+    hint = (
+        "copy the array again, or write it with zarr.create_array(..., "
+        "config={'write_empty_chunks': True}); if missing chunks hold the fill value, set "
+        f'array.attrs["{MISSING_CHUNKS_ATTRIBUTE}"] = "fill_value"'
     )
+    return ContentError(f"lacks {name}", "a lost chunk would pass for free space", hint)
 
 
 def _check_counts(numbers: Any) -> tuple[int, ...]:
