@@ -73,7 +73,7 @@ def _read_npy(path: StrPath) -> Floats:
         problem = f"holds shape {array.shape} and type {array.dtype}"
         rule = "a cloud is one array of numbers of shape (n, 3)"
         raise ContentError(problem, rule, "save one of that shape")
-    return np.array(array, dtype=np.float64)
+    return np.array(array, dtype=np.float64, order="C")
 
 
 def _read_text(path: StrPath) -> Floats:
