@@ -254,6 +254,90 @@ MUTANTS = (
     # Planners: drives, states, results.
     # Planners: trajectories.
     # Files and exports.
+    Mutant(
+        "cspace/files/images.py",
+        "pixels = rows[::-1].swapaxes(0, 1)",
+        "pixels = rows.swapaxes(0, 1)",
+        "tests/files/test_image.py",
+    ),
+    Mutant(
+        "cspace/files/ros.py",
+        "percent = values.reshape(height, width).T",
+        "percent = values.reshape(width, height)",
+        "tests/files/test_messages.py",
+    ),
+    Mutant(
+        "cspace/files/ros.py",
+        "free_levels = probability < header.free_thresh",
+        "free_levels = probability <= header.free_thresh",
+        "tests/files/test_rosmap.py",
+    ),
+    Mutant(
+        "cspace/files/ros.py",
+        "return 2.0 * math.atan2(z, w)",
+        "return -2.0 * math.atan2(z, w)",
+        "tests/files/test_messages.py",
+    ),
+    Mutant(
+        "cspace/files/meshes.py",
+        "to_metres = _make_affine(metres_per_unit * np.eye(3))",
+        "to_metres = _make_affine(np.eye(3))",
+        "tests/files/test_mesh_scenes.py",
+    ),
+    Mutant(
+        "cspace/files/meshes.py",
+        "start < 0 or count < 1 or stride < record.itemsize or end > len(content)",
+        "start < 0 or count < 1 or stride < record.itemsize",
+        "tests/files/test_mesh_scenes.py",
+    ),
+    Mutant(
+        "cspace/files/polygons.py",
+        "if np.linalg.det(linear) < 0.0:",
+        "if np.linalg.det(linear) > 0.0:",
+        "tests/files/test_mesh_scenes.py",
+    ),
+    Mutant(
+        "cspace/files/octomap.py",
+        '(2, 2, 2), order="F")',
+        '(2, 2, 2), order="C")',
+        "tests/files/test_octomap.py",
+    ),
+    Mutant(
+        "cspace/files/octomap.py",
+        "leaf_sides = sides[parents] // 2",
+        "leaf_sides = sides[parents] // 4",
+        "tests/files/test_octomap.py",
+    ),
+    Mutant(
+        "cspace/files/points.py",
+        "columns = [sum(counts[:field]) for field in fields]",
+        "columns = fields",
+        "tests/files/test_points.py",
+    ),
+    Mutant(
+        "cspace/files/zarr_folders.py",
+        "elif self._may_miss_chunks:",
+        "elif self._fill is not None:",
+        "tests/files/test_zarr_folders.py",
+    ),
+    Mutant(
+        "cspace/export/images.py",
+        "(1025, 1),",
+        "(1025, 2),",
+        "tests/export/test_exports.py",
+    ),
+    Mutant(
+        "cspace/export/messages.py",
+        "np.where(lowest == stack.max(axis=0), lowest, MIXED)",
+        "lowest",
+        "tests/files/test_messages.py",
+    ),
+    Mutant(
+        "cspace/export/messages.py",
+        "costs[clearance + inscribed > radius] = 0",
+        "costs[clearance > radius - 2 * inscribed] = 0",
+        "tests/files/test_messages.py",
+    ),
     # Spectral.
     # Tiles.
     # Plot, view and command line.
