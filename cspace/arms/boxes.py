@@ -39,12 +39,12 @@ from cspace.arms.proofs import (
     Scene,
     SceneScratch,
     Solids,
+    bound_slack,
     boundaries_cross,
+    find_required_distance,
     is_nested,
     lies_deep,
-    pair_slack,
     push_children,
-    required_distance,
 )
 from cspace.bodies import ADVANCE_FACTOR
 from cspace.bodies.triangles import boxes_are_apart, joint_displacement, piece_depth
@@ -209,15 +209,15 @@ def prove_block(
     """
     is_smallest = set_box(cells, pending, row)
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
-    required = required_distance(scene, pending.center, pending.center)
+    required = find_required_distance(scene, pending.center, pending.center)
     bodies = scene.solids.bodies
     still_open = 0
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        count = write_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
-        slack = pair_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch)
+        slack = bound_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch)
         # While the boundaries stay apart, containment is the same in the whole box.
         if slack < 0.0 or is_nested(scene, pair, scratch, 0.0):
             pending.pair_lists[row, still_open] = pair
@@ -227,7 +227,7 @@ def prove_block(
         return FREE, -1
     if may_be_blocked:
         # Only small boxes leave triangles crossed, and the search for crossings is slow.
-        blocking_pair = blocked_pair(inside, pending, row, is_smallest, scratch)
+        blocking_pair = find_blocked_pair(inside, pending, row, is_smallest, scratch)
         if blocking_pair >= 0:
             return BLOCKED, blocking_pair
     return MIXED, pending.pair_lists[row, 0]
@@ -329,7 +329,7 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
 
 
 @kernel
-def box_axes(
+def write_axes(
     chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
 ) -> int:
     """Write the joints that move body a relative to body b.
@@ -367,7 +367,7 @@ def box_axes(
 
 
 @kernel
-def blocked_pair(
+def find_blocked_pair(
     inside: InnerScene,
     pending: PendingBlocks,
     row: int,
@@ -381,14 +381,14 @@ def blocked_pair(
     """
     scene = inside.scene
     bodies = scene.solids.bodies
-    required = required_distance(scene, pending.center, pending.center)
+    required = find_required_distance(scene, pending.center, pending.center)
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        count = box_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
+        count = write_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
         if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
             return int(pair)
-        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        count = write_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
         if ball_collides(inside, i, j, axes, required, scratch):
             return int(pair)

@@ -458,12 +458,12 @@ def make_pose_scratch(branch: Branch) -> PoseScratch:
     """Allocate scratch buffers for a branch."""
     count = len(branch.joints)
     return PoseScratch(
-        np.empty((len(branch.chain.parents), 3, 6)),
-        np.empty((3, 4)),
-        np.empty((2, 6)),
-        np.empty((6, count)),
-        np.empty((6, 7)),
-        np.empty(count),
+        poses=np.empty((len(branch.chain.parents), 3, 6)),
+        tip=np.empty((3, 4)),
+        errors=np.empty((2, 6)),
+        jacobian=np.empty((6, count)),
+        system=np.empty((6, 7)),
+        trial=np.empty(count),
     )
 
 

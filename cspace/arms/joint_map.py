@@ -139,15 +139,15 @@ def build_joint_map(
     arm = snapshot.arm
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
-    held = _held_configuration(arm, joint_indices, held_joints)
-    intervals = np.array([_joint_range(space, name, limits) for name in names])
+    held = _check_held_joints(arm, joint_indices, held_joints)
+    intervals = np.array([_find_range(space, name, limits) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
     shape = _count_cells(intervals, joint_limits, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
     needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
     check_memory(needed, "the map", PlannedGrid(shape, side, units[0]))
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
-    moving = _moving_pairs(snapshot, joint_indices)
+    moving = _find_moving_pairs(snapshot, joint_indices)
     still = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still)
 
@@ -221,8 +221,8 @@ def _classify_cells(
     ``moving`` says which joints move which pairs. Pairs that the same joints move are one layer of
     cells. Along the other joints, one cell of the layer represents all.
     """
-    cells = _joint_cells(snapshot, grid, joint_indices, held)
-    balls = _inner_balls(snapshot.inner.solids)
+    cells = _make_cells(snapshot, grid, joint_indices, held)
+    balls = _find_inner_balls(snapshot.inner.solids)
     shape = grid.shape
     added_axes = 3 - grid.dim
     layers = list[CellStates]()
@@ -389,7 +389,7 @@ def _classify_block(
     classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
-def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
+def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
     """Return the configuration with the values of the held joints.
 
     The others do not matter.
@@ -418,7 +418,7 @@ def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | 
     return held
 
 
-def _joint_range(
+def _find_range(
     space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
 ) -> tuple[float, float]:
     """Return the mapped part of a joint's range."""
@@ -469,7 +469,7 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
     return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
 
 
-def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
+def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
     chain = snapshot.arm.chain
     scene = snapshot.outer
@@ -501,7 +501,7 @@ def _refuse_held_contact(
         )
 
 
-def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
+def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
     chain = snapshot.arm.chain
     solids = snapshot.outer.solids
@@ -524,7 +524,7 @@ def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floa
     )
 
 
-def _inner_balls(solids: Solids) -> InnerBalls:
+def _find_inner_balls(solids: Solids) -> InnerBalls:
     """Return balls inside solids; their probes are balls of radius zero."""
     groups = [np.empty((0, 4))]
     counts = [0]
@@ -537,8 +537,8 @@ def _inner_balls(solids: Solids) -> InnerBalls:
         roots_of_surfaces = solids.surface_roots[surfaces].tolist()
         balls = [
             np.column_stack([probes, np.zeros(len(probes))]),
-            _solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
-            *(_surface_balls(solids.surfaces, root) for root in roots_of_surfaces),
+            _find_solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
+            *(_find_surface_balls(solids.surfaces, root) for root in roots_of_surfaces),
         ]
         groups += balls
         counts.append(sum(map(len, balls)))
@@ -548,7 +548,7 @@ def _inner_balls(solids: Solids) -> InnerBalls:
     )
 
 
-def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
+def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     """Return the largest balls around lattice points of a closed surface, shape (n, 4).
 
     Points near larger balls are skipped.
@@ -577,7 +577,7 @@ def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     return balls
 
 
-def _solid_balls(pieces: Floats) -> Floats:
+def _find_solid_balls(pieces: Floats) -> Floats:
     """Return the largest balls in boxes and balls, shape (n, 4).
 
     ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the

@@ -394,14 +394,14 @@ def _follow_line(
             waypoints.append(Waypoint(ahead, begin + now, tried.bounds))
             # Steps shrink only when one fails, so that their number stays bounded where the
             # deviation approaches the tolerance slowly.
-            step = taken * float(np.clip(best_ratio, 1.0, 2.0))
+            step = taken * min(max(best_ratio, 1.0), 2.0)
             continue
         failed = ahead
         # Rounding may have made the shortest step longer.
         if taken < 1.5 * MIN_LINE_STEP:
             break
         leaves_line = outcome == JUMP and tried.share > 1.0
-        ratio = float(np.clip(best_ratio, 0.1, 0.7)) if leaves_line else 0.5
+        ratio = min(max(best_ratio, 0.1), 0.7) if leaves_line else 0.5
         step = max(ratio * taken, MIN_LINE_STEP)
     return outcome, failed
 

@@ -589,8 +589,8 @@ class Arm:
             If the name is taken, a link is unknown, the shape is invalid or in the plane, or the
             pose is no rigid motion.
         """
-        solid = as_shape(shape)
-        if solid.dim != 3:
+        given = as_shape(shape)
+        if given.dim != 3:
             raise InputError(
                 "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
             )
@@ -600,18 +600,19 @@ class Arm:
             raise InputError(
                 "name", f"is {name!r}", "a link has it", "choose another one", value=name
             )
-        for each in touching:
-            check_known(each, "link", self.placements)
-        body, to_body = self.placements[link]
-        frame = Frame(body, to_body if pose is None else to_body @ check_rigid(pose, "pose"))
-        allowed = {
-            sort_pair(name, each.name): "held" for each in self.links if each.name in touching
-        }
+        for other in touching:
+            check_known(other, "link", self.placements)
+        body, pose_on_body = self.placements[link]
+        if pose is not None:
+            pose_on_body = pose_on_body @ check_rigid(pose, "pose")
+        solid = Solid(name, body, (PosedShape(given, pose_on_body),))
+        with_geometry = [other.name for other in self.links]
+        allowed = {sort_pair(name, other): "held" for other in touching if other in with_geometry}
         return replace(
             self,
-            links=(*self.links, Solid(name, body, (PosedShape(solid, frame.pose),))),
+            links=(*self.links, solid),
             allowed_collisions=self.allowed_collisions | allowed,
-            placements=self.placements | {name: frame},
+            placements=self.placements | {name: Frame(body, pose_on_body)},
             carriers=self.carriers | {name: link},
         )
 
@@ -640,7 +641,7 @@ class Arm:
                 pair: why for pair, why in self.allowed_collisions.items() if name not in pair
             },
             placements={frame: pose for frame, pose in self.placements.items() if frame != name},
-            carriers={each: link for each, link in self.carriers.items() if each != name},
+            carriers={held: link for held, link in self.carriers.items() if held != name},
         )
 
     @cached_property
@@ -882,7 +883,7 @@ class _Assembly:
         self._held: dict[str, float] = {}
         self._order = _sort_joints(joints.values(), base)
         above = {joint.child: joint for joint in self._order}
-        branch = set(above) if tip is None else _links_to(tip, base, above)
+        branch = set(above) if tip is None else _list_links_to(tip, base, above)
         self._moving_names = []
         for joint in self._order:
             is_chosen = chosen is None or joint.name in chosen
@@ -927,7 +928,7 @@ class _Assembly:
             check_joint_values(values, "held_joints", self._joints)
             values = {name: values[name] for name in names if name in values}
         given = check_joint_values(values, "held_joints", names)
-        self._held = {name: given.get(name, _rest_value(self._joints[name])) for name in names}
+        self._held = {name: given.get(name, _find_rest_value(self._joints[name])) for name in names}
         for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
@@ -954,7 +955,7 @@ class _Assembly:
                 joints.append(joint)
                 bodies[joint.child] = Frame(len(joints), np.eye(4))
             else:
-                bodies[joint.child] = Frame(body, frame @ self._fixed_pose(joint))
+                bodies[joint.child] = Frame(body, frame @ self._compute_fixed_pose(joint))
         if len(parents) > MAX_BODIES:
             raise InputError(
                 self._file,
@@ -972,6 +973,9 @@ class _Assembly:
                 "add <collision>",
             )
         moving = [self._joints[name] for name in self._moving_names]
+        groups = {}
+        for name, group in srdf.groups.items():
+            groups[name] = tuple(joint for joint in self._moving_names if joint in group)
         return Arm(
             name=str(self._urdf.robot.name),
             joints=tuple(self._moving_names),
@@ -982,10 +986,7 @@ class _Assembly:
             chain=self._chain(parents, frames, joints),
             units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
             max_velocity=np.array([self._max_velocity(name) for name in self._moving_names]),
-            groups={
-                name: tuple(joint for joint in self._moving_names if joint in group)
-                for name, group in srdf.groups.items()
-            },
+            groups=groups,
             end_effectors=srdf.end_effectors,
             held_joints=self._held,
             placements=bodies,
@@ -1020,18 +1021,15 @@ class _Assembly:
 
     def _max_velocity(self, leader: str) -> float:
         """Return the largest speed of a joint within the limits of itself and its mimics."""
-        return min(
-            joint.max_velocity / abs(joint.factor)
-            for joint in self._order
-            if joint.leader == leader and self._is_moved(joint)
-        )
+        moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
+        return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
-    def _fixed_pose(self, joint: Joint) -> Floats:
+    def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Return the motion of a joint that no configuration moves."""
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
-        position = self._held.get(leader.name, _rest_value(leader))
+        position = self._held.get(leader.name, _find_rest_value(leader))
         value = joint.factor * position + joint.offset
         pose = np.eye(4)
         if joint.kind == REVOLUTE:
@@ -1103,7 +1101,7 @@ def _sort_joints(joints: Iterable[Joint], base: str) -> list[Joint]:
     return order
 
 
-def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
+def _list_links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     """Return the links from a tip up to the base, without the base."""
     links = set[str]()
     link = tip
@@ -1117,7 +1115,7 @@ def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     return links
 
 
-def _rest_value(joint: Joint) -> float:
+def _find_rest_value(joint: Joint) -> float:
     """Return zero, or the limit next to zero."""
     return float(np.clip(0.0, joint.lower, joint.upper))
 

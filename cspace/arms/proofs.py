@@ -190,13 +190,13 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
     bodies = len(scene.chain.parents)
     pairs = len(scene.pairs)
     return SceneScratch(
-        np.empty((MAX_MOTION_PARTS, 2)),
-        np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
-        np.empty((bodies, 3, 6)),
-        np.empty((pairs, 3)),
-        np.empty(pairs, dtype=np.bool_),
-        np.empty((bodies, 8)),
-        np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
+        parts=np.empty((MAX_MOTION_PARTS, 2)),
+        open_pairs=np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
+        poses=np.empty((bodies, 3, 6)),
+        bounds=np.empty((pairs, 3)),
+        not_nested=np.empty(pairs, dtype=np.bool_),
+        axes=np.empty((bodies, 8)),
+        nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
 
 
@@ -224,7 +224,7 @@ def motions_are_free(
 
 
 @kernel
-def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
+def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
     """Return the distance that proves a pair apart on a motion.
 
     It includes the rounding of joint values.
@@ -243,7 +243,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     """Return True if a motion is proven free; equal endpoints mean a point."""
     parts = scratch.parts
     open_pairs = scratch.open_pairs
-    required = required_distance(scene, q0, q1)
+    required = find_required_distance(scene, q0, q1)
     # NaN in a configuration makes it NaN, which proves nothing.
     if not required < np.inf:
         return False
@@ -251,7 +251,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     # Most colliding motions end in a collision, so the endpoint is tested first.
     open_pairs[0, :] = True
     forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
-    if part_state(scene, open_pairs[0], 0.0, required, scratch) != FREE:
+    if test_part(scene, open_pairs[0], 0.0, required, scratch) != FREE:
         return False
     if longest == 0.0:
         return True
@@ -270,7 +270,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         if half < MIN_ADVANCE:
             return False
         forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
-        state = part_state(scene, open_pairs[row], half, required, scratch)
+        state = test_part(scene, open_pairs[row], half, required, scratch)
         if state == BLOCKED:
             return False
         if state == MIXED:
@@ -304,7 +304,7 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
 
 
 @kernel
-def part_state(
+def test_part(
     scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch
 ) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
@@ -322,7 +322,7 @@ def part_state(
         # The second term bounds the motion of the rounding, a small part of the whole motion.
         deviation = half * (curvature + required * rotation)
         bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
-        slack = pair_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
+        slack = bound_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
         is_open[n] = slack < 0.0
         if slack == -np.inf:
             return BLOCKED
@@ -338,7 +338,7 @@ def part_state(
 
 
 @kernel
-def pair_slack(
+def bound_slack(
     scene: Scene,
     n: int,
     bounds: tuple[float, float, float],
@@ -603,7 +603,7 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
 
 
 @kernel
-def pair_distances(
+def bound_distances(
     scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
 ) -> None:
     """Bound the distance over all pairs from below.
@@ -614,14 +614,14 @@ def pair_distances(
     """
     nodes = scratch.nodes
     for k in range(len(points)):
-        required = required_distance(scene, points[k], points[k])
+        required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             # A pair that is too near counts, even if its distance exceeds that of a pair with less
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
-            slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
+            slack = bound_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, 0.0):
                 slack = -1.0
             # Compare without the padding: (out - padding) + padding may round to less than out.
@@ -642,15 +642,15 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
     other.
     """
     for k in range(len(points)):
-        required = required_distance(scene, points[k], points[k])
+        required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = False
+        no_axes = scratch.axes[:0]
         for n in range(len(scene.pairs)):
+            if out[k]:
+                break
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            slack = 0.0
-            if not out[k]:
-                slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch)
-            if slack < 0.0:
-                out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
+            slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
+            out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

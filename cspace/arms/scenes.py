@@ -34,7 +34,7 @@ def make_scene(
     """
     parts = [part.bounds_pair[0] for solid in solids for part in solid.parts]
     packed = _pack(solids, parts, [part.anchors for part in parts], *_pack_hulls(solids))
-    max_coordinate = _max_coordinate(chain, packed)
+    max_coordinate = _find_max_coordinate(chain, packed)
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
     numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     extra = np.zeros(len(numbers)) if padding is None else padding
@@ -57,7 +57,7 @@ def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
         packed = outer._replace(anchors=anchors, starts=starts)
     else:
         packed = _pack(solids, parts, points, outer.hulls, outer.roots, outer.part_roots)
-    max_coordinate = _max_coordinate(scene.chain, packed)
+    max_coordinate = _find_max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
     return Scene(
         scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required
@@ -107,7 +107,7 @@ def _pack_points(
     counts = [(0, 0, 0)]
     for part, part_points in zip(parts, points, strict=True):
         corners, _ = part.surface
-        counts.append((int(len(corners) > 0), len(part_points), 1))
+        counts.append((len(corners) > 0, len(part_points), 1))
     before_parts = np.cumsum(counts, axis=0, dtype=np.int64)
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
@@ -158,7 +158,7 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
     return joined, np.array(roots, dtype=np.int64), np.array(part_roots, dtype=np.int64)
 
 
-def _max_coordinate(chain: Chain, solids: Solids) -> float:
+def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
     """Return the largest coordinate at any configuration, metres."""
     boxes = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
     in_bodies = (np.abs(boxes[:, :3]) + boxes[:, 3:6]).max(initial=0.0)

@@ -213,7 +213,7 @@ class PathSearch:
         gained less than that.
         """
         path = self._pull(path)
-        lengths = [_length(path)]
+        lengths = [_measure_length(path)]
         while searches is None or len(lengths) <= searches:
             length = lengths[-1]
             goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
@@ -225,11 +225,11 @@ class PathSearch:
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
             max_batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
-            other_path = self._connect(goals, _no_rows(goals), length, max_batches, True)
+            other_path = self._connect(goals, _make_empty(goals), length, max_batches, True)
             if len(other_path):
-                path = min(path, self._pull(other_path), key=_length)
+                path = min(path, self._pull(other_path), key=_measure_length)
             path = self._pull(path)
-            lengths.append(_length(path))
+            lengths.append(_measure_length(path))
         return path
 
     def _connect(
@@ -247,13 +247,13 @@ class PathSearch:
         while meeting < 0 and batches < max_batches and clock() < self._end:
             samples = np.concatenate([samples, self._sample(goals, length)])
             meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
-            samples = _no_rows(samples)
+            samples = _make_empty(samples)
             batches += 1
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
         self._batches.append(batches)
         if meeting < 0:
-            return _no_rows(goals)
+            return _make_empty(goals)
         from_start = reversed(_trace_branch(forest, 0, meeting))
         # Both trees have the configuration at which they meet.
         to_goal = _trace_branch(forest, 1, meeting_at_goal)[1:]
@@ -308,12 +308,13 @@ class PathSearch:
 
     def _pull(self, path: Floats) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
-        length = _length(path)
+        length = _measure_length(path)
         last = math.inf
         while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
             for _ in range(PULLS_PER_BATCH):
                 path = self._pull_part(path)
-            length, last = _length(path), length
+            last = length
+            length = _measure_length(path)
         return path
 
     def _pull_part(self, path: Floats) -> Floats:
@@ -328,7 +329,7 @@ class PathSearch:
         start = math.floor(first)
         stop = math.ceil(last)
         part = np.concatenate(
-            [_point_at(path, first), path[start + 1 : stop], _point_at(path, last)]
+            [_interpolate(path, first), path[start + 1 : stop], _interpolate(path, last)]
         )
         if len(part) < 3:
             return path
@@ -346,18 +347,18 @@ class PathSearch:
         else:
             part = part[[0, -1]]
         pulled = _drop_repeated(np.vstack([path[start], part, path[stop]]))
-        gain = _length(path[start : stop + 1]) - _length(pulled)
+        gain = _measure_length(path[start : stop + 1]) - _measure_length(pulled)
         if gain < MIN_PULL or not self._is_free(pulled):
             return path
         return np.concatenate([path[:start], pulled, path[stop + 1 :]])
 
 
-def _no_rows(path: Floats) -> Floats:
+def _make_empty(path: Floats) -> Floats:
     """Return an empty path of the same arm."""
     return path[:0]
 
 
-def _point_at(path: Floats, position: float) -> Floats:
+def _interpolate(path: Floats, position: float) -> Floats:
     """Return the configuration at a position that is counted in rows, shape (1, dof)."""
     row = min(int(position), len(path) - 2)
     share = position - row
@@ -379,7 +380,7 @@ def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
     return rows
 
 
-def _length(path: Floats) -> float:
+def _measure_length(path: Floats) -> float:
     """Return the length of a path in the joints."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 

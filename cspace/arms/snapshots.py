@@ -20,9 +20,9 @@ from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pa
 from cspace.arms.proofs import (
     Scene,
     are_blocked,
+    bound_distances,
     make_scene_scratch,
     motions_are_free,
-    pair_distances,
 )
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
@@ -142,7 +142,7 @@ class Snapshot:
         """
         out = np.empty(len(points))
         nearest = np.zeros((len(points), 3), dtype=np.int64)
-        _run_in_threads(pair_distances, scene or self.outer, as_contiguous(points), out, nearest)
+        _run_in_threads(bound_distances, scene or self.outer, as_contiguous(points), out, nearest)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
@@ -165,7 +165,7 @@ class Snapshot:
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append(radius)
         link, other = self._name_parts(pair, nodes)
-        return Contact(link, other, float(distances[0]), _nearest_points(*hulls, *radii))
+        return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
 
     def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
         """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
@@ -391,7 +391,7 @@ def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[
     in_chunks(run, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
-def _nearest_points(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
+def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
     """Return the nearest points of two convex hulls, shape (2, 3).
 
     The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in

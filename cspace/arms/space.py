@@ -567,8 +567,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             As :meth:`is_free`.
         """
         points = self._check_configurations(q, "q")
-        out, _ = self.snapshot.distances(points.reshape(-1, self.size))
-        return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
+        distances, _ = self.snapshot.distances(points.reshape(-1, self.size))
+        if points.ndim == 1:
+            return float(distances[0])
+        return distances.reshape(points.shape[:-1])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
         """Compute a lower bound of the distance along a path.
@@ -615,7 +617,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         point = self.arm.clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
-            raise _collision_error(self.snapshot, point, name)
+            raise _make_collision_error(self.snapshot, point, name)
         return tuple(wrapped(point, self.periodic_axes).tolist())
 
     def find_goals(
@@ -823,14 +825,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         snapshot = self.snapshot
         start = snapshot.arm.clamp(start)
         goals = snapshot.arm.clamp(goals)
-        images = self._images(start, goals)
+        images = self._list_images(start, goals)
         endpoints = np.vstack([start, images])
         free = snapshot.are_free(endpoints, endpoints)
         if not free[0]:
-            raise _collision_error(snapshot, start, "q0")
+            raise _make_collision_error(snapshot, start, "q0")
         images = images[free[1:]]
         if not len(images):
-            raise _collision_error(snapshot, goals[0], "q1")
+            raise _make_collision_error(snapshot, goals[0], "q1")
         rng = np.random.default_rng(seed)
         ranges = snapshot.arm.ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
@@ -914,7 +916,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
         lines = make_lines(corners)
         if not snapshot.are_free(start[np.newaxis], start[np.newaxis])[0]:
-            raise _collision_error(snapshot, start, "q0")
+            raise _make_collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, largest)
 
     @property
@@ -991,7 +993,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
-    def _images(self, start: Floats, goals: Floats) -> Floats:
+    def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
         ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
@@ -1046,7 +1048,7 @@ def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
     return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
-def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
+def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
     """Return the error for a start or goal in collision.
 
     ``q`` has shape (dof,); ``name`` is the argument. The message names the link and the obstacle
