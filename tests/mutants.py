@@ -251,6 +251,54 @@ MUTANTS = (
         "tests/raster/test_turns.py",
     ),
     # Arms.
+    Mutant(
+        "cspace/arms/chain.py",
+        "rate = chain.factors[b] * motion",
+        "rate = motion",
+        "tests/arms/test_space.py",
+    ),
+    Mutant(
+        "cspace/arms/chain.py",
+        "curvature += (0.5 * rate + rotation) * travel",
+        "curvature += 0.5 * rate * travel",
+        "tests/arms/test_space.py",
+    ),
+    Mutant(
+        "cspace/arms/scenes.py",
+        "levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1)",
+        "levers=np.linalg.norm(boxes[:, 3:6], axis=1)",
+        "tests/arms/test_space.py",
+    ),
+    Mutant(
+        "cspace/arms/snapshots.py",
+        "others = frozenset(partners[solid.name] - names_of_body[solid.body])",
+        "others = frozenset[str]()",
+        "tests/arms/test_space.py",
+    ),
+    Mutant(
+        "cspace/arms/snapshots.py",
+        "before.obstacles.get(name) is placed and before.reach == reach",
+        "before.obstacles.get(name) is placed",
+        "tests/arms/test_living.py",
+    ),
+    Mutant(
+        "cspace/arms/joint_map.py",
+        "last_cells[last_cells == FREE] = MIXED",
+        "last_cells[last_cells == FREE] = FREE",
+        "tests/arms/test_joint_map.py",
+    ),
+    Mutant(
+        "cspace/arms/joint_map.py",
+        "last = np.where(continues_above, FARTHEST_CELL, np.array(grid.shape) - 1)",
+        "last = np.array(grid.shape) - 1",
+        "tests/arms/test_joint_map.py",
+    ),
+    Mutant(
+        "cspace/arms/inverse.py",
+        "turns = np.clip(np.rint((near - q) / TWO_PI), fewest, most)",
+        "turns = np.rint((near - q) / TWO_PI)",
+        "tests/arms/test_inverse.py",
+    ),
     # Planners: drives, states, results.
     # Planners: trajectories.
     # Files and exports.
