@@ -98,8 +98,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/lattice.py",
-        "if ground.can_drive[heading, i - dx, j - dy]:",
-        "if ground.can_drive[heading, i, j]:",
+        "reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, cost)",
+        "reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, cost)",
         "tests/planners/test_lattice.py",
     ),
     Mutant(

@@ -11,7 +11,7 @@ import cspace
 import planners
 from cspace import FREE
 from cspace.support.arrays import Bools, Floats, Ints
-from tests.helpers.planning import ENDPOINTS, build_from_states, build_room
+from tests.helpers.planning import build_from_states
 from tests.helpers.strategies import seeds
 
 WEIGHT = 10.0
@@ -89,20 +89,6 @@ def test_plans_cost_hardly_more_than_the_cheapest_chain_of_cells(seed: int) -> N
         costs.append(compute_costs(rows[:-1], rows[1:], blocked, threshold).sum())
     assert costs[0] <= costs[1] * 1.02
     assert costs[0] <= compute_cheapest_chain(free, blocked, threshold, first, last) * 1.1
-
-
-@pytest.mark.parametrize("name", ["turning", "space", "floating"])
-def test_plans_in_other_spaces_are_certified_and_clearer(name: str) -> None:
-    space = build_room(name)
-    ends = ENDPOINTS[name]
-    plan = planners.plan(space, *ends, objective="clearance")
-    short = planners.plan(space, *ends)
-    assert plan.certified and plan.planner == "Grid"
-    assert space.clearance(plan.path).mean() > space.clearance(short.path).mean()
-    assert short.length + 0.5 * short.total_rotation <= 1.05 * (
-        plan.length + 0.5 * plan.total_rotation
-    )
-    assert planners.plan(space, *ends, objective="clearance", simplify=False).certified
 
 
 def test_plans_follow_changes_of_the_map() -> None:

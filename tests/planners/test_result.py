@@ -5,11 +5,9 @@ import csv
 import json
 import math
 import pickle
-from collections.abc import Callable
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import fields
 from pathlib import Path
 
-import fcl
 import numpy as np
 import pytest
 import shapely
@@ -22,8 +20,6 @@ import planners
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from planners.local_planner import HOLONOMIC, local_planner
-from tests.helpers import solids
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
@@ -36,20 +32,11 @@ from tests.helpers.planning import (
 from tests.helpers.strategies import seeds
 from tests.soak.plane import move_points
 
-IN_SOME_SPACES = pytest.mark.parametrize(
-    ("name", "curve"), [("plane", None), ("floating", None), ("turning", "reeds-shepp")]
-)
-
 
 def plan_in(name: str, curve: str | None) -> planners.Plan:
     """Plan in a room."""
     options = options_for(curve)
     return planners.plan(build_room(name), *ENDPOINTS[name], seed=4, time_limit=20.0, **options)
-
-
-@pytest.fixture(scope="module")
-def plan() -> planners.Plan:
-    return plan_in("turning", "reeds-shepp")
 
 
 # ---- clearance along a path ----------------------------------------------------------------------
@@ -78,66 +65,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(
         assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing
 
 
-def test_the_clearance_of_a_path_is_the_minimum_over_its_pieces() -> None:
-    space, start, _ = build_halves("space", BLOCKED)
-    path = np.array([start, (8.0, 4.7, 4.5)])
-    length = float(np.linalg.norm(path[1] - path[0]))
-    count = math.ceil(length / 0.5)
-    shares = (np.arange(count) + 0.5)[:, None] / count
-    middles = path[0] + shares * (path[1] - path[0])
-    expected = space.clearance(middles).min() - 0.5 * length / count
-    assert local_planner(space).clearance(path) == pytest.approx(expected, abs=1e-12)
-    assert expected > 0.0
-
-
 # ---- distance from obstacles ---------------------------------------------------------------------
-
-
-def make_oracle(name: str) -> Callable[[np.ndarray], float]:
-    """Return the oracle for the obstacle distance in a room."""
-    grid = build_room(name).grid
-    h = grid.spacing
-    corners = grid.lower + h * np.argwhere(build_room(name).workspace.outer)
-    if grid.dim == 2:
-        walls = shapely.box(*grid.lower, *grid.upper).exterior
-        boxes = shapely.box(*corners.T, *(corners.T + h))
-        obstacles = shapely.union_all([*boxes, walls])
-        robot = shapely.box(-0.3, -0.15, 0.3, 0.15) if name == "turning" else shapely.Point(0, 0)
-        radius = 0.2 if name == "plane" else 0.0
-
-        def measure_in_plane(q: np.ndarray) -> float:
-            moved = shapely.transform(robot, lambda points: move_points(points, q[None])[0])
-            return float(moved.distance(obstacles)) - radius
-
-        return measure_in_plane
-    cells = fcl.DynamicAABBTreeCollisionManager()
-    objects = [solids.box((h, h, h), low + 0.5 * h) for low in corners]
-    cells.registerObjects(objects)
-    cells.setup()
-    sides = (0.3, 0.1, 0.2)
-
-    def measure_in_space(q: np.ndarray) -> float:
-        turn = solids.rotation_of(q).as_matrix()
-        data = fcl.DistanceData()
-        cells.distance(solids.box(sides, q[:3], turn), data, fcl.defaultDistanceCallback)
-        walls = solids.within(grid.lower, grid.upper, sides, q[:3], turn)
-        return min(float(data.result.min_distance), walls)
-
-    return measure_in_space
-
-
-@IN_SOME_SPACES
-def test_the_obstacle_distance_is_the_minimum_along_the_path(name: str, curve: str | None) -> None:
-    space = build_room(name)
-    plan = plan_in(name, curve)
-    edges = local_planner(space, False, plan.drive, plan.turning_radius)
-    dense = edges.split_path(plan.waypoints, 0.02, 0.05)
-    minimum = min(map(make_oracle(name), dense.points))
-    # The distance changes by that much between samples.
-    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())
-    least = minimum - between - 0.25 * space.grid.spacing - 1e-6
-    assert least <= plan.obstacle_distance <= minimum + 1e-6
-    assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
 def test_the_obstacle_distance_follows_shapes_that_change() -> None:
@@ -150,15 +78,11 @@ def test_the_obstacle_distance_follows_shapes_that_change() -> None:
     assert minimum - 0.025 - 1e-6 <= plan.obstacle_distance <= minimum
     assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
     assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
-    q = (4.0, 3.6)
+
     apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
-    assert space.obstacle_distance(q) == pytest.approx(apart, abs=1e-9)
-    assert space.obstacle_distance(q, 0.1) == pytest.approx(apart - 0.05, abs=1e-9)
-    turned = space.obstacle_distance(q, turns=0.2)
-    assert turned == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
-    assert space.obstacle_distance((4.0, 2.5)) == 0.0  # inside, where boundaries do not intersect
-    with pytest.raises(InputError, match=r"turns is .*it must be zero or above"):
-        space.obstacle_distance(q, turns=-0.1)
+    for length, turn in ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2)):
+        bound = apart - 0.5 * length - 0.5 * turn * math.hypot(0.5, 0.2)
+        assert space.obstacle_distance((4.0, 3.6), length, turn) == pytest.approx(bound, abs=1e-9)
     space.add_obstacle("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
     space.add_obstacle("ball", shapely.Point(4.0, 3.9).buffer(0.08))
@@ -188,27 +112,6 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path: Path)
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-@IN_SOME_SPACES
-def test_recheck_proves_each_edge_among_the_current_obstacles(name: str, curve: str | None) -> None:
-    # Edges proven free are free at every row; the edge with an obstacle is not.
-    plan = plan_in(name, curve)
-    assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
-    space = copy.deepcopy(plan.space)
-    dim = space.grid.dim
-    rows = [int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints]
-    longest = int(np.linalg.norm(np.diff(plan.waypoints[:, :dim], axis=0), axis=1).argmax())
-    ends = plan.path[rows[longest]], plan.path[rows[longest + 1]]
-    center = plan.path[(rows[longest] + rows[longest + 1]) // 2] if curve else np.mean(ends, axis=0)
-    space.add_obstacle("post", [center[:dim]], radius=0.05)
-    free = plan.recheck(space)
-    assert free.dtype == np.bool_ and not free[longest]
-    for is_free, first, last in zip(free, rows, rows[1:], strict=False):
-        assert not is_free or space.is_free(plan.path[first : last + 1]).all()
-    assert plan.certified and plan.recheck().all()  # the plan's map has no post
-    space.remove_obstacle("post")
-    assert plan.recheck(space).all()
-
-
 def test_repr_tells_if_the_proof_still_holds() -> None:
     space = build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
@@ -229,33 +132,73 @@ def test_repr_tells_if_the_proof_still_holds() -> None:
             recheck()
 
 
-def test_plot_marks_edges_that_are_no_longer_proven_free() -> None:
+def test_plots_mark_edges_that_are_no_longer_proven_free() -> None:
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     space = build(Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0)), Robot.disc(0.2))
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
     name = "path, no longer proven free"
     lines = {line.get_label(): line for line in plan.plot().lines}
     assert {"path", "start", "goal"} <= set(lines) and name not in lines
-    np.testing.assert_array_equal(np.transpose(lines["start"].get_data())[0], plan.path[0])
     space.add_obstacle("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
-    free = plan.recheck()
-    assert free.any() and not free.all()
-    rows = np.flatnonzero(~free)
-    for ax in (plan.plot(), space.plot(path=plan)):
-        (line,) = (line for line in ax.lines if line.get_label() == name)
-        drawn = np.asarray(line.get_xydata())
-        drawn = drawn[np.isfinite(drawn).all(axis=1)]
-        np.testing.assert_array_equal(drawn, plan.path[rows[0] : rows[-1] + 2])
-        assert name in [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    bare = space.plot(path=plan.path)  # rows carry no proofs
-    assert name not in [line.get_label() for line in bare.lines]
+    rows = np.flatnonzero(~plan.recheck())
+    assert 0 < len(rows) < len(plan.waypoints) - 1
+    lines = {line.get_label(): line for line in plan.plot().lines}
+    drawn = np.asarray(lines[name].get_xydata())
+    drawn = drawn[np.isfinite(drawn).all(axis=1)]
+    np.testing.assert_array_equal(drawn, plan.path[rows[0] : rows[-1] + 2])
     plt.close("all")
 
 
 # ---- text and files ------------------------------------------------------------------------------
 
 
-def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
+@pytest.mark.parametrize("curve", [None, "reeds-shepp"])
+def test_plans_are_written_exactly_and_files_are_kept(curve: str | None, tmp_path: Path) -> None:
+    plan = plan_in("turning", curve)
+    table, record = tmp_path / "path.csv", tmp_path / "plan.json"
+    plan.to_csv(table)
+    names, *rows = csv.reader(table.read_text().splitlines())
+    assert names == [*plan.axes, *(["direction"] if curve else [])]
+    columns = np.array(rows, dtype=float).T
+    np.testing.assert_array_equal(columns[:3].T, plan.path)
+    assert curve is None or np.array_equal(columns[3], plan.direction)
+    plan.to_json(record)
+    written = json.loads(record.read_text())
+    computed = {"clearance", "obstacle_distance", "lower_bound", "gap"}
+    stored = {field.name for field in fields(plan) if not field.name.startswith("_")} - {"space"}
+    assert set(written) == stored | computed
+    assert planners.Times(**written.pop("times")) == plan.times
+    for key, value in written.items():
+        np.testing.assert_array_equal(value, getattr(plan, key))
+    for write, file in ((plan.to_csv, table), (plan.to_json, record)):
+        file.write_text("mine")
+        with pytest.raises(FileError, match="overwrite=True"):
+            write(file)
+        assert file.read_text() == "mine"
+        write(file, overwrite=True)
+        assert file.read_text() != "mine"
+    with pytest.raises(ValueError):
+        plan.path[0, 0] = 3.0
+
+
+def test_a_failed_plan_shows_and_writes_start_and_goal(tmp_path: Path) -> None:
+    space, *ends = build_halves("floating", BLOCKED)
+    plan = planners.plan(space, *ends)
+    np.testing.assert_allclose([plan.start, plan.goal], ends)
+    labels = [text.get_text() for text in plan.plot().figure.findobj(Text)]
+    assert {"start", "goal"} <= set(labels)
+    plt.close("all")
+    plan.to_json(tmp_path / "plan.json")
+    record = json.loads((tmp_path / "plan.json").read_text())
+    assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
+    assert (record["path"], record["length"], record["is_disconnected"]) == ([], None, True)
+    plan.to_csv(tmp_path / "path.csv")
+    assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
+    assert (plan.axes, plan.units, plan.length_unit) == (space.axes, space.units, "m")
+
+
+def test_repr_describes_a_plan_in_three_lines() -> None:
+    plan = plan_in("turning", "reeds-shepp")
     lines = repr(plan).splitlines()
     assert len(lines) == 3 and all(len(line) < 160 for line in lines)
     assert f"{plan.planner}: path found, certified; {plan.length:.3f} m" in lines[0]
@@ -267,74 +210,41 @@ def test_repr_describes_a_plan_in_three_lines(plan: planners.Plan) -> None:
     assert repr(late) == f"Plan(RRT: {late.status}\n     {between}\n     try {late.hint})"
 
 
-@pytest.mark.parametrize("name", ["plane", "floating"])
-def test_a_failed_plan_shows_and_writes_start_and_goal(name: str, tmp_path: Path) -> None:
-    space, *ends = build_halves(name, BLOCKED)
-    plan = planners.plan(space, *ends)
-    assert not plan.solved and not plan.start.flags.writeable
-    np.testing.assert_allclose([plan.start, plan.goal], ends)
-    labels = [text.get_text() for text in plan.plot().figure.findobj(Text)]
-    assert "start" in labels and "goal" in labels
-    plt.close("all")
-    plan.to_json(tmp_path / "plan.json")
-    record = json.loads((tmp_path / "plan.json").read_text())
-    assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
-    assert (record["path"], record["length"], record["is_disconnected"]) == ([], None, True)
-    plan.to_csv(tmp_path / "path.csv")
-    assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
-    assert (plan.axes, plan.units) == (space.axes, space.units)
-    assert (plan.length_unit, plan.distance_unit) == ("m", "m")
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
+def test_the_obstacle_distance_is_the_minimum_along_the_path(drive: str) -> None:
+    plan = plan_in("turning", drive)
+    grid = plan.space.grid
+    corners = grid.lower + grid.spacing * np.argwhere(plan.space.workspace.outer)
+    boxes = shapely.box(*corners.T, *(corners.T + grid.spacing))
+    obstacles = shapely.union_all([*boxes, shapely.box(*grid.lower, *grid.upper).exterior])
+    robot = shapely.get_coordinates(shapely.box(-0.3, -0.15, 0.3, 0.15))
+    edges = local_planner(plan.space, False, plan.drive, plan.turning_radius)
+    dense = edges.split_path(plan.waypoints, 0.02, 0.05)
+    shapes = shapely.polygons(move_points(robot, dense.points))
+    minimum = shapely.distance(shapes, obstacles).min()
+    # The distance changes by that much between samples.
+    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())
+    least = minimum - between - 0.25 * grid.spacing - 1e-6
+    assert least <= plan.obstacle_distance <= minimum + 1e-6
+    assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
-@IN_SOME_SPACES
-def test_plans_are_read_back_exactly(name: str, curve: str | None, tmp_path: Path) -> None:
-    plan = plan_in(name, curve)
-    plan.to_csv(tmp_path / "path.csv")
-    with (tmp_path / "path.csv").open(newline="") as file:
-        names, *rows = csv.reader(file)
-    table = np.array(rows, dtype=float)
-    np.testing.assert_array_equal(table[:, : len(plan.axes)], plan.path)
-    assert names == [*plan.axes, *(["direction"] if curve else [])]
-    assert curve is None or np.array_equal(table[:, -1], plan.direction)
-    plan.to_json(tmp_path / "plan.json")
-    record = json.loads((tmp_path / "plan.json").read_text())
-    computed = {"clearance", "obstacle_distance", "lower_bound", "gap"}
-    stored = {field.name for field in fields(plan) if not field.name.startswith("_")} - {"space"}
-    assert set(record) == stored | computed
-    assert planners.Times(**record.pop("times")) == plan.times
-    for key, value in record.items():
-        np.testing.assert_array_equal(value, getattr(plan, key))
-    again = pickle.loads(pickle.dumps(plan))
-    np.testing.assert_array_equal(again.path, plan.path)
-    assert (again.times, again.space) == (plan.times, None)
-
-
-@pytest.mark.parametrize("write", ["to_csv", "to_json"])
-def test_an_existing_file_is_kept_unless_overwritten(
-    plan: planners.Plan, tmp_path: Path, write: str
-) -> None:
-    file = tmp_path / "plan"
-    file.write_text("mine")
-    with pytest.raises(FileError, match="overwrite=True"):
-        getattr(plan, write)(file)
-    assert file.read_text() == "mine"
-    getattr(plan, write)(file, overwrite=True)
-    assert file.read_text() != "mine"
-    with pytest.raises(FileError, match="not a folder"):
-        getattr(plan, write)(tmp_path / "missing" / "plan")
-
-
-def test_a_plan_is_immutable(plan: planners.Plan) -> None:
-    with pytest.raises(FrozenInstanceError):
-        plan.solved = False  # type: ignore[misc]
-    with pytest.raises(ValueError):
-        plan.path[0, 0] = 3.0
-
-
-def test_tiled_maps_show_the_clearance_instead_of_the_obstacle_distance(tmp_path: Path) -> None:
-    workspace = Workspace.from_array(fill_boxes((60, 60), np.s_[:20, 30]), 0.1)
-    tiled = build(workspace, Robot.disc(0.2), store=tmp_path / "map", tile=30)
-    plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
-    assert math.isnan(plan.obstacle_distance)
-    assert plan.shown_distance == ("clearance", plan.clearance) and plan.clearance == 0.0
-    assert " m, clearance not proven to be more than 0\n" in repr(plan)
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
+def test_recheck_proves_each_edge_among_the_current_obstacles(drive: str) -> None:
+    # Edges proven free are free at every row; the edge with an obstacle is not.
+    plan = plan_in("turning", drive)
+    assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
+    space = copy.deepcopy(plan.space)
+    rows = [plan.path.tolist().index(q) for q in plan.waypoints.tolist()]
+    longest = int(np.diff(rows).argmax())
+    post = plan.path[rows[longest] + 1, :2] / 2 + plan.path[rows[longest + 1] - 1, :2] / 2
+    if drive != "holonomic":
+        post = plan.path[(rows[longest] + rows[longest + 1]) // 2, :2]
+    space.add_obstacle("post", [post], radius=0.05)
+    free = plan.recheck(space)
+    assert free.dtype == np.bool_ and not free[longest]
+    for is_free, first, last in zip(free, rows, rows[1:], strict=False):
+        assert not is_free or space.is_free(plan.path[first : last + 1]).all()
+    assert plan.certified and plan.recheck().all()  # the plan's map has no post
+    space.remove_obstacle("post")
+    assert plan.recheck(space).all()

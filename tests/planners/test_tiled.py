@@ -8,7 +8,6 @@ import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import make_state
 from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
@@ -68,11 +67,6 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
         np.testing.assert_array_equal(plan.waypoints, again.waypoints)
 
 
-def test_a_path_within_one_tile_or_of_length_zero_is_certified(tiled_maze):
-    assert planners.plan(tiled_maze, [0.7, 0.7], [0.7, 1.4], seed=0).certified
-    assert planners.plan(tiled_maze, [0.7, 0.7], [0.7, 0.7]).certified
-
-
 def test_the_status_tells_if_existence_is_disproven_or_undecided(tmp_path):
     shut = build_maze(extra=(45, 46))
     gap = cspace.Workspace.from_array(fill_boxes((60, 60), np.s_[30:32, 4:]), 0.1)
@@ -102,26 +96,3 @@ def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, messa
     with pytest.raises((InputError, ConfigurationError), match=message) as caught:
         planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
     assert "exact" in options or tiled_maze.is_free(caught.value.nearest)
-
-
-def test_a_setup_for_a_tiled_map_proves_states_and_motions(tiled_maze):
-    si = planners.simple_setup(tiled_maze).getSpaceInformation()
-    answers = set()
-    for first, last in np.random.default_rng(0).uniform(0.0, 6.0, (40, 2, 2)).tolist():
-        states = [make_state(tiled_maze, si, q) for q in (first, last)]
-        assert si.isValid(states[0]) == tiled_maze.is_free(first)
-        assert si.checkMotion(*states) == tiled_maze.motion_is_free(first, last)
-        answers.add(si.checkMotion(*states))
-    assert answers == {True, False}
-
-
-def test_a_car_rotates_in_a_bay(tmp_path):
-    # The car fits between walls only lengthwise, also if the planner has no time.
-    walls = np.ones((120, 120), dtype=bool)
-    walls[10:20, 10:110] = walls[10:110, 100:110] = walls[5:25, 90:115] = False
-    workspace = cspace.Workspace.from_array(walls, 0.1)
-    robot = cspace.Robot.rectangle(1.2, 0.4)
-    tiled = cspace.build(workspace, robot, rotations=16, store=tmp_path / "m", tile=40)
-    for options in ({}, {"planner": "RRTConnect", "time_limit": 1e-4}):
-        plan = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
-        assert plan.certified

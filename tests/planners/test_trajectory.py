@@ -24,13 +24,7 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
-from tests.helpers.planning import (
-    ENDPOINTS,
-    build_open_map,
-    build_room,
-    options_for,
-    turn_between,
-)
+from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import planar, planar_with_tip, pose_at, post
@@ -111,21 +105,24 @@ def measure_distances(kind: str, waypoints: np.ndarray, q: np.ndarray) -> np.nda
     return distances
 
 
-def differentiate(kind: str, trajectory: Any, t: np.ndarray, h: float) -> np.ndarray:
-    """Return central differences of sampled positions, shape (n, size)."""
-    before = trajectory.sample(t - h)[0]
-    after = trajectory.sample(t + h)[0]
-    steps = after - before
-    if kind == "turning":
-        steps[:, -1] = turn_between(before[:, -1], after[:, -1])
-    return steps / (2.0 * h)
-
-
 def find_inner_times(trajectory: planners.Trajectory, gap: float) -> np.ndarray:
     """Return times halfway between rows more than ``gap`` apart, far from jumps."""
     first = trajectory.times[:-1]
     last = trajectory.times[1:]
     return ((first + last) / 2.0)[last - first > gap]
+
+
+def check_derivatives(kind: str, trajectory: planners.Trajectory, h: float) -> list[Any]:
+    """Check rates by differences between rows; return samples before, at and after these times."""
+    t = find_inner_times(trajectory, 4.0 * h)
+    before, now, after = (trajectory.sample(t + shift) for shift in (-h, 0.0, h))
+    steps = after[0] - before[0]
+    if kind == "turning":
+        steps[:, 2] = turn_between(before[0][:, 2], after[0][:, 2])
+    np.testing.assert_allclose(steps / (2 * h), now[1], rtol=1e-4, atol=1e-4)
+    changes = (after[1] - before[1]) / (2 * h)
+    np.testing.assert_allclose(changes, now[2], rtol=1e-3, atol=1e-3)
+    return [before, now, after]
 
 
 def to_rates(kind: str, velocities: np.ndarray) -> np.ndarray:
@@ -164,6 +161,11 @@ def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(
     rates = to_rates(kind, velocities)
     turn_rate = limits.get("max_angular_velocity", math.inf)
     assert find_slack(kind, rates, limits["max_velocity"], turn_rate) >= 1.0 - 1e-9
+    before, _, after = check_derivatives(kind, trajectory, 1e-3)
+    gains = (to_rates(kind, after[1]) - to_rates(kind, before[1])) / 2e-3
+    turn_gain = limits.get("max_angular_acceleration", math.inf)
+    if len(gains):
+        assert find_slack(kind, gains, limits["max_acceleration"], turn_gain) >= 1.0 - 1e-6
     for row in (0, -1):
         gaps = displace(kind, waypoints[row], trajectory.positions[[row]])
         np.testing.assert_allclose(gaps, 0.0, atol=1e-9)
@@ -180,24 +182,6 @@ def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(
             assert (np.abs(trajectory.velocities[near]).max(axis=1) == 0.0).any()
 
 
-@given(seeds, kinds)
-def test_velocities_and_accelerations_equal_differences(seed: int, kind: str) -> None:
-    rng = np.random.default_rng(seed)
-    limits = draw_limits(kind, rng)
-    trajectory = plan_along(kind, draw_waypoints(kind, rng, 4)).trajectory(**limits)
-    h = 1e-3
-    t = find_inner_times(trajectory, 4.0 * h)
-    assume(len(t))
-    _, velocities, accelerations = trajectory.sample(t)
-    differences = differentiate(kind, trajectory, t, h)
-    np.testing.assert_allclose(differences, velocities, rtol=1e-4, atol=1e-4)
-    before, after = (trajectory.sample(t + shift)[1] for shift in (-h, h))
-    np.testing.assert_allclose((after - before) / (2 * h), accelerations, rtol=1e-3, atol=1e-3)
-    gains = (to_rates(kind, after) - to_rates(kind, before)) / (2 * h)
-    turn_gain = limits.get("max_angular_acceleration", math.inf)
-    assert find_slack(kind, gains, limits["max_acceleration"], turn_gain) >= 1.0 - 1e-6
-
-
 @given(seeds, st.lists(st.floats(0.01, 0.99), max_size=5), kinds)
 def test_an_edge_takes_the_shortest_time_in_one_part_or_several(
     seed: int, cuts: list[float], kind: str
@@ -208,10 +192,7 @@ def test_an_edge_takes_the_shortest_time_in_one_part_or_several(
     limits = draw_limits(kind, rng)
     assume(np.linalg.norm(step) > 0.1)
     shares = np.array([0.0, *sorted(set(np.round(cuts, 3))), 1.0])[:, None]
-    rows = first + shares * step if kind != "floating" else np.empty((len(shares), 7))
-    if kind == "floating":
-        turns = Rotation.from_quat(first[3:]) * Rotation.from_rotvec(shares * step[0, 3:])
-        rows = np.column_stack([first[:3] + shares * step[0, :3], turns.as_quat()])
+    rows = [first, last] if kind == "floating" else first + shares * step
     # The share of the edge is driven as a trapezoid, or a triangle.
     turn_rate, turn_gain = (limits.get(name, math.inf) for name in ROTATION_LIMITS)
     top = find_slack(kind, step, limits["max_velocity"], turn_rate)
@@ -226,11 +207,7 @@ def test_an_edge_takes_the_shortest_time_in_one_part_or_several(
 def measure_edges(drive: str, rows: np.ndarray) -> list[float]:
     """Return the metres of OMPL's shortest curves."""
     curves = OMPL_CURVES[drive](RADIUS)
-    states = [curves.allocState() for _ in rows]
-    for state, (x, y, yaw) in zip(states, rows.tolist(), strict=True):
-        state.setXY(x, y)
-        state.setYaw(yaw)
-    return [curves.distance(*ends) for ends in itertools.pairwise(states)]
+    return [curves.distance(*ends) for ends in itertools.pairwise(make_poses(curves, *rows))]
 
 
 def find_speeds(rows: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -278,10 +255,7 @@ def test_cars_follow_their_curves_at_their_limits(
     assert (np.abs(np.diff(turns)) <= turn_gain * spans + 1e-5).all()
     # At each moment it is at a limit, and at most at a limit.
     h = 1e-4
-    t = find_inner_times(trajectory, 4.0 * h)
-    before, now, after = (trajectory.sample(t + shift) for shift in (-h, 0.0, h))
-    np.testing.assert_allclose(differentiate("turning", trajectory, t, h), now[1], atol=1e-5)
-    np.testing.assert_allclose((after[1] - before[1]) / (2 * h), now[2], atol=1e-4)
+    before, now, after = check_derivatives("turning", trajectory, h)
     speed = np.abs(find_speeds(now)[0])
     gain = np.abs(find_speeds(after)[0] - find_speeds(before)[0]) / (2 * h)
     curvature = np.round(np.abs(now[1][:, 2]) / speed, 9)
@@ -296,21 +270,15 @@ def test_cars_follow_their_curves_at_their_limits(
 # ---- plans and arms ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", planners.choices(build_room("turning")).drives)
-def test_plans_of_every_drive_have_trajectories(drive: str) -> None:
+def test_trajectories_of_plans_are_free_and_need_no_map() -> None:
     room = build_room("turning")
-    options = options_for(drive)
-    ends = ENDPOINTS["turning"]
-    plan = planners.plan(room, *ends, time_limit=20.0, seed=1, **{"drive": drive, **options})
-    turns = {} if drive in OMPL_CURVES else ROTATION_LIMITS
-    trajectory = plan.trajectory(**TRANSLATION_LIMITS, **turns)
+    plan = planners.plan(room, *ENDPOINTS["turning"], drive="differential", time_limit=20.0)
+    limits = TRANSLATION_LIMITS | ROTATION_LIMITS
+    trajectory = plan.trajectory(**limits)
     assert (trajectory.axes, trajectory.units) == (plan.axes, plan.units)
     assert f"{trajectory.duration:.3f} s" in repr(trajectory)
     assert room.is_free(trajectory.positions).all()
-    if drive.startswith("differential"):  # it never drives and turns at once
-        speeds = np.linalg.norm(trajectory.velocities[:, :2], axis=1)
-        assert (speeds * np.abs(trajectory.velocities[:, 2]) < 1e-12).all()
-    without_map = pickle.loads(pickle.dumps(plan)).trajectory(**TRANSLATION_LIMITS, **turns)
+    without_map = pickle.loads(pickle.dumps(plan)).trajectory(**limits)
     np.testing.assert_array_equal(without_map.positions, trajectory.positions)
     kept = pickle.loads(pickle.dumps(trajectory))
     np.testing.assert_array_equal(kept.sample(1.0)[0], trajectory.sample(1.0)[0])
@@ -319,19 +287,28 @@ def test_plans_of_every_drive_have_trajectories(drive: str) -> None:
 def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path: Path) -> None:
     path = planar(tmp_path)
     path.write_text(path.read_text().replace('velocity="1"', 'velocity="0.4"', 1))
-    plan = planners.plan(build_arm_space({}, Arm.from_urdf(path)), (-0.6, 0.3), (1.4, -0.2))
-    trajectory = plan.trajectory(max_acceleration=0.8)
-    assert np.abs(trajectory.velocities).max(axis=0)[0] == pytest.approx(0.4)
-    assert trajectory.duration == pytest.approx(2.0 / 0.4 + 0.4 / 0.8)  # a trapezoid
-    slower = plan.trajectory(max_velocity={"shoulder": 0.2}, max_acceleration=(0.8, 0.8))
+    space = build_arm_space({}, Arm.from_urdf(path))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2))
+    # The shoulder turns by 2 rad, as a trapezoid.
+    assert plan.trajectory(max_acceleration=0.8).duration == pytest.approx(2.0 / 0.4 + 0.4 / 0.8)
+    limits = {"max_velocity": {"shoulder": 0.2}, "max_acceleration": (0.8, 0.8)}
+    slower = plan.trajectory(**limits)
     assert slower.duration == pytest.approx(2.0 / 0.2 + 0.2 / 0.8)
-    along = planners.Trajectory.along(plan.space, plan.waypoints, max_acceleration=0.8)
-    np.testing.assert_array_equal(along.positions, trajectory.positions)
-    assert (along.axes, along.units) == (trajectory.axes, trajectory.units)
-    path.write_text(path.read_text().replace('velocity="0.4"', 'velocity="0"'))
-    unlimited = planners.plan(build_arm_space({}, Arm.from_urdf(path)), (0.0, 0.5), (0.5, 0.5))
-    with pytest.raises(InputError, match="max_velocity lacks shoulder; it must be one number"):
-        unlimited.trajectory(max_acceleration=1.0)
+    along = planners.Trajectory.along(space, plan.waypoints, **limits)
+    np.testing.assert_array_equal(along.positions, slower.positions)
+
+
+def test_what_an_arm_does_not_follow_is_refused(tmp_path: Path) -> None:
+    space = build_arm_space({"post": post()}, planar_with_tip(tmp_path))
+    far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
+    for given_space, path, message in (
+        (space, far, "path is not certified: stopped after .*follows the whole line"),
+        (space, [(-0.6, 0.3), (1.4, -0.2)], "1 of 1 motions that are not proven free"),
+        (space, (-0.6, 0.3), r"path has shape \(2,\); it must be rows of configurations"),
+        (build_room("plane"), [(1.0, 1.0)], "it must be the space of an arm"),
+    ):
+        with pytest.raises(InputError, match=message):
+            planners.Trajectory.along(given_space, path, **TRANSLATION_LIMITS)
 
 
 # ---- times, messages, files and pictures ---------------------------------------------------------
@@ -358,32 +335,28 @@ def test_a_longer_duration_slows_the_whole_motion(seed: int, kind: str, factor: 
 def test_rows_are_at_most_a_time_step_apart(tmp_path: Path) -> None:
     plan = plan_along("floating", draw_waypoints("floating", np.random.default_rng(3), 6))
     trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, time_step=0.02)
+    times, positions = trajectory.times, trajectory.positions
+    gaps = np.diff(times)
+    assert times[0] == 0.0 and gaps.min() > 0.0 and gaps.max() <= 0.02 * (1.0 + 1e-9)
+    for t in (-1.0, trajectory.duration + 1.0):  # it rests before and after
+        assert not any(rows.any() for rows in trajectory.sample(t)[1:])
+    np.testing.assert_array_equal(positions, trajectory.sample(times)[0])
+    # No quaternion jumps to its negative.
+    assert not positions.flags.writeable and (np.diff(positions[:, 3:], axis=0) ** 2).max() < 0.1
     trajectory.to_csv(tmp_path / "motion.csv")
-    with (tmp_path / "motion.csv").open(newline="") as file:
-        names, *table = csv.reader(file)
+    names, *table = csv.reader((tmp_path / "motion.csv").read_text().splitlines())
     assert names[7:9] == ["qw", "x_velocity"]
-    expected = np.column_stack([trajectory.times, trajectory.positions, trajectory.velocities])
+    expected = np.column_stack([times, positions, trajectory.velocities])
     np.testing.assert_array_equal(np.array(table, dtype=float), expected)
     stay = plan_along("plane", [(1.0, 2.0)] * 3).trajectory(**TRANSLATION_LIMITS)
     assert stay.duration == 0.0 and stay.positions.tolist() == [[1.0, 2.0]]
-    gaps = np.diff(trajectory.times)
-    assert trajectory.times[0] == 0.0 and gaps.min() > 0.0 and gaps.max() <= 0.02 * (1.0 + 1e-9)
-    for t in (-1.0, trajectory.duration + 1.0):  # it rests before and after
-        assert not any(rows.any() for rows in trajectory.sample(t)[1:])
-    stored = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    for rows, sampled in zip(stored, trajectory.sample(trajectory.times), strict=True):
-        np.testing.assert_array_equal(rows, sampled)
-        assert not rows.flags.writeable
-    # No quaternion jumps to its negative.
-    assert (np.diff(trajectory.positions[:, 3:], axis=0) ** 2).sum(axis=1).max() < 0.1
 
 
 def test_cubic_polynomials_of_the_joint_message_equal_the_motion() -> None:
     plan = plan_along("joints", draw_waypoints("joints", np.random.default_rng(2), 4))
     trajectory = plan.trajectory(**TRANSLATION_LIMITS)
     message = trajectory.to_joint_trajectory(frame_id="base")
-    assert message.joint_names == list(AXES_OF_KIND["joints"])
-    assert message.header.frame_id == "base"
+    assert (message.joint_names, message.header.frame_id) == (list(plan.axes), "base")
     stamps = [point.time_from_start for point in message.points]
     spline = CubicHermiteSpline(
         [stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps],
@@ -394,6 +367,8 @@ def test_cubic_polynomials_of_the_joint_message_equal_the_motion() -> None:
     np.testing.assert_allclose(spline(t), trajectory.sample(t)[0], atol=1e-8)
     labels = [side.get_ylabel() for side in trajectory.plot().figure.axes]
     assert labels == ["velocity (rad/s)", "velocity (m/s)"]
+    with pytest.raises(InputError, match=r"moves the joints .*use to_joint_trajectory\(\)"):
+        trajectory.to_path()
 
 
 def test_poses_of_the_path_message_are_stamped() -> None:
@@ -406,32 +381,12 @@ def test_poses_of_the_path_message_are_stamped() -> None:
         stamp = stamped.header.stamp
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(7.9 + time)
         assert 0 <= stamp.nanosec < 10**9
-
-
-def test_what_has_no_trajectory_or_message_is_refused(tmp_path: Path) -> None:
-    space = build_arm_space({"post": post()}, planar_with_tip(tmp_path))
-    far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
-    along = planners.Trajectory.along
-    plane = plan_along("plane", [(0, 0), (1, 1)]).trajectory(**TRANSLATION_LIMITS)
-    joints = plan_along("joints", [(0, 0, 0), (1, 1, 1)]).trajectory(**TRANSLATION_LIMITS)
-    for make, message in (
-        (lambda: along(space, far, **TRANSLATION_LIMITS), "path is not certified: stopped after "),
-        (
-            lambda: along(space, [(-0.6, 0.3), (1.4, -0.2)], **TRANSLATION_LIMITS),
-            "1 of 1 motions that are not proven free",
-        ),
-        (lambda: along(space, (-0.6, 0.3), **TRANSLATION_LIMITS), r"path has shape \(2,\)"),
-        (lambda: along(build_room("plane"), far, **TRANSLATION_LIMITS), "the space of an arm"),
-        (plane.to_joint_trajectory, r"trajectory moves x, y; .*use to_path\(\)"),
-        (joints.to_path, r"moves the joints .*use to_joint_trajectory\(\)"),
-        (lambda: plane.sample(math.nan), "t is nan"),
-        (
-            lambda: replace(template(), solved=False).trajectory(**TRANSLATION_LIMITS),
-            "plan has no path: .*a trajectory follows a path",
-        ),
-    ):
-        with pytest.raises(InputError, match=message):
-            make()
+    with pytest.raises(InputError, match=r"trajectory moves x, y, yaw; .*use to_path\(\)"):
+        trajectory.to_joint_trajectory()
+    with pytest.raises(InputError, match="t is nan"):
+        trajectory.sample(math.nan)
+    with pytest.raises(InputError, match=r"plan has no path: .*a trajectory follows a path"):
+        replace(plan, solved=False).trajectory(**TRANSLATION_LIMITS)
 
 
 @refusals(
@@ -441,7 +396,6 @@ def test_what_has_no_trajectory_or_message_is_refused(tmp_path: Path) -> None:
     ("plane", "holonomic", {"max_acceleration": (1, 2, 3)}, r"max_acceleration has shape \(3,\)"),
     ("plane", "holonomic", {"max_angular_velocity": 1.0}, "1.0; the robot does not turn so"),
     ("plane", "holonomic", {"time_step": 1e-9}, "time_step is 1e-09; it makes .* rows"),
-    ("plane", "holonomic", {"time_step": 0.0}, "time_step is 0.0"),
     ("turning", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_acceleration is missing"),
     ("turning", "dubins", {"max_velocity": (1.0, 2.0)}, "max_velocity differs by axis"),
     ("turning", "dubins", {"max_lateral_acceleration": -1.0}, "max_lateral_acceleration is -1.0"),
