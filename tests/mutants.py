@@ -300,7 +300,109 @@ MUTANTS = (
         "tests/arms/test_inverse.py",
     ),
     # Planners: drives, states, results.
+    Mutant(
+        "planners/local_planner.py",
+        "return drive, turn_before, turn_after",
+        "return drive, turn_before, turn_before",
+        "tests/planners/test_local_planner.py",
+    ),
+    Mutant(
+        "planners/local_planner.py",
+        "self.cells.clearance(q) - 0.5 * pieces.lengths[rows]",
+        "self.cells.clearance(q) - 0.25 * pieces.lengths[rows]",
+        "tests/planners/test_result.py",
+    ),
+    Mutant(
+        "planners/local_planner.py",
+        "return exists is True",
+        "return exists is not False",
+        "tests/planners/test_without_path.py",
+    ),
+    Mutant(
+        "planners/local_planner.py",
+        "radians = self.rotation_weight * float(np.linalg.norm(rotation))",
+        "radians = 2.0 * self.rotation_weight * float(np.linalg.norm(rotation))",
+        "tests/planners/test_objectives.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
+        "turned = half if steer != 0 else 0.0",
+        "turned = 0.0",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
+        "return (t, -quarter, 2.0 - straight, phi - quarter - t, 0.0)",
+        "return (t, -quarter, straight - 2.0, phi - quarter - t, 0.0)",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
+        "if totals[row] <= shortest + tie:",
+        "if totals[row] < shortest:",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/lattice.py",
+        "reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, cost)",
+        "reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, cost)",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/lattice.py",
+        "drive_costs=np.hypot(steps[:, 0], steps[:, 1])",
+        "drive_costs=np.abs(steps).sum(axis=1) ** 2.0",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/plan.py",
+        "proven=len(rows) > 0 and part.are_free(rows)",
+        "proven=len(rows) > 0",
+        "tests/planners/test_plan.py",
+    ),
+    Mutant(
+        "planners/result.py",
+        "return self._edges_on(space).edges_are_free(self.waypoints)",
+        "return self._edges_on(self.space or space).edges_are_free(self.waypoints)",
+        "tests/planners/test_result.py",
+    ),
+    Mutant(
+        "planners/search.py",
+        "return seconds_late < 0.0",
+        "return seconds_late < GRACE_SECONDS",
+        "tests/planners/test_deadline.py",
+    ),
+    Mutant(
+        "planners/integrals.py",
+        "share = (step + 0.5) / steps",
+        "share = (step + 1.0) / steps",
+        "tests/planners/test_objectives.py",
+    ),
     # Planners: trajectories.
+    Mutant(
+        "planners/trajectory.py",
+        "phases.accelerations / factor**2",
+        "phases.accelerations / factor",
+        "tests/planners/test_trajectory.py",
+    ),
+    Mutant(
+        "planners/trajectory.py",
+        "(linear / moved).min(axis=1)",
+        "(linear / moved).max(axis=1)",
+        "tests/planners/test_trajectory.py",
+    ),
+    Mutant(
+        "planners/trajectory.py",
+        "squares[k] = min(squares[k], squares[k + 1] + gains[k])",
+        "squares[k] = min(squares[k], squares[k + 1] + gains[k - 1])",
+        "tests/planners/test_trajectory.py",
+    ),
+    Mutant(
+        "planners/trajectory.py",
+        "half_turns = 0.5 * curvatures * length",
+        "half_turns = -0.5 * curvatures * length",
+        "tests/planners/test_trajectory.py",
+    ),
     # Files and exports.
     Mutant(
         "cspace/files/images.py",
