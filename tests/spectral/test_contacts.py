@@ -46,7 +46,9 @@ def compute_exact_depth(a, b, t):
     depths = []
     for p, r in zip(*a, strict=True):
         for q, s in zip(*b, strict=True):
-            steps = [Fraction(x) + Fraction(m) - Fraction(y) for x, m, y in zip(p, t, q, strict=True)]
+            steps = [
+                Fraction(x) + Fraction(m) - Fraction(y) for x, m, y in zip(p, t, q, strict=True)
+            ]
             square = sum(step * step for step in steps)
             depths.append((Fraction(r) + Fraction(s)) ** 2 - square)
     return max(depths)
