@@ -101,8 +101,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/spectral/field.py",
-        "rotation_cells[first_cell].matrix",
-        "rotation_cells[number].matrix",
+        "place = min(max(place, 0.0), count - 1.0)",
+        "place = min(max(place, 0.0), count - 1.5)",
         "tests/spectral/test_field.py",
     ),
     # Tiles.

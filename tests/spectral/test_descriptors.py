@@ -38,7 +38,9 @@ def sum_by_brute_force(f, g):
     """Add the products of all pairs of cells at the sums of their indices."""
     sums = np.zeros(np.add(f.shape, g.shape) - 1)
     for index in np.ndindex(f.shape):
-        window = tuple(slice(first, first + count) for first, count in zip(index, g.shape, strict=True))
+        window = tuple(
+            slice(first, first + count) for first, count in zip(index, g.shape, strict=True)
+        )
         sums[window] += f[index] * g
     return sums
 
