@@ -489,8 +489,68 @@ MUTANTS = (
         "tests/files/test_messages.py",
     ),
     # Spectral.
+    Mutant(
+        "cspace/spectral/trees.py",
+        "if square > (reach + slack) * (reach + slack):",
+        "if square > (reach - slack) * (reach - slack):",
+        "tests/spectral/test_contacts.py",
+    ),
+    Mutant(
+        "cspace/spectral/bands.py",
+        "(np.append(remaining, 0.0) + tail + np.append(0.0, summed))",
+        "(np.append(remaining, 0.0) + np.append(0.0, summed))",
+        "tests/spectral/test_bands.py",
+    ),
+    Mutant(
+        "cspace/spectral/bump.py",
+        "share = (b - a) / distance",
+        "share = (a - b) / distance",
+        "tests/spectral/test_bump.py",
+    ),
+    Mutant(
+        "cspace/spectral/overlap.py",
+        "matrix @ self.pair.rotation",
+        "self.pair.rotation @ matrix",
+        "tests/spectral/test_overlap.py",
+    ),
+    Mutant(
+        "cspace/spectral/decompose.py",
+        "stop = math.floor(center + length + 0.5)",
+        "stop = math.ceil(center + length + 0.5)",
+        "tests/spectral/test_decompose.py",
+    ),
+    Mutant(
+        "cspace/spectral/regions.py",
+        "np.abs(points[block] - centers[nearest]) + half",
+        "np.abs(points[block] - centers[nearest])",
+        "tests/spectral/test_decompose.py",
+    ),
+    Mutant(
+        "cspace/spectral/descriptors.py",
+        "np.where(pairs > 0.5,",
+        "np.where(pairs > 0.0,",
+        "tests/spectral/test_descriptors.py",
+    ),
+    Mutant(
+        "cspace/spectral/field.py",
+        "place = min(max(place, 0.0), count - 1.0)",
+        "place = min(max(place, 0.0), count - 1.5)",
+        "tests/spectral/test_field.py",
+    ),
     # Tiles.
     # Plot, view and command line.
+    Mutant(
+        "cspace/plot/surface.py",
+        "if not towards[axis] or 2 * layers >= len(shares):",
+        "if not towards[axis] or 2 * layers > len(shares):",
+        "tests/plot/test_surface.py",
+    ),
+    Mutant(
+        "cspace/plot/route.py",
+        "np.cumsum(equals_waypoint.any(axis=1)) - 1",
+        "np.cumsum(equals_waypoint.any(axis=1))",
+        "tests/plot/test_picture.py",
+    ),
 )
 
 
