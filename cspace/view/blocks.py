@@ -56,7 +56,8 @@ class Cells:
         else:
             grid = self._space.grid
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
-            self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
+            most = math.floor(share * max(grid.shape))
+            self.drawn = self._space.overview(max(1, most))
 
     def _reduce_to_blocks(self, cell: int | None) -> Blocks:
         """Reduce the map at a rotation cell to blocks; without a cell, reduce the workspace."""
@@ -65,5 +66,7 @@ class Cells:
             classes = classify_ground(space.workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
-        side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
-        return Blocks(reduce_blocks(classes, block_starts(classes.shape, side)), side)
+        cells_per_block = space.grid.size / MAX_BLOCKS
+        side = math.ceil(cells_per_block ** (1.0 / space.grid.dim))
+        starts = block_starts(classes.shape, side)
+        return Blocks(reduce_blocks(classes, starts), side)
