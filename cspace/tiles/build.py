@@ -18,7 +18,7 @@ from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
-from cspace.record.save import TILES_FORMAT, is_map_folder, read_format
+from cspace.record.save import TILES_FORMAT, read_format
 from cspace.robot import Robot
 from cspace.support.arrays import StrPath
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
@@ -78,20 +78,16 @@ def build_tiles(
 
 def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
-    hint = "choose another name, or remove it"
-    if read_format(path) == TILES_FORMAT:
-        folder = TileFolder.open(path)
-        if folder.about != about:
-            problem = "holds another map, or one of other obstacles"
-            rule = "a build resumes only with the same robot, rotations, options and obstacles"
-            raise FileError(str(path), problem, rule, hint)
-        return folder
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        rule = "store must be new, empty or a tiled map"
-        raise FileError(str(path), "exists, but is no tiled map", rule, hint)
-    with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-        write_root(temporary, frame, about)
-    return TileFolder.open(path)
+    if read_format(path) != TILES_FORMAT:
+        # Only an empty folder is replaced.
+        with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
+            write_root(temporary, frame, about)
+    folder = TileFolder.open(path)
+    if folder.about != about:
+        problem = "holds another map, or one of other obstacles"
+        rule = "a build resumes only with the same robot, rotations, options and obstacles"
+        raise FileError(str(path), problem, rule, "choose another name, or remove it")
+    return folder
 
 
 def bytes_to_build(folder: TileFolder) -> float:

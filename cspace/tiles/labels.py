@@ -42,13 +42,13 @@ class TileLabels(NamedTuple):
 
     Attributes
     ----------
-    count : int
+    size : int
         Number of nodes.
     layers : list of ndarray of int64, shape (2, rotations, ...)
         Node of each cell of :func:`list_layers`, or -1.
     """
 
-    count: int
+    size: int
     layers: list[Ints]
 
 
@@ -107,7 +107,7 @@ class Nodes:
     """
 
     def __init__(self, folder: TileFolder, labels: Sequence[TileLabels], mixed: bool) -> None:
-        self.offsets = np.cumsum([0, *(tile.count for tile in labels)], dtype=np.int64)
+        self.offsets = np.cumsum([0, *(tile.size for tile in labels)], dtype=np.int64)
         slice_of = folder.frame.slice_of
         self.exterior = np.full(len(slice_of), -1)
         if mixed and folder.frame.exterior is not None:

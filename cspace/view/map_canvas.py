@@ -131,7 +131,7 @@ class MapCanvas(Canvas):
         stations = np.concatenate([[*self.endpoints.values()], points])
         uppers = self.glyph.extents(stations)[:, 1]
         steps = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
-        lowest = stage.lower[2] + stage.grid.spacing
+        lowest = float(stage.lower[2]) + stage.grid.spacing
         return min(max(steps * self._step, lowest), highest)
 
     def _describe_panel(self) -> None:
