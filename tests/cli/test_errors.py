@@ -18,7 +18,7 @@ FILES = {
     "notes.csv": "x,y\nhere,there\n",
     "empty.csv": "x,y\n",
     "list.json": "[1, 2]",
-    "yaws.csv": "x,y,yaw\n1,1,0\n2,1,1\n",
+    "swapped.csv": "y,x\n1,1\n",
     "wide.json": '{"path": [[1, 1, 0, 0, 0]]}',
     "old.png": "nothing of use",
     "old.pgm": "nothing of use",
@@ -69,7 +69,7 @@ REFUSED_COMMANDS = {
     f"{PLOT} --path empty.csv": "empty.csv: has no configuration",
     f"{PLOT} --path list.json": "list.json: has no path",
     f"{PLOT} --path old.png": "old.png",
-    f"{PLOT} --path yaws.csv": "yaws.csv: has x, y, yaw; the map's axes are x, y",
+    f"{PLOT} --path swapped.csv": "swapped.csv: has y, x; the map's axes are x, y",
     f"{PLOT} --path wide.json": "wide.json: has an array (1, 5)",
     # Usage
     "fly": "No such command 'fly'; see ",
