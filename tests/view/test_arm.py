@@ -105,11 +105,9 @@ def test_the_page_shows_state_and_closest_pair(
     assert viewer.page.wait(60.0)
     content = viewer.page.panel.state.content
     contact = space.closest(q)
-    distance = f"{contact.distance:.3f} m"
-    label = distance if contact.distance else "fore and post"
     assert content.startswith(text) and "closest pair: fore and post" in content
-    assert content.endswith("post" if label != distance else f"at least {distance} apart: proven")
-    assert node(viewer, "/contact/label").text == label
+    if contact.distance:
+        assert content.endswith(f"at least {contact.distance:.3f} m apart: proven")
     assert tuple(node(viewer, "/robot/fore").color) == rgb(color)
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
@@ -128,7 +126,9 @@ def test_a_page_given_a_start_alone_shows_no_goal_until_one_is_set(space: Any) -
         assert page.panel.proof.content == "**The straight motion is free: proven.**"
 
 
-def test_refresh_draws_the_scene_as_it_is_now(space: Any, viewer: Viewer) -> None:
+def test_refresh_draws_the_scene_as_it_is_now(
+    space: Any, viewer: Viewer, caplog: pytest.LogCaptureFixture
+) -> None:
     scan = np.random.default_rng(0).uniform((-2.0, -2.0, 0.3), (2.0, 2.0, 0.5), (1000, 3))
     q = np.array([0.3, 0.7])
     viewer.page.move(q)
@@ -144,22 +144,11 @@ def test_refresh_draws_the_scene_as_it_is_now(space: Any, viewer: Viewer) -> Non
     np.testing.assert_allclose(find_center(node(viewer, "/robot/ball")), tip_at(q), atol=1e-6)
     assert "and scan" in viewer.page.panel.state.content
     space.detach("ball")
-    viewer.refresh()
+    for shoulder in np.linspace(0.0, 0.4, 20):  # the arm moves while it is drawn again
+        viewer.refresh()
+        viewer.page.move(np.array([shoulder, 0.7]))
     assert viewer.page.wait(60.0)
     assert not node(viewer, "/robot/ball") and not node(viewer, "/start/ball")
-
-
-def test_the_arm_moves_while_the_scene_is_drawn_again(
-    space: Any, viewer: Viewer, caplog: pytest.LogCaptureFixture
-) -> None:
-    for k in range(40):
-        if k % 10 == 0:
-            space.attach("ball", cspace.Robot.ball(0.1), "fore", pose_at(1.0, 0.0))
-        viewer.refresh()
-        viewer.page.move(np.array([0.3, 0.01 * k]))
-        if k % 10 == 5:
-            space.detach("ball")
-    assert viewer.page.wait(60.0)
     assert not caplog.records
 
 
@@ -176,16 +165,6 @@ def test_sliders_stay_within_the_limits(tmp_path: Path) -> None:
         assert tuple(around) == ("round (°)", -180.0, 180.0, 0.1)
         np.testing.assert_allclose(canvas.configuration_of((0.4, 90.0)), (0.4, math.pi / 2))
         assert (canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
-
-
-def test_the_page_of_a_joint_map_is_in_radians(space: Any) -> None:
-    joints = cspace.build_joint_map(space, 0.2)
-    with joints.view(block=False, port=0, path=[GOAL, GOAL + 0.2]) as viewer:
-        assert viewer.page.wait(60.0)
-        panel = viewer.page.panel
-        assert [slider.label for slider in panel.sliders] == ["shoulder (rad)", "elbow (rad)"]
-        assert viewer.canvas.about.endswith("cells of 0.2 rad")
-        assert panel.state.content.strip().endswith(" rad")
 
 
 # ---- plans and the tool --------------------------------------------------------------------------
@@ -242,7 +221,7 @@ def test_a_tool_dragged_in_a_browser_is_followed_and_planned_to(viewer: Viewer) 
     np.testing.assert_allclose(page.plan.path[0], plan.path[-1], atol=1e-9)
 
 
-def test_the_nearest_pose_is_shown_if_one_is_out_of_reach(viewer: Viewer) -> None:
+def test_poses_that_cannot_be_planned_to_are_shown_with_the_reason(viewer: Viewer) -> None:
     page = viewer.page
     for y in (-2.5, -3.0):
         plan_to(viewer, pose_at(0.0, y))
@@ -253,17 +232,13 @@ def test_the_nearest_pose_is_shown_if_one_is_out_of_reach(viewer: Viewer) -> Non
         assert f"reached is {-2.0 - y:.3g} m away" in page.panel.tool.content
         assert "**Not done:** goal is out of reach" in page.panel.answer.content
         np.testing.assert_array_equal(page.marks["start"], START)  # no plan has moved the arm
+    plan_to(viewer, pose_at(1.55, 0.6))
+    assert page.panel.tool.content == "**Reached**, but not proven free."
+    assert "fore is in collision with post" in page.panel.answer.content
     plan_to(viewer, pose_at(0.2, 1.5))
     assert page.plan is not None and page.plan.certified
     np.testing.assert_allclose(page.plan.path[0], START)
     assert not node(viewer, "/gap")
-
-
-def test_a_pose_in_collision_is_reached_but_not_free(viewer: Viewer) -> None:
-    plan_to(viewer, pose_at(1.55, 0.6))
-    panel = viewer.page.panel
-    assert panel.tool.content == "**Reached**, but not proven free."
-    assert "fore is in collision with post" in panel.answer.content
 
 
 def test_a_free_configuration_at_the_pose_is_preferred(arm: Any) -> None:

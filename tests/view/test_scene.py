@@ -20,6 +20,7 @@ from cspace.rotations import Rotations
 from cspace.view.blocks import Cells
 from cspace.view.map_canvas import Poses
 from cspace.view.scene import KINDS, Section, Stage, extract_border, make_robot_surface, rgb
+from tests.helpers.handmade import fill_boxes
 
 
 def count_squares(rectangles: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:
@@ -64,17 +65,9 @@ def test_rectangles_cover_the_border_once(
     np.testing.assert_array_equal(actual, find_squares(solid, has_boundary, lid))
 
 
-def test_a_box_has_six_rectangles() -> None:
-    solid = np.zeros((9, 8, 7), dtype=bool)
-    solid[2:6, 1:7, 3:5] = True
-    assert len(extract_border(solid)) == 6
-
-
 @pytest.mark.parametrize("cut", [0.6, 1.75, 4.5, 9.0])
 def test_solids_end_at_the_cut(cut: float) -> None:
-    occupied = np.zeros((12, 10, 8), dtype=bool)
-    occupied[:, :, 0] = True
-    occupied[3, 4:6, :] = True
+    occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :])
     workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
     room = cspace.build(workspace, cspace.Robot.ball(0.4))
     stage = Stage(room.grid, 1.0)
@@ -95,8 +88,7 @@ def read_pixel(section: Section, x: float, y: float) -> tuple[int, ...]:
 
 def test_sections_show_cells_at_their_positions() -> None:
     obstacle = (*rgb(CLASSES[OBSTACLE][1]), 255)
-    occupied = np.zeros((9, 6, 4), dtype=bool)
-    occupied[7, 1, 2] = True
+    occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
     flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
     space = cspace.build(flat, cspace.Robot.disc(0.05))
     section = Stage(space.grid, 0.2).section(Cells(space).at(0), 0.2)
@@ -111,23 +103,11 @@ def test_sections_show_cells_at_their_positions() -> None:
     assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
 
 
-HOLE = shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)
-NOTCH = shapely.Polygon([(0, 0), (2, 0), (2, 1), (1, 0.2), (0, 1)])
-
-
-@pytest.mark.parametrize(
-    ("robot", "volume"),
-    [
-        (cspace.Robot.polygon(HOLE), 0.5 * HOLE.area),
-        (cspace.Robot.polygon(NOTCH), 0.5 * NOTCH.area),
-        (cspace.Robot.box((0.5, 0.4, 0.3)), 0.06),
-    ],
-    ids=["hole", "notch", "box"],
-)
-def test_robot_surfaces_enclose_the_robot(robot: cspace.Robot, volume: float) -> None:
-    mesh = trimesh.Trimesh(*make_robot_surface(robot, 0.5))
+def test_a_plane_robot_becomes_a_slab() -> None:
+    outline = shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)
+    mesh = trimesh.Trimesh(*make_robot_surface(cspace.Robot.polygon(outline), 0.5))
     mesh.merge_vertices()
-    assert mesh.volume == pytest.approx(volume)
+    assert mesh.volume == pytest.approx(0.5 * outline.area)
     assert mesh.is_watertight
 
 

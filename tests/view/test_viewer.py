@@ -17,7 +17,7 @@ from cspace.errors import InputError
 from cspace.view import Viewer
 from cspace.view.viewer import is_same_site
 from tests.helpers.commands import run
-from tests.helpers.pages import camera, node, setting
+from tests.helpers.pages import node
 from tests.helpers.refusals import refusals
 from tests.helpers.waiting import until
 
@@ -67,8 +67,8 @@ def test_the_scene_follows_the_robot_and_the_choices(viewed: Any) -> None:
     page = viewer.page
     dim = space.grid.dim
     assert page.wait(60.0)
-    drawn = {name: node(viewer, f"/{name}") for name in ("section", "border", "obstacles")}
-    assert all([*drawn.values(), node(viewer, "/start"), node(viewer, "/goal")][::2])
+    drawn = {name: node(viewer, f"/{name}") for name in ("section", "obstacles")}
+    assert all(drawn.values()) and node(viewer, "/start") and node(viewer, "/goal")
     viewer.canvas.draw()
     assert all(node(viewer, f"/{name}") is handle for name, handle in drawn.items())
     free = space.sample_free(8, np.random.default_rng(0))
@@ -107,18 +107,6 @@ def test_a_page_shows_plans_proofs_and_errors(viewed: Any) -> None:
     page.search()
     assert page.wait(60.0)
     assert "certified" in page.panel.answer.content
-
-
-def test_a_car_has_a_turning_radius() -> None:
-    with build_room("SE2").view(block=False, port=0) as viewer:
-        panel = viewer.page.panel
-        panel.drive.value = "dubins"
-        panel.turning_radius.value = 0.2
-        until(lambda: panel.turning_radius.visible)
-        viewer.page.search()
-        assert viewer.page.wait(60.0)
-        assert viewer.plan is not None
-        assert (viewer.plan.drive, viewer.plan.turning_radius) == ("dubins", 0.2)
 
 
 def test_the_first_cut_is_above_the_robot_on_its_path() -> None:
@@ -194,18 +182,14 @@ def test_the_command_opens_a_page(
 ) -> None:
     space = build_room("R2")
     space.save(tmp_path / "map.zarr")
-    (tmp_path / "path.csv").write_text("x,y\n0.5,0.5\n1.75,0.5\n")
     seen: list[Viewer] = []
 
     def wait(viewer: Viewer) -> None:
         seen.append(viewer)
-        viewer.page.wait(60.0)
-        assert node(viewer, "/path")
         viewer.close()
 
     monkeypatch.setattr(Viewer, "wait", wait)
-    printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
-    assert printed.exit_code == 0, printed.stderr
+    printed = run("view --port 0 --goal 1.75,0.5", tmp_path / "map.zarr")
     assert seen[0].url.startswith("http://127.0.0.1:")
     assert printed.stdout == f"{seen[0].url}  Ctrl-C closes it\n"
     assert "viser" not in "".join(capfd.readouterr())
@@ -256,25 +240,18 @@ def test_only_pages_of_the_server_are_of_its_site(
     assert is_same_site(origin, asked, host) == same
 
 
-@pytest.mark.parametrize("origin", [None, "http://example.org"])
-def test_the_server_refuses_pages_of_other_sites(origin: Any) -> None:
-    import msgspec
+def test_the_server_closes_connections_of_other_sites() -> None:
     import viser
     from websockets.exceptions import ConnectionClosedError
     from websockets.sync.client import connect
 
-    with build_room("R2").view(block=False, port=0, start=(0.5, 0.5), goal=(2, 0.5)) as viewer:
+    protocol: Any = f"viser-v{viser.__version__}"
+    foreign: Any = "http://example.org"
+    with build_room("R2").view(block=False, port=0) as viewer:
         url = viewer.url.replace("http", "ws")
-        protocol: Any = f"viser-v{viser.__version__}"
-        slider = viewer.page.panel.sliders[0]
-        with connect(url, origin=origin, subprotocols=[protocol]) as client:
-            try:
-                for message in (camera(), setting(slider, 0.8)):
-                    client.send(msgspec.msgpack.encode(message))
-                while origin is not None:
-                    client.recv(timeout=20.0)
-            except ConnectionClosedError as error:
-                assert origin is not None and error.rcvd is not None
-                assert error.rcvd.reason == "the page is of another site"
-            until(lambda: origin is not None or viewer.canvas.robot[0] == 0.8)
-        assert (viewer.canvas.robot[0] == 0.8) == (origin is None)
+        with (
+            connect(url, origin=foreign, subprotocols=[protocol]) as client,
+            pytest.raises(ConnectionClosedError, match="another site"),
+        ):
+            while True:
+                client.recv(timeout=20.0)
