@@ -108,8 +108,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/tiles/folder.py",
-        "if tile.grid != self.sub_grid(self.cells(index)):",
-        "if tile.grid.shape != self.sub_grid(self.cells(index)).shape:",
+        "if tile.grid != self.sub_grid(self.locate_tile(index)):",
+        "if tile.grid.shape != self.sub_grid(self.locate_tile(index)).shape:",
         "tests/tiles/test_build.py",
     ),
     # Plot, view and command line.

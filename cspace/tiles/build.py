@@ -112,7 +112,7 @@ def build_tile(
     """
     frame = folder.frame
     name = frame.workspace.source
-    cells = folder.cells(index)
+    cells = folder.locate_tile(index)
     window = folder.clip(grow(cells, folder.reach))
     outer, inner = source.read(as_box(window))
     if source.stamp != folder.about["source_stamp"]:

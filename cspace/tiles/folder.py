@@ -142,32 +142,32 @@ class TileFolder:
         """Return the number of tiles."""
         return math.prod(self.counts)
 
-    def number(self, index: Index) -> int:
+    def find_number(self, index: Index) -> int:
         """Return the position of a tile among all tiles."""
         return int(np.ravel_multi_index(index, self.counts))
 
-    def index(self, number: int) -> Index:
+    def find_index(self, number: int) -> Index:
         """Return the index of the tile at a position among all tiles."""
         return tuple(map(int, np.unravel_index(number, self.counts)))
 
-    def interior(self, index: Index) -> Ints:
+    def locate_interior(self, index: Index) -> Ints:
         """Return the corners of a tile without its halo."""
         first = np.multiply(index, self.tile)
         return self.clip(np.stack([first, first + self.tile]))
 
-    def cells(self, index: Index) -> Ints:
+    def locate_tile(self, index: Index) -> Ints:
         """Return the corners of a tile with its halo."""
-        return self.clip(grow(self.interior(index), self.halo))
+        return self.clip(grow(self.locate_interior(index), self.halo))
 
-    def own(self, index: Index) -> Box:
+    def locate_interior_in_tile(self, index: Index) -> Box:
         """Return the interior of a tile, in the indices of the tile's arrays."""
-        return as_box(self.interior(index) - self.cells(index)[0])
+        return as_box(self.locate_interior(index) - self.locate_tile(index)[0])
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
         return np.clip(corners, 0, self.about["shape"])
 
-    def tiles_in(self, corners: Ints) -> Iterator[Index]:
+    def list_tiles(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
         first, stop = self.clip(corners)
         stop_index = -(-stop // self.tile)
@@ -181,7 +181,7 @@ class TileFolder:
         indices = tuple((cells[rows] // self.tile).T)
         numbers = np.ravel_multi_index(indices, self.counts, mode="clip")
         for number in np.unique(numbers):
-            yield self.index(number), rows[numbers == number]
+            yield self.find_index(number), rows[numbers == number]
 
     def tile_path(self, index: Index) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
@@ -203,7 +203,7 @@ class TileFolder:
         path = self.tile_path(index)
         tile, attributes = read_map_and_attributes(path)
         self._check_stamp(index, attributes)
-        if tile.grid != self.sub_grid(self.cells(index)):
+        if tile.grid != self.sub_grid(self.locate_tile(index)):
             raise map_error(path, "it is a tile of another place")
         return tile
 
@@ -230,10 +230,10 @@ class TileFolder:
         Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
         the box of obstacles in it.
         """
-        states = contents.states[:, *self.own(index)]
+        states = contents.states[:, *self.locate_interior_in_tile(index)]
         rotations_of_slice = np.bincount(self.frame.slice_of)
         counts = rotations_of_slice @ count_states(states)
-        first_cell = tuple(self.cells(index)[0].tolist())
+        first_cell = tuple(self.locate_tile(index)[0].tolist())
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         summary = {"stamp": self.about["stamp"], "counts": counts.tolist(), "obstacles": box}

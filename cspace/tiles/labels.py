@@ -58,7 +58,7 @@ def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
     Along each axis, they are the first layer of the interior, and the first layer beyond it, or the
     last one at the end of the grid. Their shape is (2, rotations, other axes, 1 + d).
     """
-    first, stop = folder.interior(index)
+    first, stop = folder.locate_interior(index)
     rotations = np.arange(len(folder.frame.slice_of))
     layers = []
     for axis, n in enumerate(folder.grid.shape):
@@ -176,7 +176,8 @@ class TiledComponents:
         inside = ((positions >= 0) & (positions < folder.grid.shape)).all(axis=1)
         for index, rows in folder.group_by_tile(positions, np.flatnonzero(inside)):
             labels = self._tiles.tile(index).find_nodes(cells[rows], mixed)
-            nodes[rows] = np.where(labels >= 0, known.offsets[folder.number(index)] + labels, -1)
+            offset = known.offsets[folder.find_number(index)]
+            nodes[rows] = np.where(labels >= 0, labels + offset, -1)
         return nodes
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], list[Ints]]:
@@ -194,7 +195,7 @@ class TiledComponents:
         while nodes[-1] != last:
             nodes.append(int(next_to_last[nodes[-1]]))
         numbers = np.searchsorted(free.offsets, nodes, side="right") - 1
-        tiles = [self._folder.index(number) for number in numbers]
+        tiles = [self._folder.find_index(number) for number in numbers]
         labels = nodes - free.offsets[numbers]
         crossings = [start]
         for k in range(len(tiles) - 1):

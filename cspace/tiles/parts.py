@@ -59,7 +59,7 @@ def open_tile(folder: TileFolder, index: Index) -> OpenTile:
     tile = folder.read_tile(index)
     closed = np.zeros(folder.slices, dtype=np.bool_)
     components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
-    return OpenTile(folder.cells(index)[0], tile, CSpace(tile), components)
+    return OpenTile(folder.locate_tile(index)[0], tile, CSpace(tile), components)
 
 
 class OpenTiles:
@@ -102,9 +102,9 @@ class OpenTiles:
         if frame.exterior is not None:
             _write_outside(frame.exterior, corners[0], states)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for index in folder.tiles_in(corners):
+        for index in folder.list_tiles(corners):
             tile = self.tile(index)
-            shared = np.clip(folder.interior(index), *corners)
+            shared = np.clip(folder.locate_interior(index), *corners)
             here = as_box(shared - corners[0])
             there = as_box(shared - tile.first)
             states[:, *here] = tile.contents.states[:, *there]
@@ -146,9 +146,9 @@ class OpenTiles:
         slices = np.arange(folder.slices)
         for index in folder:
             tile = folder.read_tile(index)
-            own = folder.own(index)
+            own = folder.locate_interior_in_tile(index)
             # Coarse cells in the tile, and the first cell of each there.
-            sides = [np.arange(*ends) // factor for ends in folder.interior(index).T]
+            sides = [np.arange(*ends) // factor for ends in folder.locate_interior(index).T]
             pairs = [np.unique(side, return_index=True) for side in sides]
             coarse, starts = zip(*pairs, strict=True)
             tile_states = tile.states[:, *own]
@@ -189,7 +189,7 @@ class OpenTiles:
             needed = grow(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
             if is_inside or folder.frame.outside != "free":
                 needed = folder.clip(needed)
-            in_tile = np.clip(needed, *folder.cells(index))
+            in_tile = np.clip(needed, *folder.locate_tile(index))
             if np.array_equal(in_tile, needed):
                 yield self.tile(index).space, rows
             else:

@@ -39,18 +39,18 @@ class Cells:
     ----------
     drawn : CSpace
         The map that is drawn and sampled.
-    at : callable
+    make_blocks : callable
         Return the blocks of the map at a rotation cell, or those of the workspace if it is None.
     """
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
         self._space = space
-        self.at = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
+        self.make_blocks = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
         self.invalidate()
 
     def invalidate(self) -> None:
         """Clear the cache, because the map has changed."""
-        self.at.cache_clear()
+        self.make_blocks.cache_clear()
         if isinstance(self._space, CSpace):
             self.drawn = self._space
         else:

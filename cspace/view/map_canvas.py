@@ -269,12 +269,12 @@ class MapCanvas(Canvas):
         if part is None:
             self._server.scene.remove_by_name(f"/{name}")
             return
-        blocks = self.cells.at(part.cell)
+        blocks = self.cells.make_blocks(part.cell)
         if name == SECTION:
-            self._add_image(f"/{name}", self.stage.section(blocks, part.cut))
+            self._add_image(f"/{name}", self.stage.make_section(blocks, part.cut))
             return
         kind = KINDS[name]
-        vertices, triangles = self.stage.solid(blocks, kind, part.cut, part.lid)
+        vertices, triangles = self.stage.make_solid(blocks, kind, part.cut, part.lid)
         if len(triangles):
             self._add_mesh(f"/{name}", (vertices, triangles), kind.color, kind.opacity)
         else:

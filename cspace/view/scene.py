@@ -125,7 +125,7 @@ class Stage:
         if self.has_height:
             self._colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
 
-    def solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
+    def make_solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
 
         Without a ``lid``, the border is open at the cut, where a section closes it.
@@ -139,7 +139,7 @@ class Stage:
         triangles = rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         return vertices, triangles
 
-    def section(self, blocks: Blocks, cut: float) -> Section:
+    def make_section(self, blocks: Blocks, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.

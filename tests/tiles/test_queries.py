@@ -85,17 +85,15 @@ def test_connectivity_equals_the_map_in_memory(pair):
     check_connectivity(pair, np.random.default_rng(2), 1000)
 
 
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_a_robot_may_turn_outside_the_map(outside, tmp_path):
-    # It is too long to turn in either slot, and leaves one at the left and the other at the top.
-    slots = np.s_[:14, 4:8], np.s_[18:22, 10:]
-    occupied = fill_boxes((26, 24), np.s_[:, :], but=slots)
+def test_a_robot_may_turn_outside_the_map(tmp_path):
+    # It fits into either slot lengthwise, and leaves one at the left and the other at the top.
+    slots = np.s_[:8, 5:9], np.s_[11:15, 6:]
+    occupied = fill_boxes((18, 14), np.s_[:, :], but=slots)
     workspace = cspace.Workspace.from_array(occupied, 0.1)
-    options = {"rotations": 8, "outside": outside, "tile": 9}
-    pair = build_pair(workspace, cspace.Robot.rectangle(0.9, 0.1), tmp_path / "m", **options)
-    in_slots = (0.8, 0.6, 0.0), (2.0, 1.7, np.pi / 2)
+    robot = cspace.Robot.rectangle(0.9, 0.3)
+    pair = build_pair(workspace, robot, tmp_path / "m", rotations=36, outside="free")
     for space in pair:
-        assert space.is_disconnected(*in_slots) == (outside == "blocked")
+        assert not space.is_disconnected((0.3, 0.7, 0.0), (1.3, 1.1, np.pi / 2))
 
 
 def test_clearances_equal_the_map_in_memory_up_to_the_halo(pair):

@@ -48,13 +48,15 @@ def test_blocks_show_the_largest_class_until_they_are_invalidated(
     last = len(space.rotations) - 1
     at_last = classify_cells(space, space.rotations.centers[last])
     for cell, classes in ((last, at_last), (None, 7 * workspace.outer)):
-        assert cells.at(cell).side == side
-        np.testing.assert_array_equal(cells.at(cell).classes, reduce_by_brute_force(classes, side))
-    before = cells.at(last).classes
+        assert cells.make_blocks(cell).side == side
+        np.testing.assert_array_equal(
+            cells.make_blocks(cell).classes, reduce_by_brute_force(classes, side)
+        )
+    before = cells.make_blocks(last).classes
     space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(at_last == OPEN)[0])
-    assert cells.at(last).classes is before
+    assert cells.make_blocks(last).classes is before
     cells.invalidate()
-    assert (cells.at(last).classes != before).any()
+    assert (cells.make_blocks(last).classes != before).any()
 
 
 def test_a_tiled_map_is_drawn_as_an_overview(
@@ -63,11 +65,11 @@ def test_a_tiled_map_is_drawn_as_an_overview(
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     tiled = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "m", tile=8)
-    exact = Cells(space).at(0).classes
-    np.testing.assert_array_equal(Cells(tiled).at(0).classes, exact)
+    exact = Cells(space).make_blocks(0).classes
+    np.testing.assert_array_equal(Cells(tiled).make_blocks(0).classes, exact)
     monkeypatch.setattr(blocks, "MAX_BLOCKS", space.grid.size // 2**space.grid.dim)
     coarse = Cells(tiled)
     side = round(coarse.drawn.grid.spacing / space.grid.spacing)
     assert side > 1
     is_open = reduce_by_brute_force(exact, side) == OPEN
-    assert (coarse.at(0).classes[~is_open] != OPEN).all()
+    assert (coarse.make_blocks(0).classes[~is_open] != OPEN).all()

@@ -71,12 +71,12 @@ def test_solids_end_at_the_cut(cut: float) -> None:
     workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
     room = cspace.build(workspace, cspace.Robot.ball(0.4))
     stage = Stage(room.grid, 1.0)
-    blocks = Cells(room).at(None)
-    mesh = trimesh.Trimesh(*stage.solid(blocks, KINDS["obstacles"], cut))
+    blocks = Cells(room).make_blocks(None)
+    mesh = trimesh.Trimesh(*stage.make_solid(blocks, KINDS["obstacles"], cut))
     assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
     heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
     assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
-    assert stage.section(blocks, cut).height == cut
+    assert stage.make_section(blocks, cut).height == cut
 
 
 def read_pixel(section: Section, x: float, y: float) -> tuple[int, ...]:
@@ -91,16 +91,18 @@ def test_sections_show_cells_at_their_positions() -> None:
     occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
     flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
     space = cspace.build(flat, cspace.Robot.disc(0.05))
-    section = Stage(space.grid, 0.2).section(Cells(space).at(0), 0.2)
+    section = Stage(space.grid, 0.2).make_section(Cells(space).make_blocks(0), 0.2)
     assert section.height == 0.0
     assert read_pixel(section, 0.75, 0.15) == obstacle
     assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = cspace.Workspace.from_array(occupied, 0.1)
     space = cspace.build(high, cspace.Robot.ball(0.05), outside="free")
     stage = Stage(space.grid, 0.2)
-    blocks = Cells(space).at(0)
-    assert read_pixel(stage.section(blocks, 0.25), 0.75, 0.15) == obstacle
-    assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
+    blocks = Cells(space).make_blocks(0)
+    assert read_pixel(stage.make_section(blocks, 0.25), 0.75, 0.15) == obstacle
+    assert (
+        read_pixel(stage.make_section(blocks, 0.05), 0.75, 0.15)[3] == 0
+    )  # free cells are transparent
 
 
 def test_a_plane_robot_becomes_a_slab() -> None:
