@@ -538,6 +538,60 @@ MUTANTS = (
         "tests/spectral/test_field.py",
     ),
     # Tiles.
+    Mutant(
+        "cspace/tiles/folder.py",
+        "return math.ceil(metres / frame.grid.spacing) + 2",
+        "return math.ceil(metres / frame.grid.spacing) - 2",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/labels.py",
+        "yield last, nodes[beyond][axis][0] if beyond in nodes else outside",
+        "yield last, outside",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/labels.py",
+        "yield self.exterior, padded[neighbors]",
+        "yield self.exterior, self.exterior",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/parts.py",
+        "rows = np.flatnonzero(out & (inside == is_inside))",
+        "rows = np.flatnonzero(out & inside)",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/parts.py",
+        "part, rows in self.parts_near(cells, folder.halo, is_inside)",
+        "part, rows in self.parts_near(cells, 1, is_inside)",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/parts.py",
+        "mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first",
+        "mixed = np.reshape(mixed_cells, (2, -1)) - first",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/parts.py",
+        "lowest[here] = np.minimum(lowest[here], ",
+        "lowest[here] = np.minimum(BLOCKED, ",
+        "tests/tiles/test_window.py",
+    ),
+    Mutant(
+        "cspace/tiles/motions.py",
+        "half_turns = np.flatnonzero(angles >= HALF_TURN)",
+        "half_turns = np.flatnonzero(angles >= 2.0 * HALF_TURN)",
+        "tests/tiles/test_queries.py",
+    ),
+    Mutant(
+        "cspace/tiles/folder.py",
+        "if tile.grid != self.sub_grid(self.locate_tile(index)):",
+        "if tile.grid.shape != self.sub_grid(self.locate_tile(index)).shape:",
+        "tests/tiles/test_build.py",
+    ),
     # Plot, view and command line.
     Mutant(
         "cspace/plot/surface.py",
@@ -550,6 +604,36 @@ MUTANTS = (
         "np.cumsum(equals_waypoint.any(axis=1)) - 1",
         "np.cumsum(equals_waypoint.any(axis=1))",
         "tests/plot/test_picture.py",
+    ),
+    Mutant(
+        "cspace/view/viewer.py",
+        "return is_local(server.hostname) or not is_local(host)",
+        "return True",
+        "tests/view/test_viewer.py",
+    ),
+    Mutant(
+        "cspace/view/scene.py",
+        "is_clockwise = (up == 1) == (axis == 1)",
+        "is_clockwise = up == 1",
+        "tests/view/test_scene.py",
+    ),
+    Mutant(
+        "cspace/view/map_canvas.py",
+        "if never_drawn or self._drawn[name] != wanted:",
+        "if never_drawn:",
+        "tests/view/test_viewer.py",
+    ),
+    Mutant(
+        "cspace/cli/options.py",
+        "if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:",
+        "if not unit and math.isfinite(value) and value > 2.0 * math.pi:",
+        "tests/cli/test_options.py",
+    ),
+    Mutant(
+        "cspace/cli/files.py",
+        "if names != list(axes):",
+        "if len(names) != len(axes):",
+        "tests/cli/test_errors.py",
     ),
 )
 
