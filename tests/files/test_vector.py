@@ -149,7 +149,6 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
 
 @refusals(
     "source, message",
-    ([], "holds no geometry"),
     ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
     (BOW_TIE, "polygons is not valid: .*; a boundary may not cross itself"),
     (
@@ -163,9 +162,7 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
         {"type": "FeatureCollection", "features": [{"type": "Feature"}]},
         "feature 0 has geometry None",
     ),
-    ({"type": "FeatureCollection"}, "has features None"),
     ({"type": "Blob", "coordinates": []}, "type 'Blob' is not GeoJSON"),
-    ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not"),
     ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
     ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
 )
@@ -174,7 +171,7 @@ def test_unusable_geometries_are_refused(source: Any, message: str) -> None:
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
 
 
-@pytest.mark.parametrize("source", [7, "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", Path("a.stl")])
+@pytest.mark.parametrize("source", [7, Path("a.stl")])
 def test_sources_of_another_kind_are_refused(source: Any) -> None:
     with pytest.raises(InputError, match="polygons"):
         read_shapes(source)
@@ -183,8 +180,6 @@ def test_sources_of_another_kind_are_refused(source: Any) -> None:
 @refusals(
     "name, text, error, message",
     ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),
-    ("a.json", "[1, 2]", FileError, "holds a JSON list"),
-    ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
     ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
     ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
 )
@@ -200,9 +195,7 @@ def test_unusable_files_are_refused(
     "options, message",
     ({"spacing": -0.5}, "spacing is -0.5"),
     ({"spacing": 1e-9}, "the map has .* cells of 1e-09 m and needs"),
-    ({"spacing": 5e-324}, r"in \[1e-100, 1e100\]"),
     ({"bounds": (0, 2, 3, 2)}, "bounds is .* xmax, ymax must be above xmin, ymin"),
-    ({"bounds": (0, 0, 3)}, "four numbers"),
     ({"bounds": (0, 0, 3, float("nan"))}, r"bounds\[3\] is nan"),
 )
 def test_unusable_options_are_refused(options: dict[str, Any], message: str) -> None:
