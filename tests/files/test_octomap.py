@@ -82,14 +82,6 @@ def test_octomaps_agree_with_the_library(tmp_path_factory, seed, kind):
     check_agreement(folder / "tree.bt", again)
 
 
-def test_a_real_octomap_agrees_with_the_library(data):
-    octomap = pytest.importorskip("octomap")
-    path = data / "voxels" / "geb079.bt"
-    tree = octomap.OcTree(0.1)
-    assert tree.readBinary(os.fsencode(path))
-    check_agreement(path, tree)
-
-
 def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     nodes = [(0.0, 1)] * 15 + [(0.0, 7), (0.0, 0), (1e-3, 0), (-1e-3, 0)]
     content = b"".join(struct.pack("<fB", odds, children) for odds, children in nodes)
@@ -106,7 +98,6 @@ def make_binary(nodes, size, old="", new=""):
 
 @refusals(
     "content, message",
-    (b"", "is empty"),
     (make_binary(b"", 17)[:60], "no line 'data'"),
     (make_binary(CHAIN, 17, "OcTree\n", "CountingTree\n"), "'CountingTree'"),
     (make_binary(CHAIN, -1), "size '-1'"),
