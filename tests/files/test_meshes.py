@@ -18,7 +18,6 @@ from tests.helpers.mesh_files import (
     BOX_QUADS,
     BOX_SHIFT,
     FACES,
-    SECOND,
     VERTICES,
     check_boxes,
     check_refused,
@@ -57,14 +56,10 @@ def test_obj_is_read_in_every_layout(tmp_path, write):
 
 @refusals(
     "text, message",
-    ("call other.obj\n", "'call'"),
     ("ff 1 2 3\n", "not a statement"),
-    ("f 1 2\n", "2 corners"),
     ("f 0 1 2\n", "vertex 0"),
     ("f 1 2 9\n", "vertex 8"),
-    ("f 1 2 -9\n", "vertex -1"),
     ("f 1 2 3.5\n", "not a whole number"),
-    ("v 1 2\n", "2 numbers"),
     ("v 1 2 3 2\n", "weights"),
     ("usemtl \\\nf 1 2 3\n", "backslash"),
     ("\0", "not text"),
@@ -174,12 +169,9 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
         BINARY[:80] + struct.pack("<I", 13) + BINARY[84:],
         "declares 13 triangles but has bytes for 12",
     ),
-    (BINARY[:60], "truncated"),
     (TEXT.replace("endsolid", "") + OTHER, "from solid to endsolid"),
-    (TEXT + OTHER.partition("facet")[2], "from solid to endsolid"),
     (TEXT.replace("solid ", "solid endfacet ", 1), "lines of their own"),
     (TEXT + OTHER.replace("vertex", "vertix", 1), "stray words"),
-    (TEXT.replace(".0 ", ".0, "), "malformed"),
     (TEXT.encode().replace(b" 4.0", b" 4\xff0", 1), "malformed"),  # neither 4.0 nor 40
     (TEXT.replace(" 4.0", " 4.0\0", 1), "not text"),
 )
@@ -237,11 +229,8 @@ ENDED = "end_header\n"
     (make_ply("binary_big_endian")[:-2], "truncated"),
     (ASCII.replace(b"vertex_indices", b"corners"), "one list named vertex_indices"),
     (make_ply("ascii", [(0, 1, 2.5)]), "not as declared"),
-    (make_ply("ascii", [(0, 1, 8)]), "vertex 8"),
-    (make_ply("ascii", [(0, 1)]), "2 corners"),
     (ASCII.replace(b"format ascii", b"header"), "no whole PLY header"),
     (ASCII.replace(b"float z", b"float w"), "x, y and z"),
-    (make_ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
 )
 def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.ply", content, message)

@@ -1,8 +1,7 @@
-"""Planning scenes of MoveIt and MotionBenchMaker."""
+"""Planning scenes of MoveIt."""
 
 import json
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Arm, FileError, Robot, Workspace, build_arm_space
-from cspace.arms import PosedShape, read_moveit_scene
+from cspace import FileError, Workspace
+from cspace.arms import read_moveit_scene
 from cspace.errors import GeometryError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -100,42 +99,6 @@ def test_primitives_are_bounded_by_the_cells(
     np.testing.assert_allclose(center, turns[0].apply(places[1]) + places[0], atol=1e-12)
 
 
-SIZE_KEYS = {"box": ("half_extents",), "cylinder": ("length", "radius"), "sphere": ("radius",)}
-MAKERS = {"box": Robot.box, "cylinder": lambda sizes: Robot.cylinder(sizes[1], sizes[0])}
-MAKERS["sphere"] = lambda sizes: Robot.ball(sizes[0])
-
-
-@pytest.mark.filterwarnings("ignore:.*without collision geometry")
-def test_motion_bench_maker_scenes_agree_with_shapes_made_directly(
-    tmp_path: Path, data: Path
-) -> None:
-    folder = data / "arms" / "panda"
-    with warnings.catch_warnings(action="ignore"):  # a link's mesh is open
-        arm = Arm.from_urdf(folder / "panda.urdf", folder / "panda.srdf")
-    problems = json.loads((folder / "problems.json").read_text())["problems"]
-    for problem in [list(of_kind)[0] for of_kind in problems.values()]:
-        objects = []
-        expected = {}
-        for kind, keys in SIZE_KEYS.items():
-            for number, item in enumerate(problem[kind]):
-                name = f"{kind}{number}"
-                sizes = np.ravel([item[key] for key in keys]) * (2 if kind == "box" else 1)
-                turn = item.get("orientation_quat_xyzw", [0, 0, 0, 1])
-                pose = make_pose(item["position"], turn)
-                header = {"frame_id": arm.frames[0]}
-                objects.append(make_object(kind, sizes.tolist(), pose, name, header=header))
-                matrix = np.eye(4)
-                matrix[:3, :3] = Rotation.from_quat(turn).as_matrix()
-                matrix[:3, 3] = item["position"]
-                expected[name] = PosedShape(MAKERS[kind](sizes.tolist()).shape, matrix)
-        read = read_moveit_scene(write_scene(tmp_path, *objects))
-        assert read.obstacles.keys() == expected.keys()
-        points = np.random.default_rng(0).uniform(*arm.ranges(), (300, arm.dof))
-        states = np.asarray(build_arm_space(read, arm).classify(points))
-        assert (states == build_arm_space(expected, arm).classify(points)).all()
-        assert len(np.unique(states)) > 1
-
-
 def test_scenes_become_maps_with_their_bounds(tmp_path: Path) -> None:
     ball = make_object("sphere", (0.3,), make_pose((1.2, 0, 0)), 7)  # robowflex writes no quotes
     path = write_scene(tmp_path, make_object("box", (1, 1, 1), name="a"), ball)
@@ -151,10 +114,7 @@ def test_scenes_become_maps_with_their_bounds(tmp_path: Path) -> None:
 @refusals(
     "ids, expected",
     (["a", "a/0"], "has 'a/0' twice; ids and names of shapes must differ; rename one"),
-    (["a", "b", "a"], "has 'a(/.)?' twice"),
-    ([5, "5"], "has '5(/.)?' twice"),
     ([True, "a"], r"has True as world.collision_objects\[0\].id; it must be a name"),
-    (["object 1", ""], r"has '' as world.collision_objects\[1\].id"),
 )
 def test_names_that_hide_an_obstacle_are_refused(
     tmp_path: Path, ids: list[Any], expected: str
@@ -229,26 +189,16 @@ POINT = [[0, 0, 0]]
 @refusals(
     "thing, expected",
     (make_object("prism", [1]), r"has 'prism' as .*primitives\[0\].type; .* box \(1\), sphere"),
-    (make_object(5, [1, 1]), r"has 5 as .*primitives\[0\].type"),
     (make_object("cylinder", [1]), r"has \[1.0\] as .*; a cylinder has height, radius"),
-    (make_object("cylinder", [1, 0]), r"has \[1.0, 0.0\] as .*dimensions"),
-    (make_object("sphere", [1, 2]), r"has \[1.0, 2.0\] as .*dimensions"),
     (make_object("sphere", ["a"]), r"has 'a' as .*dimensions\[0\]; it must be one finite number"),
     (make_box(pose={"position": [0, 0]}), "as .*position; it must be 3 finite numbers"),
-    (make_box(pose={"orientation": {"x": 1}}), "as .*orientation; it must be 4 finite numbers"),
     (make_box(pose=make_pose((1500, 0, 0))), "has a position beyond 1000 m at .*pose"),
-    (make_box(pose={"xyz": [0, 0, 0]}), "'xyz' at .*pose; the fields are position, orientation"),
     (make_box(primitive_poses=[make_pose()] * 2), "has 1 primitives but 2 primitive_poses"),
-    ({"id": "a"}, "has no shape at object 'a'"),
     (make_box(operation=True), "has True as .*operation"),
-    (make_box(operation="remove"), "has 'remove' as .*operation; it must be 'add'"),
     (make_box(subframe_names=["a"]), r"has .*subframe_names; it is not read; remove them"),
     (make_box(planes=[{"coef": [0, 0, 1, 0]}]), "has .*planes; it is not read; a plane has no end"),
     (make_box(primitive=[]), r"unknown field 'primitive' at world.collision_objects\[0\]"),
-    (make_mesh(resource="x.stl", vertices=POINT), "has vertices and a resource or dimensions"),
     (make_mesh(vertices=POINT, triangles=[[0, 1, 2]]), "as a triangle of .* of its 1 vertices"),
-    (make_mesh(vertices=[], triangles=[]), "has no triangles"),
-    (make_mesh(resource="package://none/x.stl"), "does not exist"),
     ("box", r"has 'box' as world.collision_objects\[0\]; it must be a table"),
 )
 def test_malformed_objects_are_refused_in_one_line(
@@ -262,12 +212,9 @@ def test_malformed_objects_are_refused_in_one_line(
 
 @refusals(
     "text, expected",
-    ("[1, 2]", "it must be a table"),
     ("world: {collision_objects: []}", "holds no shape"),
     ("world: {octomap: {octomap: {data: [1]}}}", "has world.octomap.octomap.data; .*from_octomap"),
-    ("{is_diff: 1}", "has 1 as is_diff; it must be False; write the whole scene"),
     ("world: {objects: []}", "'objects' at world; the fields are collision_objects, octomap"),
-    ("world: {collision_objects: 3}", "has 3 as world.collision_objects; it must be a list"),
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / "scene.yaml"

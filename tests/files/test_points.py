@@ -1,6 +1,5 @@
 """Point clouds in every format, whole, truncated and damaged."""
 
-import contextlib
 import io
 import struct
 
@@ -11,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError
 from cspace.files.points import read_points
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -118,18 +117,12 @@ def test_truncated_pcd_is_refused(tmp_path):
 
 @refusals(
     "old, new, message",
-    ("FIELDS rgb x _ y z\n", "", "lacks FIELDS"),
     ("DATA binary", "DATA zip", "DATA 'zip'"),
     ("DATA binary", "DATA binary_compressed", "pcl_convert_pcd_ascii_binary in.pcd out.pcd 1"),
     ("POINTS 4", "POINTS 6", "6 points in 4 x 1"),
-    ("POINTS 4", "POINTS five", "malformed header"),
     ("WIDTH 4\n", "WEITE 4\n", "line 7 is 'WEITE 4'"),
-    ("rgb x _ y z", "z x _ y z", "once each"),
-    ("COUNT 1 1 3 1 1", "COUNT 1 3 1 1 1", "once each"),
     ("COUNT 1 1 3 1 1", "COUNT 999999999999 1 3 1 1", "malformed header"),
-    ("SIZE 4 4 1 8 4", "SIZE 4 4 1 8", "types"),
     ("TYPE U F U F F", "TYPE U F U F X", "types"),
-    ("WIDTH 4\nHEIGHT 1\n", "WIDTH -4\nHEIGHT -1\n", "do not agree"),
 )
 def test_pcd_headers_are_checked(tmp_path, old, new, message):
     content = make_pcd(CLOUD, "binary").replace(old.encode(), new.encode())
@@ -149,9 +142,7 @@ def test_further_columns_and_comments_of_a_text_are_skipped(tmp_path):
     "text, message",
     ("1 2 3\n\n1 2 3 4", "line 3 is '1 2 3 4'; it must hold 3 columns"),
     ("x y z\n1 2 3", "line 1 is 'x y z'; it must hold only numbers"),
-    ("1,2,3\n4 5 6", "line 2 is '4 5 6'"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),
-    ("1;2;3", "line 1 is '1;2;3'"),
     ("1 2\n3 4", "has 2 columns"),
     ("1 2 3 \xff", "not text"),
 )
@@ -177,11 +168,9 @@ NPY = make_npy(CLOUD, "")
     "content",
     [
         b"",
-        b"PK\x03\x04" + bytes(50),
         NPY[:-1],
         NPY.replace(b"(4, 3), }" + b" " * 5, b"(2**62, 3), }"),
         NPY.replace(b"'<f8'", b"'|O' "),
-        NPY.replace(b"(4, 3)", b"(((((("),
     ],
 )
 def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
@@ -189,20 +178,6 @@ def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
     check_refused(path, "write it with numpy.save")
     with pytest.raises(FileError, match="cannot be read"):
         Workspace.open(path, spacing=0.1)
-
-
-@given(st.integers(0, 127), st.integers(0, 255))
-def test_damaged_npy_headers_are_refused(tmp_path_factory, position, byte):
-    content = bytearray(NPY)
-    content[position] = byte
-    path = write(tmp_path_factory.getbasetemp(), "damaged.npy", bytes(content))
-    with contextlib.suppress(FileError, GeometryError):
-        assert read_points(path).shape[1] == 3
-
-
-def test_other_names_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"'\.las'.*\.npy, \.xyz, \.txt, \.csv, \.ply, \.pcd"):
-        read_points(tmp_path / "cloud.las")
 
 
 def test_elements_of_ply_that_may_be_surfaces_are_refused(tmp_path):

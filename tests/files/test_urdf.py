@@ -4,12 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import FileError, InputError, Mesh, Robot
-from tests.helpers.missing import output_without
 from tests.helpers.refusals import refusals
 
 BASE = """
@@ -173,36 +171,6 @@ def test_urdf_files_of_other_projects_are_read(data):
     assert sides.tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("make", "area"),
-    [
-        (lambda: Robot.box((2, 1, 5), (3, 0, 0)), 2.0),
-        (lambda: Robot.cylinder(0.5, 3), np.pi / 4),
-        (lambda: Robot.from_mesh(trimesh.creation.torus(2.0, 0.5)), np.pi * (2.5**2 - 1.5**2)),
-        (lambda: Robot.from_bitmap(np.ones((2, 3, 4), bool), 0.5), 1.5),
-    ],
-)
-def test_a_footprint_has_the_area_of_the_shadow(make, area):
-    robot = make()
-    footprint = robot.footprint()
-    assert footprint.dim == 2
-    assert footprint.shape.outer.measure == pytest.approx(area, rel=0.02)
-    lower, upper = robot.shape.outer.bounds
-    assert np.allclose(footprint.shape.outer.bounds, [lower[:2], upper[:2]], atol=2e-6)
-    assert Robot.from_spec(footprint.spec).spec == footprint.spec
-    assert footprint.shape.symmetry == robot.shape.symmetry
-
-
-def test_the_shadow_of_a_mesh_lies_between_its_bounds():
-    mesh = trimesh.creation.icosphere(1).apply_translation((0.3, 0.2, 0))
-    flat = Robot.from_mesh(mesh).footprint().shape
-    hull = shapely.convex_hull(shapely.multipoints(mesh.vertices[:, :2]))
-    outer, inner = flat.outer.outline, flat.inner.outline
-    assert shapely.covers(outer, hull)
-    assert shapely.covers(hull, inner)
-    assert shapely.hausdorff_distance(outer.boundary, inner.boundary) < 1e-5
-
-
 def make_chain(count, kind="fixed", extra=""):
     """Return a chain of boxes, each turned by 0.01 against the one before."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
@@ -230,7 +198,7 @@ def test_mimic_joints_are_at_their_offset(tmp_path, kind, angle, slide):
     path = write_urdf(tmp_path, make_chain(3, kind, '<mimic joint="j0" offset="0.5"/>'))
     corners = Robot.from_urdf(path, ["l1", "l2"]).shape.vertices[-8:]
     turn = Rotation.from_euler("z", 0.01)
-    assert np.allclose(corners.mean(axis=0), turn.apply((0, slide, 0)) + [1, 0, 0], atol=1e-12)
+    assert np.allclose(corners.mean(axis=0), turn.apply((0, slide, 0)) + np.eye(3)[0], atol=1e-12)
     turn *= Rotation.from_rotvec((0.0, angle, 0.0))
     sides = np.abs(turn.as_matrix() @ np.diag((0.5, 0.4, 0.3))).sum(axis=1)
     assert np.allclose(np.ptp(corners, axis=0), sides)
@@ -270,24 +238,18 @@ def make_link(geometry):
     (LINKS + FORTH.replace('"m"', '"n"'), FileError, "joins 'l' to 'n' by the joint 'j'"),
     (LINKS + FORTH + FORTH.replace('"j"', '"k"'), FileError, "a link has one parent"),
     (LINKS + FORTH + BACK, FileError, "joins '[lm]' in a loop of joints"),
-    (LINKS + FORTH + FORTH, FileError, "more than one joint 'j'"),
-    (make_link(""), FileError, "nothing as the geometry of link 'l', collision 0"),
     (make_link("<cone/>"), FileError, "<cone> as the geometry .*; it must be one of box"),
     (
         make_link('<cylinder radius="1"/>'),
         FileError,
         "lacks the length of the cylinder of link 'l'",
     ),
-    (make_link('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
     (
         make_link('<box size="1 2"/>'),
         FileError,
         "has size='1 2' at the box of link 'l'; it must be 3",
     ),
-    (make_link('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
     (make_link('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "no factor may be zero"),
-    (make_link('<mesh filename="no.stl"/>'), FileError, "mesh no.stl: does not exist"),
-    (make_link(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
     ('<link name="l"', FileError, "is not XML"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
@@ -302,27 +264,12 @@ def test_unknown_links_and_other_files_are_refused(tmp_path):
     path = write_urdf(tmp_path)
     with pytest.raises(InputError, match=r"link is 'arm'; there are base, plate, head, wheel"):
         Robot.from_urdf(path, "arm")
-    with pytest.raises(InputError, match="link is plate; .*; name links that have: base"):
+    with pytest.raises(InputError, match=r"link is plate; .*; name links that have: base"):
         Robot.from_urdf(path, "plate")
+    ball = make_link('<sphere radius="1"/>')
+    xacro = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'  # as xacro leaves it
+    path.write_text(f'<robot name="r" {xacro}>{ball}<plugin/></robot>')
+    assert Robot.from_urdf(path).shape.outer.bounds[1][0] == pytest.approx(1.0, rel=0.05)
     path.write_text("<html/>")
     with pytest.raises(FileError, match="holds <html>, not <robot>"):
         Robot.from_urdf(path)
-
-
-def test_without_yourdfpy_the_error_names_the_extra(tmp_path):
-    code = f"""
-try:
-    cspace.Robot.from_urdf({str(write_urdf(tmp_path))!r})
-except cspace.MissingPackageError as error:
-    print(error)
-"""
-    assert 'pip install "cspace[urdf]"' in output_without("yourdfpy", code)
-
-
-def test_foreign_elements_and_the_xacro_namespace_are_ignored(tmp_path):
-    """Include elements for Gazebo in old robot files."""
-    path = tmp_path / "robot.urdf"
-    names = 'xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:sensor="http://gazebo"'
-    ball = make_link('<sphere radius="1"/>')
-    path.write_text(f'<robot name="r" {names}>{ball}<sensor:camera/></robot>')
-    assert Robot.from_urdf(path).shape.outer.bounds[1][0] == pytest.approx(1.0, rel=0.05)

