@@ -142,32 +142,3 @@ def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -
     # The first half accelerates.
     positions, *_ = trajectory.sample(0.2 * np.arange(11))
     np.testing.assert_allclose(shares, (positions[:, 0] - 1.0) / 6.0, atol=0.02)
-
-
-def test_robots_at_rest_take_one_frame(flat: CSpace, tmp_path: Path) -> None:
-    for number, path in enumerate([[(2, 3)], [(2, 3), (2, 3)]]):
-        assert len(read_frames(animate(flat, path, tmp_path / f"{number}.gif"))[0]) == 1
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 300)])
-def test_animate_draws_maps_of_any_shape(shape: tuple[int, int], tmp_path: Path) -> None:
-    workspace = Workspace.from_array(np.zeros(shape, bool), 0.1)
-    space = build(workspace, Robot.rectangle(0.02, 0.01), rotations=4, outside="free")
-    path = [(0, 0, 0), (*np.multiply(shape, 0.1), 3)]
-    pixels, _, _ = read_frames(animate(space, path, tmp_path / "a.gif", seconds=0.1))
-    assert max(pixels[0].shape) < 1200
-    assert min(pixels[0].shape[:2]) > 150
-
-
-def test_an_interrupted_animation_leaves_files_as_they_were(flat: CSpace, tmp_path: Path) -> None:
-    file = tmp_path / "a.gif"
-    file.write_text("precious")
-
-    def stop(done: int, total: int) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        animate(flat, [(1, 1), (2, 2)], file, overwrite=True, progress=stop)
-    assert file.read_text() == "precious"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.gif"]

@@ -79,14 +79,6 @@ def test_exterior_of_the_grid_is_hatched() -> None:
     assert "outside the grid" not in labels(plot(space))
 
 
-def test_obstacles_free_for_the_reference_point_have_their_own_colour() -> None:
-    occupied = np.zeros((60, 20), bool)
-    occupied[20:24] = True
-    workspace = Workspace.from_array(occupied, 0.1)
-    ax = plot(build(workspace, Robot.disc(0.3, center=(2.0, 0.0)), outside="free"))
-    assert pixel(ax, rendered(ax), 2.2, 1.0) == COLORS["obstacle, free for the reference point"]
-
-
 @pytest.mark.parametrize("taken", ["free", "obstacle"])
 def test_unknown_cells_have_their_own_colours(taken: str) -> None:
     rng = np.random.default_rng(5)
@@ -211,15 +203,6 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape: tuple[int, in
     assert ((corner <= center) & (center <= corner + size)).all()
 
 
-def test_holes_of_the_robot_stay_open() -> None:
-    ring = shapely.box(-1.0, -1.0, 1.0, 1.0) - shapely.box(-0.8, -0.8, 0.8, 0.8)
-    workspace = Workspace.from_array(np.zeros((60, 60), bool), 0.1, lower=(-3.0, -3.0))
-    ax = plot(build(workspace, Robot.polygon(ring)), start=(0.3, 0.2))
-    image = rendered(ax)
-    assert pixel(ax, image, 0.3, 0.9) == COLORS["free"]
-    assert pixel(ax, image, 0.3, 1.1) != COLORS["free"]
-
-
 @pytest.mark.parametrize("shape", [(2, 3), (1, 300), (60, 24, 5), (1, 1, 300)])
 def test_text_and_panels_fit_the_figure_without_overlap(shape: tuple[int, ...]) -> None:
     robot = Robot.ball(0.01) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
@@ -247,21 +230,6 @@ def test_zoom_shows_a_part_of_a_plane_map(turning: CSpace) -> None:
     assert np.mean(ax.get_xlim()) == pytest.approx(2.0)
     ax = plot(turning, zoom=4.0, center=(0.2, 0.1))
     assert ax.get_xlim() == pytest.approx((0.0, 1.2))
-
-
-def test_zoom_shows_a_part_of_a_map_in_space(hall: CSpace) -> None:
-    path = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
-    sides = [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)]
-    options: dict[str, Any] = {"zoom": 3.0, "center": (3.0, 1.2, 1.0), "path": path}
-    panels = plot(hall, **options).figure.axes
-    for panel, (right, up) in zip(panels, [(0, 1), (0, 2), (1, 2)], strict=True):
-        limits = sorted([panel.get_xlim(), panel.get_ylim()])
-        np.testing.assert_allclose(limits, sorted([sides[right], sides[up]]))
-    solid = plot(hall, view="3d", **options)
-    np.testing.assert_allclose([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()], sides)
-    (x, _, _), *_ = (line.get_data_3d() for line in solid.lines if line.get_label() == "path")
-    np.testing.assert_allclose([np.nanmin(x), np.nanmax(x)], sides[0], atol=0.02)
-    assert "goal" not in labels(solid)
 
 
 def test_axes_of_the_caller_are_used(flat: CSpace) -> None:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -69,13 +68,6 @@ def test_bodies_are_placed_as_scipy_rotates_them(seed, pair, rotations):
     (outline,) = body.outlines(q, pair)
     ends = [outline.min(axis=0), outline.max(axis=0)]
     np.testing.assert_allclose(ends, np.array(extents)[:, pair], atol=1e-6)
-
-
-def test_large_meshes_are_drawn_with_few_triangles():
-    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
-    body = Body(Robot.from_mesh(ball), NONE)
-    assert 200 < len(body.triangles) <= 4000
-    np.testing.assert_allclose(body.extents(np.zeros(3)), ball.bounds, atol=0.03)
 
 
 @pytest.mark.parametrize(

@@ -159,15 +159,6 @@ def make_objective(space: CSpace, field: Any, **options: Any) -> Any:
     return planners.OverlapObjective(si, space, field, **options)
 
 
-def test_objective_without_overlap_is_the_length(small: CSpace) -> None:
-    field = OverlapField.of(small, FAR)
-    assert not field.values.any()
-    si = planners.simple_setup(small).getSpaceInformation()
-    objective = planners.OverlapObjective(si, small, field)
-    states = [make_state(small, si, np.array(q)) for q in ((0.1, 0.05), (0.2, 0.05))]
-    assert objective.motionCost(*states).value() == pytest.approx(0.1)
-
-
 @refusals(
     "ask, message",
     (lambda space: OverlapField(space, np.zeros((2, 3))), r"values has shape \(2, 3\)"),
