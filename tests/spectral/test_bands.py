@@ -42,17 +42,6 @@ def test_bounds_include_the_full_errors_of_spectra(dim, seed):
     assert (moved.bounds - still.bounds >= np.append(0.0, turns) * (1.0 - 1e-12)).all()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_rings_hold_each_frequency_once_from_low_to_high(dim):
-    rings = Rings.of(np.linspace(3.0, 4.0, dim), (20, 24, 28)[:dim])
-    opposite = np.concatenate([rings.indices, -rings.indices])
-    assert len(np.unique(opposite, axis=0)) == math.prod(rings.counts)
-    assert math.prod(rings.counts) == 2 * len(rings.indices) - 1
-    highest = np.maximum.reduceat(rings.moduli, rings.starts[:-1])
-    lowest = np.minimum.reduceat(rings.moduli, rings.starts[:-1])
-    assert (lowest[1:] >= highest[:-1] - 1e-9).all()
-
-
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
 def test_tail_bounds_the_energy_outside_the_band(accuracy):
     """Use few frequencies, and an inaccurate spectrum."""

@@ -162,21 +162,6 @@ def test_balls_fill_or_cover_solids(name, kind):
     check_solid(balls, np.asarray(mesh.triangles), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-def test_balls_fill_or_cover_voxels(kind):
-    rng = np.random.default_rng(3)
-    cells = rng.random((6, 5, 7)) < 0.6
-    balls = decompose(Voxels.of(cells, 0.2), kind=kind, number=60)
-    offsets = np.vstack([rng.random((60, 3)), np.argwhere(np.ones((2, 2, 2)))])
-    points = 0.2 * (np.argwhere(cells)[:, None] + offsets).reshape(-1, 3)
-    limit = balls.hausdorff.upper if kind == "inner" else 0.0
-    assert measure_gaps(points, balls).max() <= limit
-    if kind == "inner":
-        radii = 0.999999 * balls.radii[:, None, None]
-        rim = balls.centers[:, None] + radii * draw_directions(rng, 200, 3)
-        assert cells[tuple(np.floor(rim.reshape(-1, 3) / 0.2).astype(int).T)].all()
-
-
 def test_balls_cover_open_surfaces_and_lines():
     sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
     balls = decompose(sheet, kind="outer", tolerance=0.1)

@@ -143,53 +143,13 @@ def test_verdicts_are_right_about_the_ideal_overlap(max_pairs, seed, dim, alpha,
     assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()
     assert (expected[answers.verdict == Verdict.HIT] > threshold - error).all()
     assert (np.abs(answers.overlap - expected) <= answers.bound + error).all()
+    if max_pairs > 0:
+        is_clear = np.abs(expected - threshold) > 1e-5 * threshold
+        assert (answers.verdict[is_clear] != Verdict.UNDECIDED).all()
     assert (answers.frequencies <= 1.2 * overlap.frequencies).all()
     if max_pairs < 0:
         columns = answers.verdict, answers.frequencies, answers.overlap, answers.bound
         assert alone == Separation(*(column[0] for column in columns))
-
-
-@settings(max_examples=6)
-@given(seeds, dims)
-def test_overlaps_near_the_threshold_are_decided(seed, dim):
-    """Integrate the product of two sampled descriptors; a small band alone does not decide."""
-    rng = np.random.default_rng(seed)
-    a, b = draw_ball_sets(rng, dim)
-    t = b[0][0] - a[0][0] + rng.normal(0.0, 0.03, dim)
-    moved = a[0] + t
-    lower = (moved - a[1][:, None]).min(axis=0)
-    upper = (moved + a[1][:, None]).max(axis=0)
-    cells = 400 if dim == 2 else 70
-    sides = (upper - lower) / cells
-    axes = [low + side * (np.arange(cells) + 0.5) for low, side in zip(lower, sides, strict=True)]
-    points = np.meshgrid(*axes, indexing="ij", sparse=True)
-
-    def sample(centers, radii):
-        total = 0.0
-        for center, radius in zip(centers, radii, strict=True):
-            squares = sum((x - c) ** 2 for x, c in zip(points, center, strict=True)) / radius**2
-            inside = np.minimum(squares, 1.0 - 1e-12)
-            total = total + np.where(squares < 1.0, np.exp(inside / (inside - 1.0)), 0.0)
-        return total
-
-    whole = float((sample(moved, a[1]) * sample(*b)).sum() * sides.prod())
-    for share, verdict in ((1.02, Verdict.MISS), (0.98, Verdict.HIT)):
-        answer = FourierOverlap(a, b, threshold=share * whole, band=2.0).separated(t)
-        assert answer.verdict is verdict
-        assert answer.overlap == pytest.approx(whole, rel=0.02, abs=answer.bound)
-        assert 0.0 < answer.bound < 1e-4 * whole
-
-
-def test_most_verdicts_about_overlaps_need_few_frequencies():
-    rng = np.random.default_rng(2)
-    a = rng.uniform(-0.2, 0.2, (6, 2)), 0.2
-    b = rng.uniform(0.0, 4.0, (20, 2)), 0.2
-    scale = Bump().pair_integral(0.2, 0.2, 0.2, 2)
-    overlap = FourierOverlap(a, b, threshold=scale, tolerance=1e-2)
-    answers = overlap.separated(rng.uniform(*overlap.domain, (800, 2)))
-    summed = answers.frequencies[(answers.verdict != Verdict.UNDECIDED) & (answers.frequencies > 0)]
-    assert len(summed) > 80
-    assert np.median(summed) < 0.1 * overlap.frequencies
 
 
 def test_bounds_scale_with_tiny_lengths():

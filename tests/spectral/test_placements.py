@@ -151,10 +151,7 @@ def test_configurations_hold_a_yaw_or_a_quaternion(dim: int, rotations: Any) -> 
     rng = np.random.default_rng(3)
     best = best_placements(draw_balls(rng, 3, dim, 0.5), draw_balls(rng, 3, dim, 1.0), rotations, 2)
     q = best.configurations
-    if dim == 2:
-        turns = turn_plane(q[:, 2])
-    else:
-        turns = Rotation.from_quat(q[:, 3:]).as_matrix()
+    turns = turn_plane(q[:, 2]) if dim == 2 else Rotation.from_quat(q[:, 3:]).as_matrix()
     assert q[:, :dim] == pytest.approx(best.translations)
     assert turns == pytest.approx(best.rotations)
 
