@@ -178,8 +178,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/queries/search.py",
-        "if passable & needed == needed:",
-        "if passable & needed != 0:",
+        "if is_inside and graph.states[number, u, v, w] == FREE:",
+        "if is_inside and graph.states[number, u, v, w] <= 1:",
         "tests/queries/test_free_path.py",
     ),
     Mutant(

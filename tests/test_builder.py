@@ -236,6 +236,3 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
             else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
         )
         assert (states[images] == expected).all()
-
-
-SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)

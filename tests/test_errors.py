@@ -19,7 +19,6 @@ from tests.helpers.mesh_files import TETRAHEDRON
 from tests.helpers.refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
-SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 BOW = shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])
 MANY_POINTS = np.random.default_rng(0).random((3000, 2)).tolist()
 

@@ -138,7 +138,6 @@ def map_free_except(closed, rotations, shape=(SIDE, SIDE)):
 coordinates = st.one_of(st.integers(0, 8).map(lambda k: k / 8), st.floats(0, 1), uniform(0, 1))
 yaws = st.one_of(st.floats(-7, 7), uniform(-7, 7), uniform(-7, 7), boundary_yaws)
 endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
-blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
 
 
 def resolve_configuration(end, borders, shape):

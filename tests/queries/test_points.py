@@ -28,9 +28,6 @@ from tests.helpers.strategies import (
     uniform,
 )
 
-POLICIES = st.sampled_from(["blocked", "free"])
-
-
 # ---- the state of a cell -------------------------------------------------------------------------
 
 
