@@ -250,6 +250,12 @@ MUTANTS = (
         "return rounded_rasters(balls, spacing, margin + growth, 0.0 * growth)",
         "tests/raster/test_turns.py",
     ),
+    Mutant(
+        "cspace/shapes/balls.py",
+        "first_corners = len(corners) * np.arange(len(self.radii))",
+        "first_corners = len(self.radii) * np.arange(len(self.radii))",
+        "tests/shapes/test_shape.py",
+    ),
     # Arms.
     Mutant(
         "cspace/arms/chain.py",

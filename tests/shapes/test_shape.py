@@ -9,7 +9,8 @@ import trimesh
 
 from cspace import Grid, InputError, Mesh, Robot
 from cspace.rotations import RotationCell
-from cspace.shapes import Balls, Box, Polygons, Voxels, shape_from_spec
+from cspace.shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
+from tests.helpers.refusals import refusals
 
 TORUS_MESH = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
 CYLINDER = Robot.cylinder(0.4, 0.7, (0.1, 0.0, 0.2)).shape
@@ -121,6 +122,27 @@ def test_the_raster_of_a_robot_equals_the_outer_cells_around_each_offset(shape):
     assert (raster == expected).all()
 
 
+def test_the_drawing_fills_the_bounds(shape):
+    exact = shape.outer
+    if shape.dim == 2:
+        drawn = np.reshape(exact.outline.bounds, (2, 2))
+    else:
+        vertices, faces = exact.surface
+        drawn = np.array([vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))])
+    np.testing.assert_allclose(drawn, exact.bounds, atol=0.02)
+
+
+def test_the_measure_agrees_with_random_points(shape):
+    exact = shape.outer
+    if np.isnan(exact.measure) or not exact.encloses:
+        return
+    lower, upper = exact.bounds
+    points = np.random.default_rng(3).uniform(lower, upper, (20_000, shape.dim))
+    share = exact.contains(points).mean()
+    whole = np.prod(upper - lower)
+    assert exact.measure == pytest.approx(share * whole, abs=0.02 * whole)
+
+
 def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
     assert shape.is_same(np.eye(shape.dim))
     quarter = np.eye(shape.dim)
@@ -155,3 +177,35 @@ def test_contains_refuses_invalid_points():
         Box.of((1, 1, 1)).contains(np.zeros((2, 5)))
     with pytest.raises(InputError, match="nan"):
         Box.of((1, 1, 1)).contains([np.nan] * 3)
+
+
+@pytest.mark.parametrize(
+    ("source", "radius", "kind"),
+    [
+        (shapely.box(0, 0, 1, 1), None, "polygon"),
+        ({"type": "Point", "coordinates": (1.0, 2.0)}, None, "polygon"),
+        ([(0, 0), (1, 0), (0, 1)], None, "polygon"),
+        ("POLYGON ((0 0, 1 0, 0 1, 0 0))", None, "polygon"),
+        ("ellipse:0.5,0.3", None, "bounded"),
+        ([(0, 0), (1, 0), (0, 1)], 0.2, "balls"),
+        ([(1.0, 2.0, 3.0)], 0.2, "balls"),
+        (Robot.ball(0.3), None, "balls"),
+        (TORUS_MESH, None, "mesh"),
+        ((TORUS_MESH.vertices, TORUS_MESH.faces), None, "mesh"),
+    ],
+)
+def test_anything_that_describes_a_shape_becomes_one(source, radius, kind):
+    assert as_shape(source, radius).kind == kind
+
+
+@refusals(
+    "source, message",
+    ([(0, 0), (1, 0)], "is points.*radius.*at least 3 corners"),
+    ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], "is points.*points need a radius"),
+    (np.ones((2, 2), dtype=bool), r"array of cells.*Voxels\.of"),
+    ("robot.txt", "it must be a short text, WKT, or a file"),
+    (object(), "is a object; a polygon or a mesh is needed"),
+)
+def test_other_sources_are_refused(source, message):
+    with pytest.raises(InputError, match=message):
+        as_shape(source)
