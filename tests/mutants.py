@@ -141,8 +141,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/rotations/lookup.py",
-        "- (1 if on_boundary else 0))",
-        "- (0 if on_boundary else 0))",
+        "return cell - 1",
+        "return cell",
         "tests/laws",
     ),
     Mutant(
