@@ -367,6 +367,12 @@ MUTANTS = (
         "tests/planners/test_plan.py",
     ),
     Mutant(
+        "planners/plan.py",
+        "task.endpoints[max(reached, 1)]",
+        "task.endpoints[1]",
+        "tests/planners/test_pose_goals.py",
+    ),
+    Mutant(
         "planners/result.py",
         "return self._edges_on(space).edges_are_free(self.waypoints)",
         "return self._edges_on(self.space or space).edges_are_free(self.waypoints)",
