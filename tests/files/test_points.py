@@ -51,10 +51,10 @@ def make_text(points, separator):
 FORMATS = [
     *(
         (f"cloud.{suffix}", make_text, separator)
-        for suffix in ("xyz", "txt")
+        for suffix in ("XYZ", "txt")
         for separator in " \t"
     ),
-    *(("CLOUD.CSV", make_text, separator) for separator in (",", ", ")),
+    *(("cloud.csv", make_text, separator) for separator in (",", ", ")),
     *(("cloud.ply", make_ply, data) for data in ("ascii", "binary")),
     *(("cloud.pcd", make_pcd, data) for data in ("ascii", "binary")),
     ("cloud.npy", make_npy, ""),
