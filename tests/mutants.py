@@ -701,7 +701,8 @@ def run_tests(mutant: Mutant) -> tuple[bool, float, str]:
             return True, time.perf_counter() - start, "out of time"
     lines = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     last = lines[0] if lines else (done.stdout + done.stderr).strip().rpartition("\n")[2]
-    return done.returncode == 1, time.perf_counter() - start, last
+    died = done.returncode == 1 or done.returncode < 0  # a failed test, or a crash
+    return died, time.perf_counter() - start, last
 
 
 def main() -> int:

@@ -120,17 +120,6 @@ def polygon_inner_offsets(vertices, spacing, reach):
     }
 
 
-def _offsets_within(apart, radius, reach):
-    """Return the offsets within a radius, given the distances along each axis."""
-    (xs, ys), square = ([part * part for part in parts] for parts in apart), radius * radius
-    return {
-        (i - reach, j - reach)
-        for i, x in enumerate(xs)
-        for j, y in enumerate(ys)
-        if x + y <= square
-    }
-
-
 def raster_offsets(raster):
     """Return the set of offsets of a library Raster."""
     return {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
