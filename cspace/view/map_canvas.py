@@ -99,7 +99,7 @@ class MapCanvas(Canvas):
         self.glyph = Body(space.robot, space.rotations)
         self.robot_reach = self.glyph.reach
         self.poses = Poses(space.grid.dim, space.rotations)
-        self._step = 10.0 ** math.floor(math.log10(grid.spacing))
+        self._step: float = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         # Gizmos of tiny robots stay visible.
         self.size = max(self.glyph.size, 0.012 * longest)
