@@ -99,7 +99,7 @@ class MapCanvas(Canvas):
         self.glyph = Body(space.robot, space.rotations)
         self.robot_reach = self.glyph.reach
         self.poses = Poses(space.grid.dim, space.rotations)
-        self._step: float = 10.0 ** math.floor(math.log10(grid.spacing))
+        self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         # Gizmos of tiny robots stay visible.
         self.size = max(self.glyph.size, 0.012 * longest)
@@ -130,7 +130,7 @@ class MapCanvas(Canvas):
             return highest
         stations = np.concatenate([[*self.endpoints.values()], points])
         uppers = self.glyph.extents(stations)[:, 1]
-        steps = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
+        steps: int = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
         lowest = float(stage.lower[2]) + stage.grid.spacing
         return min(max(steps * self._step, lowest), highest)
 

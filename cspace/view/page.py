@@ -388,6 +388,7 @@ class Page:
         self._playing.clear()
         for worker in (self._shower, self._prover, self._planner, self._player, self._solver):
             worker.close()
+        self._shower.wait(1.0)  # viser warns of drawings after the server has stopped
 
     # ---- work in threads -------------------------------------------------------------------------
 
