@@ -16,7 +16,7 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
-from tests.helpers.urdfs import joint, link, planar, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
@@ -323,6 +323,24 @@ def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path: Path
         arm.attach("tool", open_box, "b")
     assert [each.filename for each in heard] == [__file__]
     arm.attach("tool", Mesh.of(open_box, solid="surface"), "b", touch_links="a")
+
+
+def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path: Path) -> None:
+    path = planar(tmp_path)
+    mount = joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed")
+    path.write_text(path.read_text().replace("</robot>", f"{link('tool0')}{mount}</robot>"))
+    arm = Arm.from_urdf(path)
+    held = arm.attach("ball", Robot.ball(0.1), "tool0", pose_at(0.2, 0.0), touch_links="upper")
+    q = np.array((0.3, -0.7))
+    expected = arm.pose(q, "tool0") @ pose_at(0.2, 0.0)
+    np.testing.assert_allclose(held.pose(q, "ball"), expected, atol=1e-12)
+    added = held.allowed_collisions.keys() - arm.allowed_collisions.keys()
+    assert added == {("ball", "upper")}
+    assert held.detach("ball").frames == arm.frames
+    for wrong in ({"link": "wing"}, {"pose": 2.0 * np.eye(4)}, {"touch_links": 5}, {"name": 5}):
+        options: dict[str, Any] = {"name": "tool", "shape": Robot.ball(0.1), "link": "fore"}
+        with pytest.raises(InputError):
+            arm.attach(**(options | wrong))
 
 
 def write_chain(folder: Path, leader: str) -> Path:
