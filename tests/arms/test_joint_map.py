@@ -92,15 +92,12 @@ def test_joint_maps_agree_with_shapely(
     exists = proven_paths(joint_map, q[pairs[:, 0]], q[pairs[:, 1]])
     around = shoulder is CONTINUOUS
     for max_state, answer in ((FREE, True), (MIXED, False)):
-        # Whatever is not BLOCKED at the ends may be joined around a continuous joint.
-        is_open = np.pad(states <= max_state, 1, constant_values=False)
+        parts, _ = label(states <= max_state)
         if around and max_state == MIXED:
-            is_open[[0, -1]] = True
-            is_open[:, [0, -1]] = False
-        parts = label(is_open)[0][1:-1, 1:-1].reshape(-1)
-        if around and max_state == MIXED:
-            ends = np.unique(label(is_open)[0][[0, -1]])
-            parts[np.isin(parts, ends[ends > 0])] = parts.max() + 1
+            # Whatever is not BLOCKED at the rim may be joined around the shoulder.
+            at_rim = np.setdiff1d([*parts[[0, -1]].flat, *parts[:, [0, -1]].flat], [0])
+            parts[np.isin(parts, at_rim)] = parts.max() + 1
+        parts = parts.reshape(-1)
         same = parts[pairs[:, 0]] == parts[pairs[:, 1]]
         np.testing.assert_array_equal(exists == answer, same == answer)
 
