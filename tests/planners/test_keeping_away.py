@@ -60,7 +60,7 @@ def compute_cheapest_chain(
 
 
 # The search weighs lengths, so it need not find the cheapest path; the seeds are fixed.
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_plans_cost_hardly_more_than_the_cheapest_chain_of_cells(seed: int) -> None:
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(15, 45, 2), dtype=np.bool_)
