@@ -18,21 +18,13 @@ except ImportError as error:
         "run: pip install ompl",
     ) from error
 
-from planners.callbacks import FreeStateSampler as FreeStateSampler
-from planners.callbacks import MotionValidator as MotionValidator
-from planners.callbacks import StateValidityChecker as StateValidityChecker
-from planners.catalogue import planner_names as planner_names
-from planners.objectives import ClearanceObjective as ClearanceObjective
-from planners.objectives import OverlapObjective as OverlapObjective
-from planners.objectives import WeightedLength as WeightedLength
-from planners.plan import Choices as Choices
-from planners.plan import choices as choices
-from planners.plan import plan as plan
-from planners.result import Plan as Plan
-from planners.result import Times as Times
-from planners.setup import simple_setup as simple_setup
-from planners.setup import state_space as state_space
-from planners.trajectory import Trajectory as Trajectory
+from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
+from planners.catalogue import planner_names
+from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength
+from planners.plan import Choices, choices, plan
+from planners.result import Plan, Times
+from planners.setup import simple_setup, state_space
+from planners.trajectory import Trajectory
 
 __all__ = [
     "Choices",

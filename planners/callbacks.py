@@ -176,7 +176,9 @@ class FreeStateSampler(ob.ValidStateSampler):
                 value=space,
             )
         super().__init__(si)
-        rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
+        if rng is None:
+            rng = np.random.default_rng(ou.RNG().getLocalSeed())
+        check_rng(rng)
         self._kind = find_state_kind(space)
         self._rotations = space.rotations
         # Batches, because a single draw would spend its time in the overhead of a call.
@@ -194,7 +196,8 @@ class FreeStateSampler(ob.ValidStateSampler):
             If the map has no FREE cell.
         """
         # The map may have been updated since a point was drawn, so each point is tested again.
-        self._kind.write(state, *next(point for point in self._points if self._is_free(*point)))
+        q = next(point for point in self._points if self._is_free(*point))
+        self._kind.write(state, *q)
         return True
 
     def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
@@ -204,8 +207,8 @@ class FreeStateSampler(ob.ValidStateSampler):
         ``getNrAttempts`` is FREE; ``state`` is then unchanged.
         """
         center = self._kind.read(near)
-        dim = len(self._box)
-        rotations = self._rotations
+        center_rotation = center[len(self._box) :]
+        max_turn = min(distance, math.pi)
         numbers = self._numbers
         box = [
             (max(low, x - distance), min(high, x + distance))
@@ -214,8 +217,9 @@ class FreeStateSampler(ob.ValidStateSampler):
         if any(low > high for low, high in box):
             return False
         for _ in range(max(1, self.getNrAttempts())):
-            q = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            q += rotations.sample_near(center[dim:], min(distance, math.pi), numbers)
+            position = [min(low + next(numbers) * (high - low), high) for low, high in box]
+            rotation = self._rotations.sample_near(center_rotation, max_turn, numbers)
+            q = (*position, *rotation)
             if self._is_free(*q):
                 self._kind.write(state, *q)
                 return True

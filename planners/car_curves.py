@@ -14,6 +14,7 @@ J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards an
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,31 +49,40 @@ for rounding."""
 TOUCHING = 2.0 - TOUCH_TOLERANCE
 """Smallest distance between the centers of two circles, in turning radii, that do not overlap."""
 
-FORMS = (
-    # steering of the segments, number of segments, smallest and largest distance of the circles
-    ((1, 0, 0, 0, 0), 1, 0.0, math.inf),
-    ((1, 0, 1, 0, 0), 3, 0.0, math.inf),
-    ((1, 0, -1, 0, 0), 3, TOUCHING, math.inf),
-    ((1, -1, 1, 0, 0), 3, 0.0, 4.0 + TOUCH_TOLERANCE),
-    ((1, -1, 1, -1, 0), 4, 0.0, 2.0 + TOUCH_TOLERANCE),
-    ((1, -1, 1, -1, 0), 4, TOUCHING, math.sqrt(20.0)),
-    ((1, -1, 0, 1, 0), 4, TOUCHING, math.inf),
-    ((1, -1, 0, -1, 0), 4, TOUCHING, math.inf),
-    ((1, -1, 0, 1, -1), 5, TOUCHING, math.inf),
-)
-"""Forms of words: the lengths of their segments are those of :func:`solve_form`. The circles are
-those of the first and of the last arc; the distance of their centers is in turning radii."""
 
-STEERING = np.array([steering for steering, *_ in FORMS])
-SEGMENTS = np.array([number for _, number, *_ in FORMS])
-CLOSEST = np.array([closest for *_, closest, _ in FORMS])
-FARTHEST = np.array([farthest for *_, farthest in FORMS])
+class Form(NamedTuple):
+    """A form of words; :func:`solve_form` gives the lengths of the segments.
+
+    The circles are those of the first and of the last arc. The distance of their centers, in
+    turning radii, lies between ``closest`` and ``farthest``.
+    """
+
+    steering: tuple[int, int, int, int, int]
+    segments: int
+    closest: float
+    farthest: float
+    has_way_back: bool  # whether it differs from its way back, from the end to the start
+
+
+FORMS = (
+    Form((1, 0, 0, 0, 0), 1, 0.0, math.inf, False),
+    Form((1, 0, 1, 0, 0), 3, 0.0, math.inf, False),
+    Form((1, 0, -1, 0, 0), 3, TOUCHING, math.inf, False),
+    Form((1, -1, 1, 0, 0), 3, 0.0, 4.0 + TOUCH_TOLERANCE, True),
+    Form((1, -1, 1, -1, 0), 4, 0.0, 2.0 + TOUCH_TOLERANCE, False),
+    Form((1, -1, 1, -1, 0), 4, TOUCHING, math.sqrt(20.0), False),
+    Form((1, -1, 0, 1, 0), 4, TOUCHING, math.inf, True),
+    Form((1, -1, 0, -1, 0), 4, TOUCHING, math.inf, True),
+    Form((1, -1, 0, 1, -1), 5, TOUCHING, math.inf, False),
+)
+STEERING = np.array([form.steering for form in FORMS])
+SEGMENTS = np.array([form.segments for form in FORMS])
+CLOSEST = np.array([form.closest for form in FORMS])
+FARTHEST = np.array([form.farthest for form in FORMS])
+HAS_WAY_BACK = np.array([form.has_way_back for form in FORMS])
 
 DUBINS_FORMS = 4
 """Number of forms, the first ones, that a car without reverse can drive."""
-
-HAS_WAY_BACK = np.array([False, False, False, True, False, False, True, True, False])
-"""Whether each form differs from its way back, from the end to the start."""
 
 MAX_WORDS = 48
 """Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
@@ -80,6 +90,9 @@ MAX_WORDS = 48
 
 TIE_TOLERANCE = 1e-6
 """Largest difference in length, in turning radii, between curves that count as equally short."""
+
+EQUAL_LENGTHS = 1e-12
+"""Largest difference, in turning radii, between the lengths of equal segments."""
 
 POINT_ERROR = 1e-9
 """Allowance for the rounding of a curve's points, in turning radii and in radians."""
@@ -89,6 +102,16 @@ MAX_PIECE_CELLS = 4.0
 
 MIN_PIECE_CELLS = 1.0 / 16.0
 """Length of the shortest piece of a curve that is proven at once, in cells."""
+
+
+class Words(NamedTuple):
+    """The shortest words to a goal. The arrays have room for as many words again."""
+
+    steering: Ints  # (2 * MAX_WORDS, 5)
+    lengths: Floats  # (2 * MAX_WORDS, 5), turning radii
+    number: int  # of words
+    gap: float  # of the shortest word
+    shortest: float  # length of the shortest word, turning radii
 
 
 @allocating
@@ -103,43 +126,41 @@ def prove_length(
     y1: float,
     yaw1: float,
 ) -> float:
-    """Return the length of the shortest curve; -1 if unproven.
+    """Return the length of the shortest curve in metres; -1 if unproven.
 
-    The length is in metres; -1 means that the curve does not lie in FREE cells of the grid. If the
-    lengths of several curves differ by at most ``TIE_TOLERANCE``, all must lie in FREE cells,
-    because the robot may drive any one.
+    A curve is proven if it lies in FREE cells of the grid. If the lengths of several curves differ
+    by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
     """
-    q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    steering, lengths, count, gap, shortest = find_shortest_words(
-        kind, radius, q0, q1, TIE_TOLERANCE
-    )
-    if not gap <= MAX_GAP:
+    start = (x0, y0, yaw0)
+    goal = (x1, y1, yaw1)
+    words = find_shortest_words(kind, radius, start, goal, TIE_TOLERANCE)
+    if not words.gap <= MAX_GAP:
         return -1.0
+    count = words.number
     if kind == REEDS_SHEPP:
-        # OMPL may compute its curve from the other end, where rounding can prefer another of the
-        # tied curves.
-        back_steering, back_lengths, back_count, _, _ = find_shortest_words(
-            kind, radius, q1, q0, TIE_TOLERANCE
-        )
-        for row in range(back_count):
-            steering[count] = back_steering[row, ::-1]
-            lengths[count] = -back_lengths[row, ::-1]
-            count += is_new(steering, lengths, count)
-    # The driven curve stays this close to ours, however the gap spreads along it and from whichever
-    # end it starts.
-    spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
-    for end in (q0, q1):
+        # OMPL may compute its curve from the goal, where rounding can prefer another of the tied
+        # curves. Driven back, such a curve has its segments in reverse order and direction.
+        back = find_shortest_words(kind, radius, goal, start, TIE_TOLERANCE)
+        for row in range(back.number):
+            words.steering[count] = back.steering[row, ::-1]
+            words.lengths[count] = -back.lengths[row, ::-1]
+            count += is_new(words.steering, words.lengths, count)
+    # The driven curve stays within `spare` of ours, however the gap spreads along it and from
+    # whichever end it starts.
+    gap = words.gap if count == 1 else MAX_GAP
+    spare = gap * (1.0 + words.shortest + TIE_TOLERANCE) + POINT_ERROR
+    for end in (start, goal):
         if not pose_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
         pose = (0.0, 0.0, yaw0)
         for k in range(5):
-            steer = steering[row, k]
-            length = lengths[row, k]
-            if not segment_is_free(map_, radius, q0, pose, steer, length, spare):
+            steer = words.steering[row, k]
+            length = words.lengths[row, k]
+            if not segment_is_free(map_, radius, start, pose, steer, length, spare):
                 return -1.0
             pose = advance(pose, steer, length)
-    return radius * shortest
+    return radius * words.shortest
 
 
 @allocating
@@ -148,71 +169,72 @@ def curve_cost(
     field: Values,
     density: CostDensity,
     curve: tuple[int, float],
-    both: Numbers,
+    numbers: Numbers,
 ) -> float:
-    """Integrate the cost along the shortest curve between ``both`` configurations.
+    """Integrate the cost along the shortest curve between two configurations.
 
-    They are numbers after zeros, as of :func:`integrate_straight_edge`. The midpoint rule has steps
-    of at most one cell and 5 degrees.
+    ``curve`` is the kind and the turning radius. The last six ``numbers`` are (x, y, yaw) of both
+    ends. The midpoint rule has steps of at most one cell and 5 degrees.
     """
     kind, radius = curve
-    x0, y0, yaw0, x1, y1, yaw1 = both[-6:]
-    q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    steering, lengths, _, _, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
+    x0, y0, yaw0, x1, y1, yaw1 = numbers[-6:]
+    words = find_shortest_words(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1), 0.0)
     pose = (0.0, 0.0, yaw0)
     total = 0.0
     for k in range(5):
-        steer = steering[0, k]
-        length = lengths[0, k]
-        longest = map_.spacing
+        steer = words.steering[0, k]
+        length = words.lengths[0, k]
+        metres = radius * abs(length)
+        longest_step = map_.spacing
         if steer != 0:
-            longest = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
-        steps = math.ceil(radius * abs(length) / longest)
+            longest_step = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
+        steps = math.ceil(metres / longest_step)
         for step in range(steps):
             u, v, yaw = advance(pose, steer, length * (step + 0.5) / steps)
             position = position_in_plane(map_, x0 + radius * u, y0 + radius * v)
             cost = cost_at(map_, field, density, position, (yaw,))
-            total += cost * radius * abs(length) / steps
+            total += cost * metres / steps
         pose = advance(pose, steer, length)
     return total
 
 
 @kernel
 def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
-    """Return True if all poses within ``distance`` and ``angle`` of another are proven free."""
-    return around_is_free(
-        map_, position_in_plane(map_, pose[0], pose[1]), (pose[2],), distance, angle
-    )
+    """Return True if all poses within ``distance`` and ``angle`` of a pose are proven free."""
+    x, y, yaw = pose
+    position = position_in_plane(map_, x, y)
+    return around_is_free(map_, position, (yaw,), distance, angle)
 
 
 @kernel
 def segment_is_free(
-    map_: Map, radius: float, q0: Pose, begin: Pose, steer: int, length: float, spare: float
+    map_: Map, radius: float, origin: Pose, begin: Pose, steer: int, length: float, spare: float
 ) -> bool:
     """Return True if a segment lies in FREE cells, with all within ``spare`` except its ends.
 
-    It starts at ``begin``, in turning radii from the position of ``q0``. A piece of length l lies
-    within l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that size
-    around the center contains it. If the box is not free, the piece is halved, until its center is
-    not free or the piece is shorter than ``MIN_PIECE_CELLS``.
+    It starts at ``begin``, in turning radii from the position of ``origin``. A piece of length l
+    lies within l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that
+    size around the center contains it. If the box is not free, the piece is halved, until its
+    center is not free or the piece is shorter than ``MIN_PIECE_CELLS``.
     """
     longest = MAX_PIECE_CELLS * map_.spacing / radius
     shortest = MIN_PIECE_CELLS * map_.spacing / radius
     total = abs(length)
     sign = math.copysign(1.0, length)
-    done = 0.0
+    proven = 0.0
     step = longest
-    while done < total:
-        last = step >= total - done
-        piece = total - done if last else step
+    while proven < total:
+        left = total - proven
+        is_last = step >= left
+        piece = min(step, left)
         half = 0.5 * piece
         turned = half if steer != 0 else 0.0
-        u, v, yaw = advance(begin, steer, sign * (done + half))
-        center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
+        u, v, yaw = advance(begin, steer, sign * (proven + half))
+        center = (origin[0] + radius * u, origin[1] + radius * v, yaw)
         if pose_is_free(map_, center, (half + spare) * radius, turned + spare):
-            if last:
+            if is_last:
                 return True
-            done = done + piece
+            proven += piece
             step = min(2.0 * step, longest)
         elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
             return False
@@ -221,28 +243,19 @@ def segment_is_free(
     return True
 
 
-def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
-    """Return the shortest word's steering, lengths and gap."""
-    steering, lengths, _, gap, _ = find_shortest_words(kind, radius, q0, q1, 0.0)
-    return steering[0], lengths[0], gap
-
-
 @allocating
-def find_shortest_words(
-    kind: int, radius: float, q0: Pose, q1: Pose, tie: float
-) -> tuple[Ints, Floats, int, float, float]:
+def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float) -> Words:
     """Find the shortest words between two configurations.
 
     The shortest one comes first, then all words longer by at most ``tie``; none is given twice.
     Each word is driven and counts only if it reaches the goal, so that no form needs a separate
     proof.
-
-    Returns the words' steering and lengths, with room for as many again, the number of words, the
-    gap of the shortest, and its length in turning radii.
     """
-    dx, dy = (q1[0] - q0[0]) / radius, (q1[1] - q0[1]) / radius
-    c, s = math.cos(q0[2]), math.sin(q0[2])
-    goal = (dx * c + dy * s, dy * c - dx * s, q1[2] - q0[2])
+    dx = (q1[0] - q0[0]) / radius
+    dy = (q1[1] - q0[1]) / radius
+    cos = math.cos(q0[2])
+    sin = math.sin(q0[2])
+    goal = (dx * cos + dy * sin, dy * cos - dx * sin, q1[2] - q0[2])
     made_steering = np.zeros((MAX_WORDS, 5), np.int64)
     made_lengths = np.zeros((MAX_WORDS, 5))
     candidates = write_candidates(kind, goal, made_steering, made_lengths)
@@ -257,12 +270,7 @@ def find_shortest_words(
         # Driving a word takes longer than making it, so only the shortest ones are driven.
         if not total <= shortest + tie:
             continue
-        pose = (0.0, 0.0, 0.0)
-        for k in range(5):
-            pose = advance(pose, made_steering[row, k], made_lengths[row, k])
-        turn = pose[2] - goal[2]
-        turn -= TWO_PI * math.floor((turn + math.pi) / TWO_PI)
-        gap = max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(turn))
+        gap = measure_gap(goal, made_steering, made_lengths, row)
         if gap <= MAX_GAP:
             totals[row] = total
             if total < shortest:
@@ -272,46 +280,56 @@ def find_shortest_words(
     steering = np.zeros((2 * MAX_WORDS, 5), np.int64)
     lengths = np.zeros((2 * MAX_WORDS, 5))
     count = 0
-    if shortest == math.inf:
-        return steering, lengths, count, shortest_gap, shortest
-    for rank in range(-1, candidates):
-        row = best if rank < 0 else rank
-        if rank == best or totals[row] > shortest + tie:
-            continue
-        steering[count] = made_steering[row]
-        lengths[count] = made_lengths[row]
-        count += is_new(steering, lengths, count)
-    return steering, lengths, count, shortest_gap, shortest
+    if shortest < math.inf:
+        steering[0] = made_steering[best]
+        lengths[0] = made_lengths[best]
+        count = 1
+        for row in range(candidates):
+            if totals[row] <= shortest + tie:
+                steering[count] = made_steering[row]
+                lengths[count] = made_lengths[row]
+                count += is_new(steering, lengths, count)
+    return Words(steering, lengths, count, shortest_gap, shortest)
 
 
 @kernel
-def advance(pose: Pose, turn: int, length: float) -> Pose:
+def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
+    """Drive a word from the origin; return its gap at the goal."""
+    pose = (0.0, 0.0, 0.0)
+    for k in range(5):
+        pose = advance(pose, steering[row, k], lengths[row, k])
+    turn = pose[2] - goal[2]
+    turn -= TWO_PI * math.floor((turn + math.pi) / TWO_PI)
+    return max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(turn))
+
+
+@kernel
+def advance(pose: Pose, steer: int, length: float) -> Pose:
     """Return the pose, in turning radii, after a segment."""
     x, y, yaw = pose
-    if turn == 0:
+    if steer == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
-    after = yaw + turn * length
-    return (
-        x + turn * (math.sin(after) - math.sin(yaw)),
-        y + turn * (math.cos(yaw) - math.cos(after)),
-        after,
-    )
+    yaw_after = yaw + steer * length
+    x_after = x + steer * (math.sin(yaw_after) - math.sin(yaw))
+    y_after = y + steer * (math.cos(yaw) - math.cos(yaw_after))
+    return x_after, y_after, yaw_after
 
 
 @kernel
 def is_new(steering: Ints, lengths: Floats, count: int) -> int:
-    """Return 1 if row ``count`` differs from all earlier words."""
+    """Return 1 if row ``count`` differs from all earlier words, else 0.
+
+    The steering of a segment without length makes no difference.
+    """
     for row in range(count):
-        difference = 0.0
+        is_equal = True
         for k in range(5):
-            same = (
-                steering[row, k] == steering[count, k]
-                or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
-            )
-            difference = max(
-                difference, abs(lengths[row, k] - lengths[count, k]) if same else math.inf
-            )
-        if difference <= 1e-12:
+            known = lengths[row, k]
+            length = lengths[count, k]
+            is_empty = max(abs(known), abs(length)) < EQUAL_LENGTHS
+            steers_alike = is_empty or steering[row, k] == steering[count, k]
+            is_equal = is_equal and steers_alike and abs(known - length) <= EQUAL_LENGTHS
+        if is_equal:
             return 0
     return 1
 
@@ -324,53 +342,73 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
     backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
     arcs just below 2 pi are tried as 0 and as given.
     """
+    forms = DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)
     count = 0
-    for symmetry in range(4):
-        mirror = 1 - 2 * (symmetry // 2)
-        sign = 1 - 2 * (symmetry % 2)
-        if kind == DUBINS and sign < 0:
-            continue
-        x = sign * goal[0]
-        y = mirror * goal[1]
-        phi = sign * mirror * goal[2]
-        c, s = math.cos(phi), math.sin(phi)
-        for form in range(DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)):
-            arcs = solve_form(form, x, y, phi)
-            for variant in range(2 if kind == DUBINS or HAS_WAY_BACK[form] else 1):
-                way_back = variant == 1 and kind == REEDS_SHEPP
-                if way_back:
-                    arcs = solve_form(form, x * c + y * s, x * s - y * c, phi)
-                for k in range(5):
-                    source = SEGMENTS[form] - 1 - k if way_back and k < SEGMENTS[form] else k
-                    steer = STEERING[form, source]
-                    length = arcs[source]
-                    if steer != 0:
-                        length = wrap_arc(kind, length, variant == 0)
-                    steering[count, k] = mirror * steer
-                    lengths[count, k] = sign * length
-                count += 1
+    for mirror in (1, -1):
+        for sign in (1, -1):
+            if kind == DUBINS and sign < 0:
+                continue
+            x = sign * goal[0]
+            y = mirror * goal[1]
+            phi = sign * mirror * goal[2]
+            # The start, seen from the goal by a car that drives to it backwards.
+            back_x = x * math.cos(phi) + y * math.sin(phi)
+            back_y = x * math.sin(phi) - y * math.cos(phi)
+            for form in range(forms):
+                arcs = solve_form(form, x, y, phi)
+                for is_first in (True, False):
+                    if kind == REEDS_SHEPP and not is_first:
+                        if not HAS_WAY_BACK[form]:
+                            continue
+                        arcs = solve_form(form, back_x, back_y, phi)
+                    write_word(kind, form, arcs, mirror, sign, is_first, steering, lengths, count)
+                    count += 1
     return count
 
 
 @kernel
-def wrap_arc(kind: int, length: float, snaps: bool) -> float:
-    """Wrap an arc into [-pi, pi), or for Dubins into [0, 2 pi).
+def write_word(
+    kind: int,
+    form: int,
+    arcs: Lengths,
+    mirror: int,
+    sign: int,
+    is_first: bool,
+    steering: Ints,
+    lengths: Floats,
+    row: int,
+) -> None:
+    """Write a form's word, mirrored and reversed, to a row.
 
-    If Dubins ``snaps``, an arc just below 2 pi becomes 0.
+    Arcs are wrapped into [-pi, pi), or for Dubins into [0, 2 pi). The second word of a form goes
+    backwards for Reeds-Shepp, so its segments are in reverse order. For Dubins, it keeps the arcs
+    just below 2 pi, which are 0 in the first word.
     """
-    if kind == REEDS_SHEPP:
-        return length - TWO_PI * math.floor((length + math.pi) / TWO_PI)
-    length -= TWO_PI * math.floor(length / TWO_PI)
-    return 0.0 if snaps and length > TWO_PI - SNAP_RADIANS else length
+    segments = SEGMENTS[form]
+    goes_back = kind == REEDS_SHEPP and not is_first
+    lowest = -math.pi if kind == REEDS_SHEPP else 0.0
+    for k in range(5):
+        source = k
+        if goes_back and k < segments:
+            source = segments - 1 - k
+        steer = STEERING[form, source]
+        length = arcs[source]
+        if steer != 0:
+            length -= TWO_PI * math.floor((length - lowest) / TWO_PI)
+            if kind == DUBINS and is_first and length > TWO_PI - SNAP_RADIANS:
+                length = 0.0
+        steering[row, k] = mirror * steer
+        lengths[row, k] = sign * length
 
 
 @kernel
 def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
     """Return the lengths of a form's word to (x, y, phi); zeros if unreachable.
 
-    Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8.
+    Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8, whose names
+    t, u and v stand for the lengths of the first, second and third segment.
     """
-    nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
+    unreachable = (0.0, 0.0, 0.0, 0.0, 0.0)
     quarter = 0.5 * math.pi
     if form == 0:
         return (phi, 0.0, 0.0, 0.0, 0.0)
@@ -381,8 +419,8 @@ def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
     apart = math.hypot(xi, eta)
     bearing = math.atan2(eta, xi)
     if not CLOSEST[form] <= apart <= FARTHEST[form]:
-        return nothing
-    straight = math.sqrt(max(apart * apart - 4.0, 0.0))
+        return unreachable
+    straight = math.sqrt(max(apart * apart - 4.0, 0.0))  # the tangent between the two circles
     if form == 1:
         return (bearing, apart, phi - bearing, 0.0, 0.0)
     if form == 2:

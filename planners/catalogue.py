@@ -105,8 +105,8 @@ def planner_names() -> tuple[PlannerName, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    names = sorted((name for name in _planners() if name not in UNSAFE_PLANNERS), key=str.lower)
-    return cast(tuple[PlannerName, ...], tuple(names))
+    safe = [name for name in _list_planners() if name not in UNSAFE_PLANNERS]
+    return cast(tuple[PlannerName, ...], tuple(sorted(safe, key=str.lower)))
 
 
 def planner_named(
@@ -121,17 +121,18 @@ def planner_named(
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs
         # curves that arrive.
         return "RRT" if drive == "dubins" else "RRTConnect"
-    known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES, *searches)}
+    known = {word.lower(): word for word in (*_list_planners(), *BUILT_IN_SEARCHES, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
-        close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         hint = f"choose one of {', '.join(planner_names())}"
-        hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
-        own = "".join(f", {each}" for each in searches if each not in BUILT_IN_SEARCHES)
-        built_in = f"{GRID}, {MAX_CLEARANCE}, {LATTICE}, or for an arm {BIRRT}"
+        spelling = str(name).lower().replace("*", "star")
+        for similar in difflib.get_close_matches(spelling, known, n=1):
+            hint = f"did you mean {known[similar]}? {hint}"
+        others = [word for word in searches if word not in BUILT_IN_SEARCHES]
+        choices = [*others, GRID, MAX_CLEARANCE, LATTICE, f"or for an arm {BIRRT}"]
         raise InputError(
             "planner",
             f"is {name!r}",
-            f"it must be a geometric planner of the installed OMPL{own}, {built_in}",
+            f"it must be a geometric planner of the installed OMPL, {', '.join(choices)}",
             hint,
             value=name,
         )
@@ -168,7 +169,7 @@ def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
 
 
 @cache
-def _planners() -> list[str]:
+def _list_planners() -> list[str]:
     """List the names of OMPL's concrete geometric planners."""
     # The bindings define no constructor for an abstract class.
     return [

@@ -70,46 +70,48 @@ def cost_at(
 
 @kernel
 def integrate_straight_edge(
-    map_: Map, values: Values, density: CostDensity, size: int, both: Numbers
+    map_: Map, values: Values, density: CostDensity, size: int, numbers: Numbers
 ) -> float:
     """Integrate the cost along a straight edge.
 
-    ``both`` are the numbers of its ends, each of length ``size``, after zeros. The midpoint rule
-    has steps of at most one cell and 5 degrees.
+    ``numbers`` are zeros and then the configurations of both ends, each of length ``size``. The
+    midpoint rule has steps of at most one cell and 5 degrees.
     """
-    middle = 2 * MAX_SIZE - size
     end = 2 * MAX_SIZE
-    p0, r0 = configuration_before(map_, both, middle)
-    p1, r1 = configuration_before(map_, both, end)
-    metres = math.sqrt((p1[0] - p0[0]) ** 2 + (p1[1] - p0[1]) ** 2 + (p1[2] - p0[2]) ** 2)
-    angle = arc_angle_and_error(r0, r1, 0)[0]
-    steps = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP)))
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
+    metres = math.hypot(p1[0] - p0[0], math.hypot(p1[1] - p0[1], p1[2] - p0[2]))
+    radians, _ = arc_angle_and_error(r0, r1, 0)
+    cells = metres / map_.spacing
+    steps = max(1, math.ceil(max(cells, radians / MAX_RADIANS_PER_STEP)))
     total = 0.0
-    for k in range(steps):
-        t = (k + 0.5) / steps
-        rotation = rotation_along(r0, r1, 0, t)
-        total += cost_at(map_, values, density, position_along(p0, p1, t), rotation)
+    for step in range(steps):
+        share = (step + 0.5) / steps
+        position = position_along(p0, p1, share)
+        rotation = rotation_along(r0, r1, 0, share)
+        total += cost_at(map_, values, density, position, rotation)
     mean_cost = total / steps
     if density.mean_per_metre:
         return mean_cost
-    return mean_cost * (metres + density.rotation_weight * angle)
+    return mean_cost * (metres + density.rotation_weight * radians)
 
 
 def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, numbers)``.
 
-    The numbers are those of both configurations, after zeros. The function follows changes of the
-    map.
+    The numbers are zeros and then both configurations. The function follows changes of the map.
     """
     no_distances = DistanceTable(np.empty(0, dtype=np.float32), np.empty((0, 2, space.grid.dim)))
-    padding = (0.0,) * (2 * (MAX_SIZE - space.size))
+    zeros = (0.0,) * (2 * MAX_SIZE)
+    padding = zeros[2 * space.size :]
 
-    def values() -> Values:
+    def get_values() -> Values:
+        """Return the field's present values."""
         if isinstance(field, DistanceMap):
             return Values(CLEARANCES, field.whole(), np.empty(0))
         if field is None:
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    query = bind_kernel(kernel, (space.kernel_map,), values(), *fixed, (0.0,) * (2 * MAX_SIZE))
-    return lambda *both: query(values(), *fixed, padding + both)
+    integrate = bind_kernel(kernel, (space.kernel_map,), get_values(), *fixed, zeros)
+    return lambda *ends: integrate(get_values(), *fixed, padding + ends)

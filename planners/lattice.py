@@ -88,6 +88,9 @@ KNOWN_TOLERANCE: Final = 0.01
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
 
+HASH_SHIFT: Final = 20
+"""Lowest bits of a key's product that are left out, because they are spread the least."""
+
 KEY_BITS: Final = 24
 """Bits of a hash key that hold the index of a cell along y."""
 
@@ -103,6 +106,14 @@ MAX_SHORTCUTS: Final = 60
 NO_NODE = -1
 TIME_CHECK = -2
 """Results of :func:`expand_nodes` other than a node."""
+
+
+class Drives(NamedTuple):
+    """The h headings of a lattice, by ascending yaw, and the drive along each."""
+
+    yaws: Floats  # (h,)
+    steps: Ints  # (h, 2), cells along x and y
+    is_own: Bools  # (h,), whether only start or goal has the yaw, and the drive is about as long
 
 
 class Motions(NamedTuple):
@@ -182,9 +193,9 @@ def find_lattice_path(
         guide, reaches_start = _measure_guide(edges, endpoints, until)
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
-        levels = [_spot_motions(edges, endpoints)]
+        levels = [_list_spot_motions(edges, endpoints)]
         if is_car:
-            levels = [_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+            levels = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
         for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until)
             if len(path):
@@ -194,70 +205,74 @@ def find_lattice_path(
     if not len(path):
         return path, note or reason
     if not edges.are_free(path):
-        return path[:0], "rounding keeps the path of the lattice from being proven"
-    return shorten_path(edges, path, until + MAX_SHORTENING_SECONDS) if simplify else path, ""
+        return np.empty((0, 3)), "rounding keeps the path of the lattice from being proven"
+    if simplify:
+        path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
+    return path, ""
 
 
-def _list_drives(endpoints: Endpoints) -> tuple[Floats, Ints, Bools]:
+def _list_drives(endpoints: Endpoints) -> Drives:
     """List the headings of a lattice, and the drive along each.
 
     These are the directions from a cell to others near it, and the yaws of start and goal, at which
-    a drive is only about that long. Returns yaws, ascending, shape (h,); numbers of cells along x
-    and y, shape (h, 2); and whether only start or goal has the yaw.
+    a drive is about as long as the one at the nearest direction.
     """
     reach = range(-MAX_STEP_CELLS, MAX_STEP_CELLS + 1)
     steps = np.array([step for step in itertools.product(reach, repeat=2) if math.gcd(*step) == 1])
     yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
-    own = np.unique([q[2] for q in endpoints])
-    apart = np.abs(wrapped(yaws - own[:, None]))
-    is_new = apart.min(axis=1) > 1e-9
-    all_yaws = np.concatenate([yaws, own[is_new]])
-    all_steps = np.concatenate([steps, steps[apart.argmin(axis=1)[is_new]]])
+    own_yaws = np.unique([q[2] for q in endpoints])
+    turns = np.abs(wrapped(yaws - own_yaws[:, None]))
+    is_new = turns.min(axis=1) > 1e-9
+    nearest = turns.argmin(axis=1)
+    all_yaws = np.concatenate([yaws, own_yaws[is_new]])
+    all_steps = np.concatenate([steps, steps[nearest[is_new]]])
     order = np.argsort(all_yaws)
-    return all_yaws[order], all_steps[order], order >= len(yaws)
+    return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
 
 
 def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
     """Compute the cost to the goal from cells and headings.
 
-    Also return whether the start is reached.
-
-    The search also goes on past the start, by a margin. Raises TimeoutError after ``until``.
+    Also return whether the start is reached. The search goes on past the start, by a margin. Raises
+    TimeoutError after ``until``.
     """
     grid = edges.cells.grid
     is_car = edges.turning_radius is not None
     yaws, steps, _ = _list_drives(endpoints)
-    free = np.stack([_free_cells(edges, yaw) for yaw in yaws])
-    first, last = (
-        (int(np.abs(wrapped(yaws - q[2])).argmin()), *(grid.cell_of(q[:2]) + MAX_STEP_CELLS))
-        for q in endpoints
+    free = np.stack([_find_free_cells(edges, yaw) for yaw in yaws])
+    turns = [np.abs(wrapped(yaws - q[2])) for q in endpoints]
+    cells = [grid.cell_of(q[:2]) + MAX_STEP_CELLS for q in endpoints]
+    start, goal = (
+        int(np.ravel_multi_index((turn.argmin(), *cell), free.shape))
+        for turn, cell in zip(turns, cells, strict=True)
     )
-    start, goal = (int(np.ravel_multi_index(cell, free.shape)) for cell in (first, last))
     x, y = np.ogrid[: free.shape[1], : free.shape[2]]
-    to_start = np.hypot(x - first[1], y - first[2]).astype(np.float32)
-    turns_to_start = _cells_per_radian(edges) * np.abs(wrapped(yaws - endpoints[0][2]))
-    estimate = Estimate(1.0, to_start[None], turns_to_start)
+    to_start = np.hypot(x - cells[0][0], y - cells[0][1]).astype(np.float32)
+    estimate = Estimate(1.0, to_start[None], _cells_per_radian(edges) * turns[0])
     ground = _make_ground(edges, free, yaws, steps)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
     progress.previous[goal] = goal + 1
-    progress.queue[0] = goal
-    progress.keys[0] = 0.0
-    progress.length[0] = 1
+    push(progress, 0.0, goal)
     while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
         check_deadline(until)
         if progress.length[0] + MAX_SPREAD >= len(progress.queue):
-            keys, queue = (np.concatenate([part, np.empty_like(part)]) for part in progress[3:5])
-            progress = progress._replace(keys=keys, queue=queue)
+            doubled = 2 * len(progress.queue)
+            progress = progress._replace(
+                keys=np.resize(progress.keys, doubled), queue=np.resize(progress.queue, doubled)
+            )
     reaches_start = bool(progress.previous[start])
     # On the spot, the guide reaches all states that may lie on the path; cars may pass between
     # them.
     unreached = math.inf
     if is_car or not reaches_start:
         unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    costs = progress.cost.reshape(free.shape)
-    reached = progress.previous.reshape(free.shape)
-    goal_pose = cast(Pose, endpoints[1])
-    guide = Guide(goal_pose, yaws, costs, reached, unreached)
+    guide = Guide(
+        goal=cast(Pose, endpoints[1]),
+        headings=yaws,
+        costs=progress.cost.reshape(free.shape),
+        reached=progress.previous.reshape(free.shape),
+        unreached=unreached,
+    )
     return guide, reaches_start
 
 
@@ -269,19 +284,24 @@ def _cells_per_radian(edges: LocalPlanner) -> float:
 def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) -> Ground:
     """Make the cells and headings of the first search."""
     reverse_cost = math.inf
-    if _reverses(edges):
+    if _can_reverse(edges):
         reverse_cost = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+    can_drive = [
+        _can_drive(cells, dx, dy) for cells, (dx, dy) in zip(free, steps.tolist(), strict=True)
+    ]
+    can_turn = [_can_turn(edges, free, yaws, k) for k in range(len(yaws))]
+    turns = np.diff(yaws, append=yaws[0] + TWO_PI)
     return Ground(
-        np.stack([_can_drive(free[k], *step) for k, step in enumerate(steps.tolist())]),
-        np.stack([_can_turn(edges, free, yaws, k) for k in range(len(yaws))]),
-        steps,
-        np.hypot(*steps.T),
-        _cells_per_radian(edges) * np.diff(yaws, append=yaws[0] + TWO_PI),
-        reverse_cost,
+        can_drive=np.stack(can_drive),
+        can_turn=np.stack(can_turn),
+        steps=steps,
+        drive_costs=np.hypot(steps[:, 0], steps[:, 1]),
+        turn_costs=_cells_per_radian(edges) * turns,
+        reverse_cost=reverse_cost,
     )
 
 
-def _free_cells(edges: LocalPlanner, yaw: float) -> Bools:
+def _find_free_cells(edges: LocalPlanner, yaw: float) -> Bools:
     """Return which cells of :class:`Ground` are FREE at a yaw, shape (nx, ny)."""
     return np.pad(edges.cells.states_at(yaw) == FREE, MAX_STEP_CELLS)
 
@@ -292,13 +312,15 @@ def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
     The drive leads from center to center. Cells are closed: a segment through a corner touches all
     four cells.
     """
-    passable: Bools = free
-    for i, j in itertools.product(
-        range(min(dx, 0), max(dx, 0) + 1), range(min(dy, 0), max(dy, 0) + 1)
-    ):
-        if 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy):
-            passable = passable & np.roll(free, (-i, -j), axis=(0, 1))
-    return passable
+    can_drive: Bools = free
+    columns = range(min(dx, 0), max(dx, 0) + 1)
+    rows = range(min(dy, 0), max(dy, 0) + 1)
+    for i, j in itertools.product(columns, rows):
+        # The corners of cell (i, j) do not all lie strictly on one side of the segment.
+        is_touched = 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy)
+        if is_touched:
+            can_drive = can_drive & np.roll(free, (-i, -j), axis=(0, 1))
+    return can_drive
 
 
 def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
@@ -307,52 +329,58 @@ def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
     A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn
     on the spot, so all rotation cells between must be FREE.
     """
-    can_turn: Bools = free[k] & free[(k + 1) % len(yaws)]
+    after = (k + 1) % len(yaws)
+    can_turn: Bools = free[k] & free[after]
     if edges.turning_radius is None:
-        first, last = edges.space.rotations.cell_of(yaws[[k, (k + 1) % len(yaws)]])
-        count = len(edges.space.rotations)
-        for number in range(1, (last - first) % count):
-            yaw = edges.space.rotations.centers[(first + number) % count, 0]
-            can_turn = can_turn & _free_cells(edges, yaw)
+        rotations = edges.space.rotations
+        first, last = rotations.cell_of(yaws[[k, after]])
+        cells_to_last = (last - first) % len(rotations)
+        for number in range(1, cells_to_last):
+            between = (first + number) % len(rotations)
+            can_turn = can_turn & _find_free_cells(edges, rotations.centers[between, 0])
     return can_turn
 
 
 def make_progress(count: int, length: int) -> Progress:
-    """Make the state of a search without nodes."""
+    """Make an empty search over ``count`` nodes, with room for ``length`` in its queue."""
     return Progress(
-        np.zeros(count, dtype=np.float32),
-        np.zeros(count, dtype=np.int64),
-        np.zeros(count, dtype=np.bool_),
-        np.empty(length),
-        np.empty(length, dtype=np.int64),
-        np.zeros(1, dtype=np.int64),
+        cost=np.zeros(count, dtype=np.float32),
+        previous=np.zeros(count, dtype=np.int64),
+        closed=np.zeros(count, dtype=np.bool_),
+        keys=np.empty(length),
+        queue=np.empty(length, dtype=np.int64),
+        length=np.zeros(1, dtype=np.int64),
     )
 
 
-def _reverses(edges: LocalPlanner) -> bool:
+def _can_reverse(edges: LocalPlanner) -> bool:
     """Return True if the robot may drive in reverse."""
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
-def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
     those of drives from one cell to another, and the yaws of start and goal.
     """
     spacing = edges.cells.grid.spacing
-    count = 3 + _reverses(edges)
     yaws, steps, is_own = _list_drives(endpoints)
     # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
-    ahead = spacing * np.where(is_own, math.sqrt(2.0), np.hypot(*steps.T))
-    lengths = np.outer(ahead, [0.0, 0.0, 1.0, -1.0][:count])
-    next_heading = (np.arange(len(yaws))[:, None] + [1, -1, 0, 0][:count]) % len(yaws)
+    ahead = spacing * np.where(is_own, math.sqrt(2.0), np.hypot(steps[:, 0], steps[:, 1]))
+    turns = [1, -1, 0]
+    directions = [0.0, 0.0, 1.0]
+    if _can_reverse(edges):
+        turns.append(0)
+        directions.append(-1.0)
+    lengths = np.outer(ahead, directions)
+    next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
     radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
         nearest=np.arange(len(yaws)),
         next_heading=next_heading,
-        steering=np.zeros(count, dtype=np.int64),
+        steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
         unit=1.0,
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
@@ -363,7 +391,7 @@ def _spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     )
 
 
-def _car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
+def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
@@ -379,11 +407,12 @@ def _car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> 
     straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
     steering = np.array([1, -1, 0])
     lengths = np.array([arc, arc, straight / radius])
-    if _reverses(edges):
+    if _can_reverse(edges):
         steering = np.tile(steering, 2)
         lengths = np.concatenate([lengths, -lengths])
-    turns = steering * np.where(lengths < 0.0, -1, 1)
-    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
+    reverses = lengths < 0.0
+    turns = np.where(reverses, -steering, steering)
+    costs = radius * np.abs(lengths) * np.where(reverses, REVERSE_WEIGHT, 1.0)
     return Motions(
         headings=yaws,
         nearest=np.abs(wrapped(guide.headings - yaws[:, None])).argmin(axis=1),
@@ -414,24 +443,26 @@ def _search(
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
     capacity = max_nodes + motions.costs.shape[1]
+    table_size = 4 * 2 ** max_nodes.bit_length()  # a power of 2, mostly empty
     progress = make_progress(capacity, capacity)
     nodes = Nodes(
-        progress,
-        np.empty((capacity, 3)),
-        np.empty((capacity, 2), dtype=np.int64),
-        np.empty(capacity, dtype=np.int64),
-        np.full(4 * 2 ** max_nodes.bit_length(), -1),
-        np.zeros(2, dtype=np.int64),
+        progress=progress,
+        poses=np.empty((capacity, 3)),
+        motions=np.empty((capacity, 2), dtype=np.int64),
+        keys=np.empty(capacity, dtype=np.int64),
+        table=np.full(table_size, NO_NODE),
+        counts=np.zeros(2, dtype=np.int64),
     )
+    radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
-    add_node(map_, motions, edges.turning_radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
+    add_node(map_, motions, radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     best = math.inf
     last = NO_NODE
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
     # No node that waits can beat a path cheaper than the first key of the queue.
     while nodes.counts[0] < max_nodes and progress.keys[0] < best:
-        node = expand_nodes(map_, motions, edges.turning_radius, guide, nodes, max_nodes)
+        node = expand_nodes(map_, motions, radius, guide, nodes, max_nodes)
         if last != NO_NODE and clock() > until:
             break
         check_deadline(until)
@@ -439,7 +470,7 @@ def _search(
             reason = "the lattice search reached no more nodes"
             break
         q = nodes.poses[node]
-        if node < 0 or not is_free(*q.tolist(), *goal):
+        if node == TIME_CHECK or not is_free(*q.tolist(), *goal):
             continue
         total = progress.cost[node] + edges.edge_lengths(q[None], np.array([goal]))[0]
         if total < best:
@@ -449,24 +480,28 @@ def _search(
             break
     if last == NO_NODE:
         return np.empty((0, 3)), reason
-    return _trace(nodes, last, endpoints, edges.turning_radius is None), ""
+    return _trace_path(nodes, last, endpoints, radius is None), ""
 
 
-def _trace(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
-    """Return the path by a node, shape (n, 3); drives along one heading are merged if `merges`."""
+def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
+    """Trace the path from the start by a node to the goal, shape (n, 3).
+
+    If ``merges``, successive drives along one heading become one.
+    """
     rows: list[Sequence[float]] = []
     while node != NO_NODE:
         rows.append(nodes.poses[node].tolist())
         node = int(nodes.progress.previous[node])
-    path: Floats = np.array(rows[::-1])
+    path: Floats = np.array(list(reversed(rows)))
     if merges and len(path) > 2:
         turns = np.diff(path[:, 2]) != 0.0
-        path = path[np.concatenate([[True], turns[:-1] | turns[1:], [True]])]
+        is_corner = turns[:-1] | turns[1:]
+        path = path[np.concatenate([[True], is_corner, [True]])]
     # The edge to the goal may lead in any direction.
     path = np.vstack([path, endpoints[1]])
-    moves = np.append((path[1:] != path[:-1]).any(axis=1), True)
-    kept: Floats = path[moves]
-    return kept
+    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+    distinct: Floats = path[np.append(differs_from_next, True)]
+    return distinct
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
@@ -485,50 +520,53 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     if edges.turning_radius is None and clock() < until:
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
-    paths += [edges.remove_turns(each) for each in paths]
-    paths.sort(key=lambda each: float(edges.edge_lengths(each[:-1], each[1:]).sum()))
-    return next((each for each in paths if edges.are_free(each)), path)
+    paths += [edges.remove_turns(candidate) for candidate in paths]
+    paths.sort(key=lambda rows: float(edges.edge_lengths(rows[:-1], rows[1:]).sum()))
+    return next(filter(edges.are_free, paths), path)
 
 
 def _skip_waypoints(
     edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
 ) -> Floats:
-    """Return the shortest path by free edges between waypoints, found by dynamic programming.
+    """Skip waypoints of a path, shape (n, 3), by free edges, for the shortest path.
 
-    Each waypoint is joined to an earlier one, and at least to the one before, whose edge belongs to
-    the path.
+    By dynamic programming, each waypoint is joined to an earlier one, and at least to the one
+    before, whose edge belongs to the path.
     """
     previous = np.arange(-1, len(path) - 1)
     total = np.zeros(len(path))
-    apart = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
+    offsets = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
     for k in range(1, len(path)):
         if clock() >= until:
             break  # the remaining waypoints keep the waypoints before them
-        earlier = k - apart[apart <= k]
+        earlier = k - offsets[offsets <= k]
         lengths = edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1)))
         costs = total[earlier] + lengths + COST_PER_EDGE
-        for index in np.argsort(costs, kind="stable").tolist():
-            if index == 0 or is_free(*path[earlier[index]].tolist(), *path[k].tolist()):
-                previous[k] = earlier[index]
-                total[k] = costs[index]
+        for rank in np.argsort(costs, kind="stable").tolist():
+            candidate = earlier[rank]
+            if candidate == k - 1 or is_free(*path[candidate].tolist(), *path[k].tolist()):
+                previous[k] = candidate
+                total[k] = costs[rank]
                 break
     kept = [len(path) - 1]
     while kept[-1] > 0:
         kept.append(int(previous[kept[-1]]))
-    return path[kept[::-1]]
+    kept.reverse()
+    return path[kept]
 
 
 @kernel
 def spread_costs(
     ground: Ground, estimate: Estimate, progress: Progress, start: int, margin: float
 ) -> bool:
-    """Expand states from the goal; return True when done.
+    """Spread the costs of states from the goal; return True when done.
 
-    Return False after many states, or if the queue is nearly full; the next call goes on.
+    A state is a heading and a cell, ``(heading * nx + i) * ny + j``. Return False after many
+    states, or if the queue is nearly full; the next call goes on.
     """
     _, nx, ny = estimate.positions.shape
     headings = len(ground.steps)
-    moves = 4 if ground.reverse_cost < math.inf else 3
+    can_reverse = ground.reverse_cost < math.inf
     for _ in range(NODES_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return True
@@ -538,15 +576,14 @@ def spread_costs(
         if progress.closed[state]:
             continue
         progress.closed[state] = True
-        heading = state // (nx * ny)
-        i = state // ny % nx
-        j = state % ny
+        row, j = divmod(state, ny)
+        heading, i = divmod(row, nx)
         bound = progress.cost[state] + estimate.positions[0, i, j] + estimate.rotations[heading]
         if progress.closed[start] and bound > progress.cost[start] + margin:
             return True
-        before = (heading + headings - 1) % headings
+        before = (heading - 1 + headings) % headings
+        after = (heading + 1) % headings
         if ground.can_turn[heading, i, j]:
-            after = (heading + 1) % headings
             reach_cell(estimate, progress, state, after, 0, i, j, ground.turn_costs[heading])
         if ground.can_turn[before, i, j]:
             reach_cell(estimate, progress, state, before, 0, i, j, ground.turn_costs[before])
@@ -554,13 +591,12 @@ def spread_costs(
         # back to it.
         dx = ground.steps[heading, 0]
         dy = ground.steps[heading, 1]
-        length = ground.drive_costs[heading]
+        cost = ground.drive_costs[heading]
         if ground.can_drive[heading, i - dx, j - dy]:
-            reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, length)
-        if moves == 4 and ground.can_drive[heading, i, j]:
-            reach_cell(
-                estimate, progress, state, heading, 0, i + dx, j + dy, length * ground.reverse_cost
-            )
+            reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, cost)
+        if can_reverse and ground.can_drive[heading, i, j]:
+            cost *= ground.reverse_cost
+            reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, cost)
     return False
 
 
@@ -602,13 +638,12 @@ def expand_nodes(
             next_x = x + motions.unit * u
             next_y = y + motions.unit * v
             if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
-                # else rounding would give the last edge a heading
+                # Otherwise rounding would give the last edge a heading.
                 next_x = goal[0]
                 next_y = goal[1]
-            if (
-                map_.lower[1] <= next_x <= map_.upper[1]
-                and map_.lower[2] <= next_y <= map_.upper[2]
-            ):
+            is_inside_x = map_.lower[1] <= next_x <= map_.upper[1]
+            is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
+            if is_inside_x and is_inside_y:
                 q = (next_x, next_y, motions.headings[after])
                 add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
@@ -636,16 +671,13 @@ def add_node(
     its cell and heading have a node that is hardly dearer than ``cost``.
     """
     progress = nodes.progress
-    side = motions.side
-    i, j = math.floor((q[0] - map_.lower[1]) / side), math.floor((q[1] - map_.lower[2]) / side)
-    key = ((i << KEY_BITS) + j) * len(motions.headings) + heading
-    slot = (key * HASH_FACTOR >> 20) & (len(nodes.table) - 1)
-    while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot]] != key:
-        slot = (slot + 1) & (len(nodes.table) - 1)
+    key = make_key(map_, motions, q, heading)
+    slot = find_slot(nodes, key)
     known = nodes.table[slot]
-    if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * side:
+    if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    bound = cost + motions.greed * remaining(map_, motions, guide, q[0], q[1], heading)
+    left = estimate_cost_to_goal(map_, motions, guide, q[0], q[1], heading)
+    bound = cost + motions.greed * left
     if not bound < math.inf:
         return
     # The proof comes last, because it takes the most time.
@@ -667,27 +699,48 @@ def add_node(
 
 
 @kernel
+def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
+    """Return the hash key of a configuration's cell and heading."""
+    i = math.floor((q[0] - map_.lower[1]) / motions.side)
+    j = math.floor((q[1] - map_.lower[2]) / motions.side)
+    cell = (i << KEY_BITS) + j
+    return cell * len(motions.headings) + heading
+
+
+@kernel
+def find_slot(nodes: Nodes, key: int) -> int:
+    """Return the slot of the hash table that holds a key, or the free slot for it."""
+    mask = len(nodes.table) - 1
+    slot = (key * HASH_FACTOR >> HASH_SHIFT) & mask
+    while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot]] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
 def motion_is_free(
     map_: Map, motions: Motions, radius: float | None, nodes: Nodes, parent: int, move: int, q: Pose
 ) -> bool:
     """Return True if a motion from a node to `q` is proven free."""
-    p = (nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2])
+    x, y, yaw = nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2]
     # Numba leaves the branch of cars out if there is no radius.
     if radius is None:
-        start = position_in_plane(map_, p[0], p[1])
+        start = position_in_plane(map_, x, y)
         end = position_in_plane(map_, q[0], q[1])
-        return edge_is_free(map_, start, (p[2],), end, (q[2],))
-    begin = (0.0, 0.0, p[2])
+        return edge_is_free(map_, start, (yaw,), end, (q[2],))
     steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
     if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
         return False
-    return segment_is_free(map_, radius, p, begin, steer, length, ARC_ERROR)
+    begin = (0.0, 0.0, yaw)
+    return segment_is_free(map_, radius, (x, y, yaw), begin, steer, length, ARC_ERROR)
 
 
 @kernel
-def remaining(map_: Map, motions: Motions, guide: Guide, x: float, y: float, heading: int) -> float:
-    """Estimate the cost from a position and heading to the goal."""
+def estimate_cost_to_goal(
+    map_: Map, motions: Motions, guide: Guide, x: float, y: float, heading: int
+) -> float:
+    """Estimate the cost from a position and heading to the goal, metres."""
     i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
     j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])

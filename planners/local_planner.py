@@ -35,7 +35,6 @@ from planners.car_curves import (
     curve_cost,
     find_shortest_words,
     prove_length,
-    shortest_word,
 )
 from planners.integrals import CostDensity, Field, bind_cost, integrate_straight_edge
 from planners.states import check_space, find_state_kind, with_wrapped_angles
@@ -77,6 +76,10 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 
 MIN_SEGMENT_RADII: Final = 1e-9
 """Length, in turning radii, up to which a segment of a curve is only a rounding error."""
+
+MIN_RADIUS_CELLS: Final = 1e-3
+MAX_RADIUS_CELLS: Final = 1e3
+"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
 
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
@@ -145,14 +148,10 @@ class LocalPlanner:
         """Make OMPL's state space, without bounds."""
         return find_state_kind(self.space).make()
 
-    def straight_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves a straight edge free."""
-        check = self.space.edge_checker(exact=self.exact)
-        return with_wrapped_angles(check, self.space.periodic_axes)
-
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the edge free."""
-        return self.straight_checker()
+        check = self.space.edge_checker(exact=self.exact)
+        return with_wrapped_angles(check, self.space.periodic_axes)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""
@@ -168,8 +167,10 @@ class LocalPlanner:
         """
         check = self.edge_checker()
         rows = path.tolist()
-        pairs = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
-        return np.array([check(*a, *b) for a, b in pairs], dtype=np.bool_)
+        if len(rows) == 1:
+            rows *= 2
+        edges = itertools.pairwise(rows)
+        return np.array([check(*first, *last) for first, last in edges], dtype=np.bool_)
 
     def are_free(self, path: Floats) -> bool:
         """Return True if every edge is proven free."""
@@ -199,10 +200,10 @@ class LocalPlanner:
         ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
         lengths are negative in reverse, and rotations negative to the right.
         """
-        steps = self.space.steps_between(first, last)
+        change = self.space.steps_between(first, last)
         dim = self.space.dim
-        metres = np.linalg.norm(steps[:dim])
-        radians = np.linalg.norm(steps[dim:])
+        metres = np.linalg.norm(change[:dim])
+        radians = np.linalg.norm(change[dim:])
         count = max(math.ceil(max(metres / step, radians / rotation)), 1)
         shares = (np.arange(count) + share) / count
         points = self.space.interpolate(first, last, shares[:, None])
@@ -216,7 +217,8 @@ class LocalPlanner:
         path = self.insert_breakpoints(path)
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
-        pieces = [self.split_edge(a, b, step, rotation, 0.5) for a, b in itertools.pairwise(path)]
+        edges = itertools.pairwise(path)
+        pieces = [self.split_edge(first, last, step, rotation, 0.5) for first, last in edges]
         centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
         return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
@@ -224,26 +226,28 @@ class LocalPlanner:
         """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
         path = self.insert_breakpoints(path)
         step = 2.0 * self.space.resolution
-        rows = [path[:1]]
-        for a, b in itertools.pairwise(path):
-            turns = self.split_edge(a, b, math.inf, math.inf, 1.0).rotations.any()
-            if turns or self.drive in CURVES:
-                points = self.split_edge(a, b, step, MAX_RADIANS, 1.0).points
-                rows.append(self.space.rotations.make_canonical(points[:-1]))
-            rows.append(b[None])
-        return np.concatenate(rows)
+        parts = [path[:1]]
+        for first, last in itertools.pairwise(path):
+            whole = self.split_edge(first, last, math.inf, math.inf, 1.0)
+            if whole.rotations.any() or self.drive in CURVES:
+                points = self.split_edge(first, last, step, MAX_RADIANS, 1.0).points
+                parts.append(self.space.rotations.make_canonical(points[:-1]))
+            parts.append(last[None])
+        return np.concatenate(parts)
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
         """Return the :attr:`planners.Plan.direction` of resampled rows."""
         if self.drive == HOLONOMIC:
             return None
-        ahead = np.column_stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])])
-        signs = np.sign((np.diff(rows[:, :2], axis=0) * ahead).sum(axis=1)).astype(np.int8)
-        first = signs[:1] if len(signs) else np.ones(len(rows), dtype=np.int8)
-        return np.concatenate([first, signs])
+        if len(rows) < 2:
+            return np.ones(len(rows), dtype=np.int8)
+        dx, dy = np.diff(rows[:, :2], axis=0).T
+        yaws = rows[1:, 2]
+        signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
+        return np.concatenate([signs[:1], signs])
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Return ``length`` and ``total_rotation`` of a path, as :class:`planners.Plan` has."""
+        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
@@ -265,12 +269,13 @@ class LocalPlanner:
             return math.nan
         pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
         rotations = self.cells.rotations
-        rows, cells = rotations.find_cells_within(
-            pieces.points, 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
-        )
+        max_turns = 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        rows, cells = rotations.find_cells_within(pieces.points, max_turns)
         q = pieces.points[rows]
-        q[:, self.space.dim :] = rotations.centers[cells]  # constant in a rotation cell
-        return max(0.0, float(np.min(self.cells.clearance(q) - 0.5 * pieces.lengths[rows])))
+        # Clearance is constant in a rotation cell.
+        q[:, self.space.dim :] = rotations.centers[cells]
+        bounds = self.cells.clearance(q) - 0.5 * pieces.lengths[rows]
+        return max(0.0, float(np.min(bounds)))
 
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below.
@@ -289,7 +294,9 @@ class LocalPlanner:
                 return math.nan
         else:
             distance = self.space.path_obstacle_distance(path)
-        return distance if math.isnan(distance) or self.are_free(path) else 0.0
+        if math.isnan(distance) or self.are_free(path):
+            return distance
+        return 0.0
 
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no proven edges can join start and goal.
@@ -303,7 +310,9 @@ class LocalPlanner:
         outside is free. Start and goal lie in the grid, straight edges between such points stay
         there, and curves that leave it are not proven.
         """
-        return exists is not False if self.exact else exists is True
+        if self.exact:
+            return exists is not False
+        return exists is True
 
 
 class TurnDriveTurn(LocalPlanner):
@@ -320,21 +329,19 @@ class TurnDriveTurn(LocalPlanner):
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of curves with a tiny turning radius."""
-        return _CURVE_SPACES[self.drive](
-            PIVOT_RADIUS_PER_SIDE * self.cells.grid.spacing * max(self.cells.grid.shape)
-        )
+        grid = self.cells.grid
+        longest_side = grid.spacing * max(grid.shape)
+        return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves all three parts free."""
-        is_free = self.straight_checker()
-        find_parts = self.find_parts
-        return lambda *both: all(is_free(*part) for part in find_parts(*both))
+        is_free = super().edge_checker()
+        return lambda *ends: all(is_free(*part) for part in self.find_parts(*ends))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of all three parts."""
         cost = super().edge_cost(field, density)
-        find_parts = self.find_parts
-        return lambda *both: sum(cost(*part) for part in find_parts(*both))
+        return lambda *ends: sum(cost(*part) for part in self.find_parts(*ends))
 
     def find_parts(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
@@ -343,21 +350,24 @@ class TurnDriveTurn(LocalPlanner):
 
         The drive comes first: it is the longest part and the likeliest to meet an obstacle.
         """
-        yaw = self.heading(x0, y0, yaw0, x1, y1, yaw1)
-        return (x0, y0, yaw, x1, y1, yaw), (x0, y0, yaw0, x0, y0, yaw), (x1, y1, yaw, x1, y1, yaw1)
+        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+        drive = (x0, y0, yaw, x1, y1, yaw)
+        turn_before = (x0, y0, yaw0, x0, y0, yaw)
+        turn_after = (x1, y1, yaw, x1, y1, yaw1)
+        return drive, turn_before, turn_after
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
         edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        yaws = [self.heading(*first, *last) for first, last in edges]
+        yaws = [self.choose_yaw(*first, *last) for first, last in edges]
         radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
         metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
         return metres + self.rotation_weight * radians
 
-    def heading(
+    def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Return the yaw while driving an edge; ``yaw0`` for a pure turn."""
+        """Choose the yaw for driving an edge; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -376,7 +386,7 @@ class TurnDriveTurn(LocalPlanner):
         rows = path.tolist()
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
-            yaw = self.heading(*first, *last)
+            yaw = self.choose_yaw(*first, *last)
             drive_start = [first[0], first[1], yaw]
             drive_end = [last[0], last[1], yaw]
             for q in (drive_start, drive_end, last):
@@ -389,8 +399,11 @@ class TurnDriveTurn(LocalPlanner):
         check = self.edge_checker()
         rows = path.tolist()
         for k in range(1, len(rows) - 1):
-            arrival = [*rows[k][:2], self.heading(*rows[k - 1], *rows[k])]
-            if check(*rows[k - 1], *arrival) and check(*arrival, *rows[k + 1]):
+            before = rows[k - 1]
+            after = rows[k + 1]
+            x, y, _ = rows[k]
+            arrival = [x, y, self.choose_yaw(*before, *rows[k])]
+            if check(*before, *arrival) and check(*arrival, *after):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
 
@@ -449,23 +462,30 @@ class CarCurves(LocalPlanner):
 
         It returns -1 unless the curve is proven free.
         """
-        if not self.space.in_memory:
-            return lambda *q: self._window_around(np.reshape(q, (2, 3))).length_prover()(*q)
-        return bind_kernel(prove_length, (self.bounded_map(), self.kind, self.radius), *[0.0] * 6)
+        if self.space.in_memory:
+            fixed = (self.bounded_map(), self.kind, self.radius)
+            return bind_kernel(prove_length, fixed, *[0.0] * 6)
+
+        def prove_in_window(*ends: float) -> float:
+            window = self._window_around(np.reshape(ends, (2, 3)))
+            return window.length_prover()(*ends)
+
+        return prove_in_window
 
     def _window_around(self, edge: Floats) -> CarCurves:
         """Return the curves in a part of the map around an edge, in memory."""
         spacing = self.tiles.grid.spacing
         centers = self.split_path(edge, spacing, MAX_RADIANS).points
         positions = np.concatenate([edge, centers])[:, :2]
-        corners = positions.min(axis=0) - 2.0 * spacing, positions.max(axis=0) + 2.0 * spacing
-        return replace(self, space=self.tiles.window(*corners))
+        lower = positions.min(axis=0) - 2.0 * spacing
+        upper = positions.max(axis=0) + 2.0 * spacing
+        return replace(self, space=self.tiles.window(lower, upper))
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
         edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
-        radii = [find_shortest_words(self.kind, self.radius, a, b, 0.0)[-1] for a, b in edges]
-        return self.radius * np.array(radii)
+        words = [find_shortest_words(self.kind, self.radius, *ends, 0.0) for ends in edges]
+        return self.radius * np.array([word.shortest for word in words])
 
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
@@ -474,25 +494,29 @@ class CarCurves(LocalPlanner):
 
         Segments that are only rounding errors are left out, but a curve has at least one piece.
         """
-        q0, q1 = tuple(first.tolist()), tuple(last.tolist())
-        steering, lengths, _ = shortest_word(self.kind, self.radius, q0, q1)
-        main = int(np.argmax(np.abs(lengths)))
-        pose = (0.0, 0.0, q0[2])
-        rows = []
-        for k, (steer, length) in enumerate(zip(steering.tolist(), lengths.tolist(), strict=True)):
-            if k == main or abs(length) > MIN_SEGMENT_RADII:
-                longest = min(step / self.radius, rotation) if steer else step / self.radius
-                count = max(math.ceil(abs(length) / longest), 1)
+        start = tuple(first.tolist())
+        goal = tuple(last.tolist())
+        words = find_shortest_words(self.kind, self.radius, start, goal, 0.0)
+        word = words.lengths[0]
+        longest_segment = int(np.argmax(np.abs(word)))
+        segments = zip(words.steering[0].tolist(), word.tolist(), strict=True)
+        pose = (0.0, 0.0, start[2])
+        points = []
+        lengths = []
+        rotations = []
+        for k, (steer, length) in enumerate(segments):
+            if k == longest_segment or abs(length) > MIN_SEGMENT_RADII:
+                longest_piece = step / self.radius
+                if steer:
+                    longest_piece = min(longest_piece, rotation)
+                count = max(math.ceil(abs(length) / longest_piece), 1)
                 for index in range(count):
-                    point = advance(pose, steer, length * (index + share) / count)
-                    rows.append((*point, length / count, steer * length / count))
+                    u, v, yaw = advance(pose, steer, length * (index + share) / count)
+                    points.append((first[0] + self.radius * u, first[1] + self.radius * v, yaw))
+                lengths += [self.radius * length / count] * count
+                rotations += [steer * length / count] * count
             pose = advance(pose, steer, length)
-        table = np.array(rows)
-        points = table[:, :3]
-        lengths = self.radius * table[:, 3]
-        rotations = table[:, 4]
-        points[:, :2] = first[:2] + self.radius * points[:, :2]
-        return Pieces(points, lengths, rotations)
+        return Pieces(np.array(points), np.array(lengths), np.array(rotations))
 
 
 def local_planner(
@@ -568,8 +592,8 @@ def _check_drive(
             value=exact,
         )
     spacing = 2.0 * space.resolution
-    lowest = 1e-3 * spacing
-    highest = 1e3 * spacing
+    lowest = MIN_RADIUS_CELLS * spacing
+    highest = MAX_RADIUS_CELLS * spacing
     if not lowest <= radius <= highest:
         raise InputError(
             "turning_radius",
@@ -583,4 +607,5 @@ def _check_drive(
 
 def _wrap_yaw(yaw: float) -> float:
     """Wrap a yaw from (-2 pi, 2 pi) into [-pi, pi)."""
-    return yaw - TWO_PI if yaw >= math.pi else yaw + TWO_PI if yaw < -math.pi else yaw
+    wrapped_yaw = math.remainder(yaw, TWO_PI)
+    return wrapped_yaw if wrapped_yaw < math.pi else -math.pi

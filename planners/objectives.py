@@ -91,10 +91,10 @@ class WeightedLength(ob.OptimizationObjective):
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
         self._kind = find_state_kind(space)
         self._space = space
-        dim = space.grid.dim
-        size = space.size
-        self._line = self._kind.of_states(
-            lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
+        dim = space.dim
+        end = space.size
+        self._measure_line = self._kind.of_states(
+            lambda *ends: math.dist(ends[:dim], ends[end : end + dim])
         )
         self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
 
@@ -114,7 +114,7 @@ class WeightedLength(ob.OptimizationObjective):
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the straight length, a lower bound of the cost."""
-        return ob.Cost(self._line(first, second))
+        return ob.Cost(self._measure_line(first, second))
 
     @cached_property
     def _cost_per_metre(self) -> Callable[..., float]:
@@ -156,9 +156,8 @@ class ClearanceObjective(WeightedLength):
     ) -> None:
         check_information(si, space)
         if clearance_threshold is None:
-            threshold = default_clearance_threshold(space)
-        else:
-            threshold = check_positive(clearance_threshold, "clearance_threshold")
+            clearance_threshold = default_clearance_threshold(space)
+        threshold = check_positive(clearance_threshold, "clearance_threshold")
         super().__init__(
             si,
             space,
@@ -218,8 +217,7 @@ class OverlapObjective(WeightedLength):
             states = space.kernel_map.states
             overlaps = field.cells.reshape(states.shape)[states == FREE]
             saturation = float(overlaps.max(initial=0.0)) or 1.0
-        else:
-            saturation = check_positive(saturation, "saturation", "metres to the power of d")
+        saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
             si,
             space,
@@ -246,15 +244,18 @@ def find_clear_path(
     ``straight``, these are the centers of a chain of cells.
     """
     space = edges.cells
-    threshold = default_clearance_threshold(edges.cells)
+    threshold = default_clearance_threshold(space)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
-    def factor_at(clearances: Distances) -> Distances:
-        shortfall = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
-        return np.asarray(1.0 + DEFAULT_WEIGHT * shortfall * shortfall)
+    def find_factors(clearances: Distances) -> Distances:
+        """Return the cost of a metre at each clearance."""
+        penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
+        return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
     cost = edges.edge_cost(space.distances, density)
-    return space.find_cheap_path(endpoints, factor_at, cost, straight=straight, time_limit=seconds)
+    return space.find_cheap_path(
+        endpoints, find_factors, cost, straight=straight, time_limit=seconds
+    )
 
 
 def check_has_cells(space: Space) -> None:

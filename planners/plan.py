@@ -59,6 +59,9 @@ MAX_SEED: Final = 2**32 - 2
 GRID_TIME_SHARE: Final = 0.5
 """Share of the time limit after which another search takes over from "Grid"."""
 
+LATE_SHARE: Final = 0.95
+"""Share of the time limit after which a search counts as ended by it."""
+
 Subproblem = tuple[Callable[[], Space], Floats, Floats]
 """A function that opens a part of a space in memory, and the two configurations to join in it."""
 
@@ -121,13 +124,17 @@ def choices(space: Space) -> Choices:
     (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
     check_space(space)
-    drives, curves = (DRIVES, CURVES) if has_drives(space) else (DRIVES[:1], ())
-    return Choices((*planner_names(), *_list_searches(space)), drives, curves)
+    planners = (*planner_names(), *_list_searches(space))
+    if has_drives(space):
+        return Choices(planners, DRIVES, CURVES)
+    return Choices(planners, (HOLONOMIC,), ())
 
 
 def _list_searches(space: Space) -> tuple[PlannerName, ...]:
     """List the built-in searches for a space."""
-    names = (*space.searches, *[LATTICE] * has_drives(space))
+    names = space.searches
+    if has_drives(space):
+        names = (*names, LATTICE)
     return cast(tuple[PlannerName, ...], names)
 
 
@@ -309,13 +316,14 @@ def plan(
         is_named=planner is not None,
     )
     task = _set_endpoints(_choose_searches(task), start, goal)
-    prove = cache(lambda: space.path_exists(*task.endpoints[:2]))
+    path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
     # A path of "Grid" proves that one exists. So components are labelled only if it finds none.
     searches_first = task.planner == GRID and not edges.exact
-    may_exist = searches_first or edges.may_join(prove())
-    subproblems = _list_subproblems(task) if may_exist else []
-    result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(prove()))
-    exists = True if searches_first and result.proven else prove()
+    subproblems: Sequence[Subproblem] = []
+    if searches_first or edges.may_join(path_exists()):
+        subproblems = _list_subproblems(task)
+    result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(path_exists()))
+    exists = True if searches_first and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
 
@@ -369,7 +377,8 @@ def _choose_planner(task: Task) -> PlannerName:
             value=objective,
         )
     if not edges.space.has_cells:
-        return next(iter(_list_searches(edges.space)), task.planner)
+        searches = _list_searches(edges.space)
+        return searches[0] if searches else task.planner
     if objective == CLEARANCE:
         return GRID
     if task.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
@@ -422,33 +431,34 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
     """Return for each option whether the planner refuses it, and why."""
     edges = task.edges
     name = task.planner
-    has_aim = task.objective != LENGTH
-    counts = task.iterations is not None
-    if name not in _list_searches(edges.space):
-        is_threaded = name in THREADED_PLANNERS
-        is_deaf = is_threaded or name in PLANNERS_WITHOUT_OBJECTIVE
-        why = NO_SECOND_THREAD if is_threaded else "ignores objectives"
+    has_objective = task.objective != LENGTH
+    has_iterations = task.iterations is not None
+    if name in THREADED_PLANNERS:
         return {
-            "iterations": (is_threaded and counts, NO_SECOND_THREAD),
-            "objective": (is_deaf and has_aim, why),
+            "iterations": (has_iterations, NO_SECOND_THREAD),
+            "objective": (has_objective, NO_SECOND_THREAD),
         }
+    if name not in _list_searches(edges.space):
+        is_refused = name in PLANNERS_WITHOUT_OBJECTIVE and has_objective
+        return {"objective": (is_refused, "ignores objectives")}
     is_map = edges.space.has_cells
-    keeps_away = name == GRID and task.objective == CLEARANCE
     aims = "length or clearance" if name == GRID else "the length"
-    why = f" for objective={CLEARANCE!r}" * keeps_away
+    keeps_away = name == GRID and task.objective == CLEARANCE
+    scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
     needs_free = is_map and (keeps_away or name != GRID)
     return {
-        "objective": (has_aim and not keeps_away, f"minimises {aims}"),
+        "objective": (has_objective and not keeps_away, f"minimises {aims}"),
         "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
-        "exact": (edges.exact and needs_free, f"uses FREE cells{why}"),
-        "iterations": (counts and is_map, "counts none"),
+        "exact": (edges.exact and needs_free, f"uses FREE cells{scope}"),
+        "iterations": (has_iterations and is_map, "counts none"),
     }
 
 
 def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
     """Raise InputError for an option that the planner does not support."""
     name = task.planner
-    value = getattr(task if hasattr(task, option) else task.edges, option)
+    owner = task if hasattr(task, option) else task.edges
+    value = getattr(owner, option)
     other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
     chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
     raise InputError(
@@ -463,11 +473,10 @@ def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
 def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     """Split a tiled map into the tiles on the way; other spaces are one part."""
     space = task.edges.space
-    ends = task.endpoints[:2]
+    start, goal = task.endpoints[:2]
     if space.in_memory:
-        first, last = np.array(ends)
-        return [(lambda: space, first, last)]
-    return task.edges.tiles.subproblems(*ends)
+        return [(lambda: space, np.array(start), np.array(goal))]
+    return task.edges.tiles.subproblems(start, goal)
 
 
 def _search_tile_by_tile(
@@ -478,33 +487,36 @@ def _search_tile_by_tile(
     The first part without a proven path ends the search. There are no parts if a path cannot exist.
     """
     edges = task.edges
-    is_tiled = len(subproblems) > 1
     path = np.empty((0, edges.space.size))
+    if not subproblems:
+        return SearchResult(path)
+    is_tiled = len(subproblems) > 1
     planning = 0.0
     simplification = 0.0
     for open_part, first, last in subproblems:
         part = replace(edges, space=open_part())
-        ends = tuple(first.tolist()), tuple(last.tolist())
-        part_task = replace(task, edges=part, endpoints=(*ends, *task.endpoints[2:]))
+        start = tuple(first.tolist())
+        goal = tuple(last.tolist())
+        part_task = replace(task, edges=part, endpoints=(start, goal, *task.endpoints[2:]))
         if is_tiled and edges.drive == HOLONOMIC and task.planner not in part.space.searches:
             part_task = replace(part_task, fallback=GRID)
         result = _search(part_task, may_exist)
         planning += result.planning
         simplification += result.simplification
-        found = edges.insert_breakpoints(edges.space.rotations.make_canonical(result.path))
+        rows = edges.insert_breakpoints(edges.space.rotations.make_canonical(result.path))
         result = replace(
             result,
-            path=found,
+            path=rows,
             planning=planning,
             simplification=simplification,
-            proven=len(found) > 0 and part.are_free(found),
+            proven=len(rows) > 0 and part.are_free(rows),
         )
-        if not is_tiled or not result.proven:
-            between = " to ".join(map(format_configuration, ends))
-            return replace(result, where=f" from {between}" * is_tiled)
-        path = np.concatenate([path[:-1], result.path])
-    if not subproblems:
-        return SearchResult(path)
+        if not is_tiled:
+            return result
+        if not result.proven:
+            where = f" from {format_configuration(start)} to {format_configuration(goal)}"
+            return replace(result, where=where)
+        path = np.concatenate([path[:-1], rows])
     began = clock()
     if task.simplify and task.objective == LENGTH and edges.drive == HOLONOMIC:
         path = _skip_waypoints(edges, path)
@@ -520,10 +532,12 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     """
     kept = [0]
     while kept[-1] < len(path) - 1:
-        after = np.arange(kept[-1] + 1, min(kept[-1] + 1 + MAX_SKIPPED_WAYPOINTS, len(path)))
-        free = np.asarray(edges.tiles.motion_is_free(path[kept[-1]], path[after]))
+        current = kept[-1]
+        following = path[current + 1 : current + 1 + MAX_SKIPPED_WAYPOINTS]
+        free = np.asarray(edges.tiles.motion_is_free(path[current], following))
         free[0] = True  # the edge of the path itself
-        kept.append(int(after[np.flatnonzero(free)[-1]]))
+        farthest = int(np.flatnonzero(free)[-1])
+        kept.append(current + 1 + farthest)
     return path[kept]
 
 
@@ -537,15 +551,18 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     else:
         result = run_ompl(task)
     fallback = task.fallback
-    left = task.time_limit
+    seconds_left = task.time_limit
     if fallback != GRID:
-        left -= result.planning
-    if len(result.path) or fallback is None or left <= 0.0 or not may_exist():
+        seconds_left -= result.planning
+    if len(result.path) or fallback is None or seconds_left <= 0.0 or not may_exist():
         return result
-    other = _search(replace(task, planner=fallback, fallback=None, time_limit=left), may_exist)
-    note = f"by {fallback}, as {task.planner} found none" if len(other.path) else other.note
-    planning = result.planning + other.planning
-    return replace(other, note=note, planning=planning, lattice=result.lattice)
+    second_task = replace(task, planner=fallback, fallback=None, time_limit=seconds_left)
+    second = _search(second_task, may_exist)
+    note = second.note
+    if len(second.path):
+        note = f"by {fallback}, as {task.planner} found none"
+    planning = result.planning + second.planning
+    return replace(second, note=note, planning=planning, lattice=result.lattice)
 
 
 def _search_built_in(task: Task) -> SearchResult:
@@ -553,57 +570,54 @@ def _search_built_in(task: Task) -> SearchResult:
     if task.edges.space.has_cells:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
-        _find_path(replace(task, endpoints=task.endpoints[:1] * 2, simplify=False))
+        start = task.endpoints[0]
+        _find_path(replace(task, endpoints=(start, start), simplify=False))
     if task.fallback is not None and task.planner == GRID:
         task = replace(task, time_limit=max(GRID_TIME_SHARE * task.time_limit, GRACE_SECONDS))
     began = clock()
     path, proof = _find_path(task)
+    planning = clock() - began
     is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
     note = NO_SEARCH if len(path) == 2 and is_by_length else ""
-    return SearchResult(path, note, clock() - began, lattice=proof)
+    return SearchResult(path, note, planning, lattice=proof)
 
 
 def _find_path(task: Task) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
-    Returns its waypoints, shape (n, size), where n is 0 if none is found, and what a lattice
-    proves, in words.
+    Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
+    found, n is 0.
     """
     edges = task.edges
-    ends = task.endpoints
-    straight = task.simplify
     seconds = task.time_limit
     if task.planner == LATTICE:
-        return find_lattice_path(edges, ends, straight, seconds)
+        return find_lattice_path(edges, task.endpoints, task.simplify, seconds)
     if task.planner == GRID and task.objective == CLEARANCE:
-        return find_clear_path(edges, ends, straight, seconds), ""
-    options = SearchOptions(straight, edges.exact, task.iterations, task.seed, seconds)
-    return edges.space.search(task.planner, ends, options), ""
+        return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""
+    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, seconds)
+    return edges.space.search(task.planner, task.endpoints, options), ""
 
 
 def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
     edges = task.edges
     if len(result.path):
-        return "path found" + (f": {result.note}" if result.note else ""), ""
+        return ": ".join(filter(None, ["path found", result.note])), ""
     if exists is False:
         return "no path exists: proven", ""
-    existence = "undecided whether one exists"
-    limits = list[str]()
-    if exists:
-        existence = "a path exists"
+    existence = "a path exists" if exists else "undecided whether one exists"
+    limits: list[str] = []
     if edges.drive != HOLONOMIC:
         limits = _describe_free_yaws(edges, task.endpoints)
-        existence = "one exists for a robot that also moves sideways" if exists else existence
-    is_late = result.planning >= 0.95 * task.time_limit
-    hints = _list_hints(task, exists, is_late)
-    hint = ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
+        if exists:
+            existence = "one exists for a robot that also moves sideways"
+    is_late = result.planning >= LATE_SHARE * task.time_limit
+    *hints, last_hint = _list_hints(task, exists, is_late)
+    hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not edges.may_join(exists):
         return f"{NO_CHAIN}; {existence}", hint
-    failure = (
-        f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} "
-        f"s{result.where}"
-    )
+    reason = result.note or "the planner gave up"
+    failure = f"no path found: {reason} after {result.planning:.2g} s{result.where}"
     if is_late:
         failure = f"no path found within {task.time_limit:g} s{result.where}"
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
@@ -617,25 +631,41 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     more = f"more time (time_limit={10 * task.time_limit:g})"
     if not space.has_cells:
         return [more, "another seed", "another planner"]
-    finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
-    has_no_exact_search = task.is_named and planner in (MAX_CLEARANCE, LATTICE)
-    exact = "planner='RRTConnect' with " * has_no_exact_search + "exact=True"
-    exact += " on space.window(lower, upper)" * (not space.in_memory)
-    exact_hints = [] if edges.drive in CURVES or edges.exact else [exact]
+    finer = "a finer spacing"
+    if space.rotations.names:
+        finer += " or more rotations"
+    exact_hints = _list_exact_hints(task)
     if not edges.may_join(exists):
-        wider = ["a workspace with wider bounds"] * (edges.cells.outside == "free")
-        return [*exact_hints, finer, *wider]
+        hints = [*exact_hints, finer]
+        if edges.cells.outside == "free":
+            hints.append("a workspace with wider bounds")
+        return hints
     if exists is None:
         return [finer, more]
-    if edges.drive != HOLONOMIC:
-        # More time does not help Lattice if its search ended before.
-        needs_more = is_late or planner != LATTICE or task.fallback is not None
-        other = "another planner" if needs_more else f"planner={planner_named(None, edges.drive)!r}"
-        radius = ["a smaller turning_radius"] * (edges.drive in CURVES)
-        return [*[more] * needs_more, finer, *exact_hints, *radius, other]
-    if planner == GRID:
-        return [more, "planner='RRTConnect'"]
-    return [*["planner='Grid', which finds one"] * task.is_named, more]
+    if edges.drive == HOLONOMIC:
+        if planner == GRID:
+            return [more, "planner='RRTConnect'"]
+        return ["planner='Grid', which finds one", more] if task.is_named else [more]
+    hints = [finer, *exact_hints]
+    if edges.drive in CURVES:
+        hints.append("a smaller turning_radius")
+    # More time does not help Lattice if its search ended before.
+    if is_late or planner != LATTICE or task.fallback is not None:
+        return [more, *hints, "another planner"]
+    return [*hints, f"planner={planner_named(None, edges.drive)!r}"]
+
+
+def _list_exact_hints(task: Task) -> list[str]:
+    """List the hint to let the geometry decide, if it can and does not yet."""
+    edges = task.edges
+    if edges.drive in CURVES or edges.exact:
+        return []
+    hint = "exact=True"
+    if task.is_named and task.planner in (MAX_CLEARANCE, LATTICE):
+        hint = f"planner='RRTConnect' with {hint}"
+    if not edges.space.in_memory:
+        hint += " on space.window(lower, upper)"
+    return [hint]
 
 
 def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
@@ -645,21 +675,27 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     """
     limits = []
     space = edges.cells
-    rotations = edges.cells.rotations
+    rotations = space.rotations
+    count = len(rotations)
     bounds = np.asarray(rotations.stored_arrays["yaw_bounds"])
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
-        # From the cell of the yaw on.
-        order = (int(rotations.cell_of(yaw)) + np.arange(len(rotations))) % len(rotations)
-        free = space.is_free([(x, y, center) for center in rotations.centers[order, 0].tolist()])
+        # Rotation cells, counted from the cell of the yaw to the left.
+        order = (int(rotations.cell_of(yaw)) + np.arange(count)) % count
+        yaws = rotations.centers[order, 0].tolist()
+        free = space.is_free([(x, y, center) for center in yaws])
         if free.all() or not free[0]:
             continue
-        first = order[-np.argmin(free[::-1])]
-        last = order[np.argmin(free) - 1]
+        blocked = np.flatnonzero(~free)
+        last = order[blocked[0] - 1]
+        first = order[(blocked[-1] + 1) % count]
         low = yaw - (yaw - bounds[first, 0]) % TWO_PI
         high = yaw + (bounds[last, 1] - yaw) % TWO_PI
+        # Bounds are rounded inwards, to milliradians.
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
-        too_few = ", too few to turn around" * (edges.drive in ON_THE_SPOT)
-        limits.append(f"at the {name} only yaws {interval} are proven free{too_few}")
+        limit = f"at the {name} only yaws {interval} are proven free"
+        if edges.drive in ON_THE_SPOT:
+            limit += ", too few to turn around"
+        limits.append(limit)
     return limits
 
 
@@ -670,15 +706,17 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
     """
     searched = time.perf_counter()
     status, hint = _describe_outcome(task, result, exists)
-    reached = 0
-    if len(result.path):
-        reached = find_state_kind(task.edges.space).reached_goal(result.path, task.endpoints)
     edges = task.edges
     waypoints = result.path
     solved = len(waypoints) > 0
+    reached = 0
+    length = math.nan
+    rotation = math.nan
+    if solved:
+        reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
+        length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
-    length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
     length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
     setup = searched - began - result.planning - result.simplification
     return Plan(

@@ -163,9 +163,11 @@ class Plan:
 
     def __getstate__(self) -> list[Any]:
         """Return the state for pickling: distances instead of the map."""
-        distance = self.obstacle_distance if math.isnan(self.clearance) else math.nan
-        replaced = {"space": None, "_kept": (self.clearance, distance, self.lower_bound)}
-        return [replaced.get(each.name, getattr(self, each.name)) for each in fields(self)]
+        clearance = self.clearance
+        distance = self.obstacle_distance if math.isnan(clearance) else math.nan
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        state |= {"space": None, "_kept": (clearance, distance, self.lower_bound)}
+        return list(state.values())
 
     @property
     def clearance(self) -> float:
@@ -177,7 +179,7 @@ class Plan:
         one on a map takes longer.
         """
         edges = self._edges
-        return edges.clearance(self.waypoints) if edges else self._kept[0]
+        return self._kept[0] if edges is None else edges.clearance(self.waypoints)
 
     @property
     def obstacle_distance(self) -> float:
@@ -194,7 +196,7 @@ class Plan:
         a map takes longer.
         """
         edges = self._edges
-        return edges.obstacle_distance(self.waypoints) if edges else self._kept[1]
+        return self._kept[1] if edges is None else edges.obstacle_distance(self.waypoints)
 
     @property
     def lower_bound(self) -> float:
@@ -208,7 +210,7 @@ class Plan:
         not solved. Computed at each access.
         """
         edges = self._edges
-        return edges.min_length(self.start, self.goal) if edges else self._kept[2]
+        return self._kept[2] if edges is None else edges.min_length(self.start, self.goal)
 
     @property
     def gap(self) -> float:
@@ -247,7 +249,9 @@ class Plan:
     @property
     def _edges(self) -> LocalPlanner | None:
         """Local planner on the map; None without path or map."""
-        return self._edges_on(self.space) if self.solved and self.space is not None else None
+        if self.space is None or not self.solved:
+            return None
+        return self._edges_on(self.space)
 
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
@@ -323,25 +327,28 @@ class Plan:
 
     def _lines(self) -> list[str]:
         """Return the lines of the summary."""
+        axes = ", ".join(self.axes)
+        result = f"{self.planner}: {self.status}"
+        ends = self.waypoints[[0, -1]] if self.solved else np.array([self.start, self.goal])
+        between = " to ".join(map(format_configuration, ends.tolist()))
         if not self.solved:
-            start, goal = (format_configuration(q.tolist()) for q in (self.start, self.goal))
-            between = f"from {start} to {goal} ({', '.join(self.axes)})"
-            return [
-                f"{self.planner}: {self.status}",
-                between,
-                *([f"try {self.hint}"] if self.hint else []),
-            ]
-        radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
-        edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(map(format_configuration, self.waypoints[[0, -1]].tolist()))
-        distance = f", {self.distance_text}" if self.distance_text else ""
-        rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
+            hints = [f"try {self.hint}"] if self.hint else []
+            return [result, f"from {between} ({axes})", *hints]
+        measures = [f"{self.length:.3f} {self.length_unit}"]
+        if self.total_rotation:
+            measures.append(f"total rotation {self.total_rotation:.2f} rad")
+        if distance := self.distance_text:
+            measures.append(distance)
+        edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}"
+        if self.turning_radius:
+            edges += f" of {self.turning_radius:g} m"
+        times = self.times
         return [
-            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} "
-            f"{self.length_unit}{rotation}{distance}",
-            f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
-            f"planned in {_text(self.times.planning + self.times.simplification)}, "
-            f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
+            f"{result}, {self._proof}; {', '.join(measures)}",
+            f"{len(self.waypoints)} waypoints ({axes}) from {between}, {edges}",
+            f"planned in {_format_seconds(times.planning + times.simplification)}, "
+            f"set up in {_format_seconds(times.setup)}, "
+            f"checked in {_format_seconds(times.checking)}",
         ]
 
     @property
@@ -352,8 +359,10 @@ class Plan:
         if self.space is None:
             return "certified when planned"
         free = self.recheck()
-        problem = f"{np.count_nonzero(~free)} of {len(free)} edges no longer proven free"
-        return "certified" if free.all() else f"certified when planned, {problem}"
+        if free.all():
+            return "certified"
+        lost = np.count_nonzero(~free)
+        return f"certified when planned, {lost} of {len(free)} edges no longer proven free"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map, the path and the robot along it.
@@ -445,7 +454,8 @@ class Plan:
                 "use trajectory(...).to_joint_trajectory()",
             )
         self._check_solved("a message holds a path")
-        return fill_path(self.axes, self.path, Path() if msg is None else msg, frame_id)
+        filled = Path() if msg is None else msg
+        return fill_path(self.axes, self.path, filled, frame_id)
 
     def trajectory(
         self,
@@ -521,7 +531,9 @@ class Plan:
     @property
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
-        return not (has_pose_names(self.axes) if self.space is None else self.space.has_poses)
+        if self.space is None:
+            return not has_pose_names(self.axes)
+        return not self.space.has_poses
 
     def _check_solved(self, rule: str) -> None:
         """Raise InputError with `rule` if the plan has no path."""
@@ -557,24 +569,25 @@ class Plan:
 
         NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
-        names = [each.name for each in fields(self) if each.name not in ("space", "_kept")]
+        names = [field.name for field in fields(self) if field.name not in ("space", "_kept")]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
-        record = {name: _plain(getattr(self, name)) for name in names}
+        record = {name: _to_json_type(getattr(self, name)) for name in names}
+        text = json.dumps(record, indent=2, allow_nan=False) + "\n"
         with replacing(path, overwrite) as temporary:
-            temporary.write_text(
-                json.dumps(record, indent=2, allow_nan=False) + "\n", "utf-8", newline=""
-            )
+            temporary.write_text(text, "utf-8", newline="")
 
 
-def _plain(value: object) -> object:
+def _to_json_type(value: object) -> object:
     """Convert a value to a JSON type."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Times):
         return asdict(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
-def _text(seconds: float) -> str:
+def _format_seconds(seconds: float) -> str:
     """Format a duration in seconds or milliseconds."""
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

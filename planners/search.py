@@ -54,6 +54,10 @@ PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
 
+MAX_TURN: Final = 0.499 * TWO_PI
+"""Largest turn of a continuous joint along an edge that shortens a path, radians; below half a
+turn, so that rounding does not decide its direction."""
+
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
 
@@ -85,10 +89,10 @@ class Deadline:
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
-        late = clock() - self.end
-        if late > GRACE_SECONDS and self._raises:
+        seconds_late = clock() - self.end
+        if seconds_late > GRACE_SECONDS and self._raises:
             raise OutOfTime
-        return late < 0.0
+        return seconds_late < 0.0
 
     def refuse_late(self, check: Callable[..., bool]) -> Callable[..., bool]:
         """Let a check refuse everything after the deadline."""
@@ -166,7 +170,8 @@ def run_ompl(task: Task) -> SearchResult:
         run = _Run(task)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
         if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
-            return SearchResult(find_state_kind(edges.space).unwind(np.array(ends)), NO_SEARCH)
+            path = find_state_kind(edges.space).unwind(np.array(ends))
+            return SearchResult(path, NO_SEARCH)
         return run.solve()
 
 
@@ -177,11 +182,12 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     check = edges.edge_checker()
     size = edges.space.size
     # Edges take the shorter way, so a longer turn would be another motion.
-    longest = np.where(edges.space.periodic_axes, 0.499 * TWO_PI, math.inf)
+    longest = np.where(edges.space.periodic_axes, MAX_TURN, math.inf)
 
-    def is_free(*both: float) -> bool:
-        steps = np.abs(np.subtract(both[size:], both[:size]))
-        return clock() < until and bool((steps < longest).all()) and check(*both)
+    def is_free(*ends: float) -> bool:
+        """Return True if an edge is short enough and proven free in time."""
+        steps = np.abs(np.subtract(ends[size:], ends[:size]))
+        return clock() < until and bool((steps < longest).all()) and check(*ends)
 
     return pulled_straight(path, edges.space.rotations, is_free)
 
@@ -197,11 +203,10 @@ class _Run:
         self._deadline = deadline = Deadline(raises=not self._is_threaded)
         make = make_objective(task)
         self._setup = setup = make_setup(task.edges, make)
-        for each in (
-            setup.getStateValidityChecker(),
-            setup.getSpaceInformation().getMotionValidator(),
-        ):
-            each.is_free = deadline.refuse_late(each.is_free)
+        checker = setup.getStateValidityChecker()
+        validator = setup.getSpaceInformation().getMotionValidator()
+        checker.is_free = deadline.refuse_late(checker.is_free)
+        validator.is_free = deadline.refuse_late(validator.is_free)
         self._objective = objective = setup.getOptimizationObjective()
         is_length = isinstance(objective, ob.PathLengthOptimizationObjective)
         if isinstance(objective, WeightedLength):
@@ -217,25 +222,23 @@ class _Run:
         note = ""
         began = clock()
         self._set_endpoints()
-        first = planner_named(None, self._edges.drive)
+        first_planner = planner_named(None, self._edges.drive)
         best = None
-        found = None
         self._deadline.end = began + task.time_limit
         if self._must_beat:
-            self._run_planner(first, INITIAL_TIME_SHARE * task.time_limit, None)
+            self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
             setup.getProblemDefinition().clearSolutionPaths()
-        left = self._deadline.end - clock()
-        if best is None or left > 0.0:
-            note = self._run_planner(task.planner, max(left, 0.0), task.iterations)
+        seconds_left = self._deadline.end - clock()
+        if best is None or seconds_left > 0.0:
+            note = self._run_planner(task.planner, max(seconds_left, 0.0), task.iterations)
         self._deadline.end = math.inf
-        if setup.haveExactSolutionPath():
-            found = setup.getSolutionPath()
-        if found is not None and (best is None or self._is_cheaper(found, best)):
-            best = found
+        solution = setup.getSolutionPath() if setup.haveExactSolutionPath() else None
+        if solution is not None and (best is None or self._is_cheaper(solution, best)):
+            best = solution
         elif best is not None:
-            note = f"the first one, by {first}, as {task.planner} found none better"
+            note = f"the first one, by {first_planner}, as {task.planner} found none better"
         planning = clock() - began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
@@ -247,7 +250,8 @@ class _Run:
             path = shorten(self._edges, self._rows(best), until)
         else:
             self._deadline.end = until
-            path = self._edges.remove_turns(self._rows(self._improve(best)))
+            better = self._improve(best)
+            path = self._edges.remove_turns(self._rows(better))
         return SearchResult(path, note, planning, clock() - began)
 
     def _set_endpoints(self) -> None:
@@ -272,11 +276,14 @@ class _Run:
         setup = self._setup
         end = clock() + seconds
         checks = itertools.count(1)
-        most = math.inf if iterations is None else iterations
-        # OMPL's own clock counts compilation, but its threads cannot call ours.
-        condition = ob.timedPlannerTerminationCondition(seconds)
-        if not self._is_threaded:
-            condition = ob.PlannerTerminationCondition(lambda: next(checks) > most or clock() > end)
+        max_checks = math.inf if iterations is None else iterations
+        if self._is_threaded:
+            # OMPL's own clock counts compilation, but its threads cannot call ours.
+            condition = ob.timedPlannerTerminationCondition(seconds)
+        else:
+            condition = ob.PlannerTerminationCondition(
+                lambda: next(checks) > max_checks or clock() > end
+            )
         status = "Timeout"
         with suppress(OutOfTime):
             setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
@@ -302,7 +309,7 @@ class _Run:
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
             rows = self._rows(better)
-            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
+            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints) > 0
             if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
                 return better
         return og.PathGeometric(path)
@@ -314,7 +321,8 @@ class _Run:
 
     def _rows(self, path: og.PathGeometric) -> Floats:
         """Return the configurations of OMPL's path, shape (n, size)."""
-        return self._kind.unwind(np.array([self._kind.read(state) for state in path.getStates()]))
+        rows = [self._kind.read(state) for state in path.getStates()]
+        return self._kind.unwind(np.array(rows))
 
 
 @contextmanager

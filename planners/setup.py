@@ -88,7 +88,8 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
 
 def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
     """Return the checking step as a share of the space's extent, within OMPL's bounds."""
-    share: float = space.resolution / max(states.getMaximumExtent(), sys.float_info.epsilon)
+    extent = max(states.getMaximumExtent(), sys.float_info.epsilon)
+    share: float = space.resolution / extent
     return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
 
 
@@ -189,13 +190,13 @@ def make_setup(
             bidirectional=edges.bidirectional,
         )
     )
-    # OMPL checks states that far apart when it steps along a motion by itself.
-    si.setStateValidityCheckingResolution(_choose_checking_share(space, si.getStateSpace()))
+    # Distance of the states that OMPL checks when it steps along a motion by itself.
+    share = _choose_checking_share(space, si.getStateSpace())
+    si.setStateValidityCheckingResolution(share)
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
-        setup.setOptimizationObjective(
-            _make_checked(objective, si, ob.OptimizationObjective, "objective")
-        )
+        made = _make_checked(objective, si, ob.OptimizationObjective, "objective")
+        setup.setOptimizationObjective(made)
     elif not setup.getStateSpace().getType():
         # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of
         # one objective does not draw them.
@@ -220,9 +221,10 @@ def _choose_sampler(
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:
+            other = "exact is True" if exact else "valid_state_sampler is given"
             raise InputError(
                 "rng",
-                f"is given and {'exact is True' if exact else 'valid_state_sampler is given'}",
+                f"is given and {other}",
                 "it is for FreeStateSampler",
                 "leave one of the two out",
                 value=rng,

@@ -45,8 +45,9 @@ class StateKind(NamedTuple):
             bounds.setLow(axis, float(low))
             bounds.setHigh(axis, float(high))
         if limited.any():
-            part = states if hasattr(states, "setBounds") else states.getSubspace(0)
-            part.setBounds(bounds)
+            if not hasattr(states, "setBounds"):
+                states = states.getSubspace(0)
+            states.setBounds(bounds)
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
         """Let a function of a configuration take a state."""
@@ -80,10 +81,10 @@ class StateKind(NamedTuple):
         """
         if not self.are_equal(path[0], np.array(endpoints[0])):
             return 0
-        ends = (
-            k for k, goal in enumerate(endpoints) if k and self.are_equal(path[-1], np.array(goal))
-        )
-        return next(ends, 0)
+        for k, goal in enumerate(endpoints[1:], 1):
+            if self.are_equal(path[-1], np.array(goal)):
+                return k
+        return 0
 
 
 def find_state_kind(space: Space) -> StateKind:
@@ -154,17 +155,17 @@ def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float
 
 def _read_se3(state: ob.State) -> Configuration:
     """Read a pose from a state of SE(3)."""
-    rotation = state.rotation()
-    return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
+    q = state.rotation()
+    return state.getX(), state.getY(), state.getZ(), q.x, q.y, q.z, q.w
 
 
 def _make_vector_kind(size: int) -> StateKind:
     """Create the conversions for vectors."""
     axes = range(size)
     return StateKind(
-        lambda: ob.RealVectorStateSpace(size),
-        lambda state: tuple(map(state.__getitem__, axes)),
-        _write_vector,
+        make=lambda: ob.RealVectorStateSpace(size),
+        read=lambda state: tuple(map(state.__getitem__, axes)),
+        write=_write_vector,
     )
 
 
@@ -173,10 +174,12 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
     size = len(periodic_axes)
     circles = np.flatnonzero(periodic_axes).tolist()
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
-    # Index of the first circle: the joints with limits, if any, share subspace 0.
-    first = bool(limited)
+    # The joints with limits, if any, share subspace 0; the circles follow.
+    first_circle = 1 if limited else 0
+    parts = dict(enumerate(circles, first_circle))
 
     def make() -> ob.StateSpace:
+        """Make the state space, without bounds."""
         states = ob.CompoundStateSpace()
         if limited:
             states.addSubspace(ob.RealVectorStateSpace(len(limited)), 1.0)
@@ -187,20 +190,22 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
         return states
 
     def read(state: ob.State) -> Configuration:
+        """Read the numbers of a state."""
         q = [0.0] * size
         if limited:
             vector = state[0]
-            for n, k in enumerate(limited):
-                q[k] = vector[n]
-        for n, k in enumerate(circles):
-            q[k] = state[first + n].value
+            for index, axis in enumerate(limited):
+                q[axis] = vector[index]
+        for part, axis in parts.items():
+            q[axis] = state[part].value
         return tuple(q)
 
     def write(state: ob.State, *q: float) -> None:
+        """Write numbers to a state."""
         if limited:
-            _write_vector(state[0], *(q[k] for k in limited))
-        for n, k in enumerate(circles):
-            state[first + n].value = q[k]
+            _write_vector(state[0], *(q[axis] for axis in limited))
+        for part, axis in parts.items():
+            state[part].value = q[axis]
 
     return StateKind(make, read, write)
 
@@ -208,13 +213,11 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): _make_vector_kind(2),
     ("x", "y", "yaw"): StateKind(
-        lambda: ob.SE2StateSpace(), lambda s: (s.getX(), s.getY(), s.getYaw()), _write_se2
+        ob.SE2StateSpace, lambda state: (state.getX(), state.getY(), state.getYaw()), _write_se2
     ),
     ("x", "y", "z"): _make_vector_kind(3),
     ("x", "y", "z", "yaw"): _make_compound_kind((False, False, False, True), METRES_PER_RADIAN),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        lambda: ob.SE3StateSpace(), _read_se3, _write_se3
-    ),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(ob.SE3StateSpace, _read_se3, _write_se3),
 }
 """Conversions for rigid bodies, by the axes of the space."""
 
@@ -229,8 +232,9 @@ def with_wrapped_angles(
     if not any(periodic_axes):
         return check
 
-    def check_wrapped(*both: float) -> Value:
-        q0, q1 = np.reshape(both, (2, -1))
+    def check_wrapped(*ends: float) -> Value:
+        """Call the function with wrapped angles."""
+        q0, q1 = np.reshape(ends, (2, -1))
         first = wrapped(q0, periodic_axes)
         last = first + shorter(q1 - q0, periodic_axes)
         return check(*first.tolist(), *last.tolist())

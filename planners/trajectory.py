@@ -21,7 +21,7 @@ from cspace.rotations.quaternion import multiply
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
-from planners.local_planner import CURVES, HOLONOMIC, CarCurves
+from planners.local_planner import CURVES, HOLONOMIC, CarCurves, Pieces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,11 +30,12 @@ if TYPE_CHECKING:
 Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
 
-MAX_DIRECTION_STEP: Final = {False: 1e-9, True: 1e-6}
-"""Largest change of direction without a stop, between straight edges (False) and curves (True).
+MAX_EDGE_BEND: Final = 1e-9
+"""Largest change of direction without a stop between straight edges, for rounding."""
 
-It allows for rounding, and for :data:`planners.car_curves.MAX_GAP` between curves.
-"""
+MAX_CURVE_BEND: Final = 1e-6
+"""Largest change of direction without a stop between curves, as large as
+:data:`planners.car_curves.MAX_GAP`."""
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
 """Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
@@ -231,9 +232,8 @@ class Trajectory:
         """
         times = check_finite(t, "t")
         rows = _evaluate(self._segments, self._phases, self._rotations, times.reshape(-1))
-        positions, velocities, accelerations = (
-            each.reshape(*times.shape, len(self.axes)) for each in rows
-        )
+        shape = (*times.shape, len(self.axes))
+        positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -260,13 +260,14 @@ class Trajectory:
                 curves.append(("angular speed", "rad", factor * np.linalg.norm(angular, axis=1)))
         left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
         left.set_xlabel("time (s)")
-        sides: dict[str, Axes] = {}
+        axes_by_unit: dict[str, Axes] = {}
         handles: list[Any] = []
         for k, (name, unit, curve) in enumerate(curves):
-            if unit not in sides:
-                sides[unit] = left.twinx() if sides else left
-                sides[unit].set_ylabel(f"{'velocity' if self._moves_joints else name} ({unit}/s)")
-            handles += sides[unit].plot(self.times, curve, color=f"C{k}", label=name)
+            if unit not in axes_by_unit:
+                quantity = "velocity" if self._moves_joints else name
+                axes_by_unit[unit] = left.twinx() if axes_by_unit else left
+                axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
+            handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
         if ax is None:
             legend_below(cast("Figure", left.figure), handles)
         return left
@@ -287,9 +288,8 @@ class Trajectory:
                 "a path holds poses",
                 "use to_joint_trajectory()",
             )
-        return fill_path(
-            self.axes, self.positions, Path() if msg is None else msg, frame_id, self.times
-        )
+        filled = Path() if msg is None else msg
+        return fill_path(self.axes, self.positions, filled, frame_id, self.times)
 
     def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
         """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
@@ -327,12 +327,8 @@ class Trajectory:
         and errors are as for :meth:`planners.Plan.to_csv`.
         """
         names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
-        write_csv(
-            path,
-            overwrite,
-            names,
-            np.column_stack([self.times, self.positions, self.velocities]).tolist(),
-        )
+        rows = np.column_stack([self.times, self.positions, self.velocities])
+        write_csv(path, overwrite, names, rows.tolist())
 
 
 def write_csv(
@@ -377,53 +373,56 @@ def make_trajectory(
     path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
 ) -> Trajectory:
     """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
-    joints = path.moves_joints
     is_curved = path.drive in CURVES
-    axes = path.axes
-    rotations = rotations_of(() if joints else axes)
-    dim = len(axes) - len(rotations.names)
+    rotations = rotations_of(() if path.moves_joints else path.axes)
     rotates = bool(rotations.names)
+    needs_angular = rotates and not is_curved
+    dim = len(path.axes) - len(rotations.names)
     known = path.space.max_velocity if path.space is not None else {}
-    linear = (
-        _check_limits(limits.max_velocity, "max_velocity", axes[:dim], known, joints),
-        _check_limits(limits.max_acceleration, "max_acceleration", axes[:dim], {}, joints),
-    )
-    angular = [
-        _check_option(limits, name, rotates, rotates and not is_curved)
-        for name in ("max_angular_velocity", "max_angular_acceleration")
-    ]
-    lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
-    for name, limit in zip(limits._fields, linear, strict=False):
-        if is_curved and limit.ndim:
-            raise InputError(name, "differs by axis", "a car turns", "pass one number", value=limit)
+    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
+    max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
+    max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
+    max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    max_lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
     segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    speeds = _largest_rates(segments.rates, dim, linear[0], angular[0])
-    accelerations = _largest_rates(segments.rates, dim, linear[1], angular[1])
+    speeds = _largest_rates(segments.rates, dim, max_velocity, max_turn_rate)
+    accelerations = _largest_rates(segments.rates, dim, max_acceleration, max_turn_gain)
     if is_curved:
+        max_sideways = max_acceleration if max_lateral is None else max_lateral
         with np.errstate(divide="ignore"):
-            sideways = (linear[1] if lateral is None else lateral) / np.abs(segments.curvatures)
-        speeds = np.minimum(speeds, np.sqrt(sideways))
+            speeds = np.minimum(speeds, np.sqrt(max_sideways / np.abs(segments.curvatures)))
     # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
     # limit.
-    compared = dim if is_curved and angular[1] is None else None
-    ends = _turn(segments.rates, segments.curvatures * segments.lengths)[:-1, :compared]
-    jumps = np.abs(ends - segments.rates[1:, :compared]).max(axis=1, initial=0.0)
-    passes = jumps <= MAX_DIRECTION_STEP[is_curved]
+    yaw_rate_jumps = is_curved and max_turn_gain is None
+    compared = slice(dim if yaw_rate_jumps else None)
+    ends = _turn(segments.rates, segments.curvatures * segments.lengths)
+    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
+    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
     phases = _stretch(_find_phases(segments.lengths, speeds, accelerations, passes), duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
-    rows = (times, *_evaluate(segments, phases, rotations, times))
-    times, positions, velocities, accelerations = map(frozen, rows)
-    private = joints, rotations, segments, phases
-    return Trajectory(times, positions, velocities, accelerations, axes, path.units, *private)
+    positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
+    return Trajectory(
+        times=frozen(times),
+        positions=frozen(positions),
+        velocities=frozen(velocities),
+        accelerations=frozen(accelerations),
+        axes=path.axes,
+        units=path.units,
+        _moves_joints=path.moves_joints,
+        _rotations=rotations,
+        _segments=segments,
+        _phases=phases,
+    )
 
 
 def _check_limits(
-    value: Limits, name: str, axes: Sequence[str], known: Mapping[str, float], joints: bool
+    path: DrivenPath, dim: int, value: Limits, name: str, known: Mapping[str, float]
 ) -> Floats:
-    """Return checked limits of the axes, shape (k,) or ().
+    """Return checked limits of the first ``dim`` axes, shape (dim,) or ().
 
     Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
+    axes = path.axes[:dim]
     rule = f"it must be one number, or one for each of {', '.join(axes)}"
     if value is None or isinstance(value, Mapping):
         given = {**known, **(value or {})}
@@ -437,11 +436,13 @@ def _check_limits(
             )
         value = [given[axis] for axis in axes]
     limits = check_finite(value, name)
-    if limits.shape not in ((), (len(axes),)):
+    if limits.shape not in ((), (dim,)):
         raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0", value=value)
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
-    return np.broadcast_to(limits, len(axes)) if joints else limits
+    if path.drive in CURVES and limits.ndim:
+        raise InputError(name, "differs by axis", "a car turns", "pass one number", value=value)
+    return np.broadcast_to(limits, dim) if path.moves_joints else limits
 
 
 def _check_option(
@@ -465,8 +466,10 @@ def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
     starts = waypoints.copy()
     if "qw" in rotations.names:
         # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
-        cosines = (starts[:-1, -4:] * starts[1:, -4:]).sum(axis=1)
-        starts[:, -4:] *= np.cumprod([1.0, *np.where(cosines < 0.0, -1.0, 1.0)])[:, np.newaxis]
+        quaternions = starts[:, -4:]
+        cosines = (quaternions[:-1] * quaternions[1:]).sum(axis=1)
+        signs = np.where(cosines < 0.0, -1.0, 1.0)
+        quaternions[1:] *= np.cumprod(signs)[:, np.newaxis]
     steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 
@@ -474,12 +477,12 @@ def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
 def _split_curves(path: DrivenPath) -> Segments:
     """Return the arcs and straights of a car's path."""
     curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
-    parts = [(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
-    parts += [
-        curves.split_edge(a, b, np.inf, np.inf, 0.0) for a, b in itertools.pairwise(path.waypoints)
-    ]
+    parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
+    for first, last in itertools.pairwise(path.waypoints):
+        parts.append(curves.split_edge(first, last, np.inf, np.inf, 0.0))
     starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
-    steps = np.column_stack([metres * np.cos(starts[:, 2]), metres * np.sin(starts[:, 2]), radians])
+    yaws = starts[:, 2]
+    steps = np.column_stack([metres * np.cos(yaws), metres * np.sin(yaws), radians])
     points = np.concatenate([starts, path.waypoints[-1:]])
     return _make_segments(points, steps, np.abs(metres), radians)
 
@@ -507,7 +510,9 @@ def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | Non
     turned = np.linalg.norm(rates[:, dim:], axis=1)
     with np.errstate(divide="ignore"):
         largest: Floats = (linear / moved).min(axis=1)
-        return largest if angular is None else np.minimum(largest, angular / turned)
+        if angular is not None:
+            largest = np.minimum(largest, angular / turned)
+    return largest
 
 
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
@@ -529,26 +534,27 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
     for k in reversed(range(len(lengths))):
         squares[k] = min(squares[k], squares[k + 1] + gains[k])
     rows = []
-    for k, (length, limit) in enumerate(zip(lengths, accelerations, strict=True)):
+    for k, (length, acceleration) in enumerate(zip(lengths, accelerations, strict=True)):
         before = squares[k]
         after = squares[k + 1]
         # Rounding must not put the peak below the speed at an end.
         peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
-        up = (peak - before) / (2.0 * limit)
-        down = (peak - after) / (2.0 * limit)
+        up = (peak - before) / (2.0 * acceleration)
+        down = (peak - after) / (2.0 * acceleration)
         cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
         first, last, fastest = np.sqrt([before, after, peak])
         # Each phase has a duration, and the fields of Phases from the segment on.
         rows += [
-            ((fastest - first) / limit, k, 0.0, first, limit),
+            ((fastest - first) / acceleration, k, 0.0, first, acceleration),
             (cruise / speeds[k], k, up, fastest, 0.0),
-            ((fastest - last) / limit, k, length - down, fastest, -limit),
+            ((fastest - last) / acceleration, k, length - down, fastest, -acceleration),
         ]
     table = np.array(rows)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
-    rest = 0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0
-    durations, segments, *others = np.vstack([table, rest]).T
-    return Phases(np.cumsum([0.0, *durations[:-1]]), segments.astype(np.int64), *others)
+    rest = (0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0)
+    durations, segments, *motion = np.vstack([table, rest]).T
+    times = np.cumsum([0.0, *durations[:-1]])
+    return Phases(times, segments.astype(np.int64), *motion)
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
@@ -577,11 +583,12 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 def _row_times(phases: Phases, time_step: float) -> Floats:
     """Return row times, at most ``time_step`` apart, with phase starts."""
     counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
-    if counts.sum() >= MAX_ROWS:
+    total = counts.sum()
+    if total >= MAX_ROWS:
         raise InputError(
             "time_step",
             f"is {time_step:g}",
-            f"it makes {counts.sum():.2g} rows; at most {MAX_ROWS} are possible",
+            f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             "raise it, or the limits",
             value=time_step,
         )
@@ -594,18 +601,22 @@ def _evaluate(
     segments: Segments, phases: Phases, rotations: Rotations, t: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations at times of shape (n,)."""
-    k = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
-    elapsed = np.maximum(t - phases.times[k], 0.0)
-    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[k])
-    speed = phases.speeds[k] + acceleration * elapsed
-    length = phases.positions[k] + elapsed * (phases.speeds[k] + 0.5 * acceleration * elapsed)
-    rates = segments.rates[phases.segments[k]]
-    curvatures = segments.curvatures[phases.segments[k]]
-    half = 0.5 * curvatures * length
-    steps = _turn(rates, half) * length[:, np.newaxis]
-    steps[:, :2] *= np.sinc(half / np.pi)[:, np.newaxis]  # the chord of an arc, over the arc
-    positions = rotations.add_steps(segments.starts[phases.segments[k]], steps)
-    directions = _turn(rates, 2.0 * half)
+    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
+    segment = phases.segments[phase]
+    elapsed = np.maximum(t - phases.times[phase], 0.0)
+    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
+    begin_speed = phases.speeds[phase]
+    speed = begin_speed + acceleration * elapsed
+    mean_speed = begin_speed + 0.5 * acceleration * elapsed
+    length = phases.positions[phase] + elapsed * mean_speed
+    rates = segments.rates[segment]
+    curvatures = segments.curvatures[segment]
+    # The chord of an arc leads in the direction halfway, and is shorter than the arc.
+    half_turns = 0.5 * curvatures * length
+    steps = _turn(rates, half_turns) * length[:, np.newaxis]
+    steps[:, :2] *= np.sinc(half_turns / np.pi)[:, np.newaxis]
+    positions = rotations.add_steps(segments.starts[segment], steps)
+    directions = _turn(rates, 2.0 * half_turns)
     velocities = directions * speed[:, np.newaxis]
     accelerations = directions * acceleration[:, np.newaxis]
     if curvatures.any():
@@ -617,22 +628,24 @@ def _evaluate(
         # The derivative of a quaternion is its product with half the angular velocity, in the
         # robot's frame.
         q = positions[:, -4:]
-        halves = 0.5 * velocities[:, -3:]
-        more = 0.5 * accelerations[:, -3:]
-        first = multiply(q, np.column_stack([halves, np.zeros(len(q))]))
-        second = multiply(q, np.column_stack([more, -(halves**2).sum(axis=1)]))
+        half_velocity = 0.5 * velocities[:, -3:]
+        half_acceleration = 0.5 * accelerations[:, -3:]
+        real_part = -(half_velocity**2).sum(axis=1)
+        first = multiply(q, np.column_stack([half_velocity, np.zeros(len(q))]))
+        second = multiply(q, np.column_stack([half_acceleration, real_part]))
         velocities = np.column_stack([velocities[:, :-3], first])
         accelerations = np.column_stack([accelerations[:, :-3], second])
     return positions, velocities, accelerations
 
 
 def _turn(rates: Floats, angles: Floats) -> Floats:
-    """Turn x and y of rates left by angles."""
+    """Turn x and y of rates, shape (n, k), left by angles, shape (n,)."""
     turned = rates.copy()
     if angles.any():
         cos = np.cos(angles)
         sin = np.sin(angles)
-        x, y = rates[:, :2].T
+        x = rates[:, 0]
+        y = rates[:, 1]
         turned[:, 0] = cos * x - sin * y
         turned[:, 1] = sin * x + cos * y
     return turned

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
-from planners.car_curves import advance, shortest_word
+from planners.car_curves import advance, find_shortest_words
 from planners.local_planner import CURVES, CarCurves
 from planners.states import find_state_kind
 from tests.helpers.handmade import fill_boxes, map_of
@@ -246,13 +246,20 @@ def sample_arc(
     return np.column_stack([first[:2] + offsets, yaw])
 
 
+def shortest_word(
+    curves: CarCurves, first: np.ndarray, last: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return steering and lengths of the shortest curve, and its gap at the goal."""
+    ends = tuple(first.tolist()), tuple(last.tolist())
+    words = find_shortest_words(curves.kind, curves.radius, *ends, 0.0)
+    return words.steering[0], words.lengths[0], words.gap
+
+
 def points_along(
     curves: CarCurves, first: np.ndarray, last: np.ndarray, positions: np.ndarray
 ) -> np.ndarray:
     """Return configurations (n, 3) at distances from the start of a curve, metres."""
-    steering, lengths, _ = shortest_word(
-        curves.kind, curves.radius, tuple(first.tolist()), tuple(last.tolist())
-    )
+    steering, lengths, _ = shortest_word(curves, first, last)
     rows = []
     for left in (positions / curves.radius).tolist():
         pose = (0.0, 0.0, float(first[2]))

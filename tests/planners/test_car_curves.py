@@ -11,10 +11,15 @@ from scipy.spatial import cKDTree
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import build_from_states, build_room, points_along, turn_between
+from tests.helpers.planning import (
+    build_from_states,
+    build_room,
+    points_along,
+    shortest_word,
+    turn_between,
+)
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 TURNING_RADII = [0.3, 1.0, 4.0]
@@ -90,7 +95,7 @@ def test_curves_are_at_most_as_long_as_ompls(name: str, radius: float) -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_a_word_ends_at_the_goal(name: str) -> None:
     for a, b in pairs(300, 0.7, seed=1):
-        word = shortest_word(CURVES.index(name), 0.7, tuple(a.tolist()), tuple(b.tolist()))
+        word = shortest_word(curve(name, 0.7), a, b)
         end = drive(a, word, 0.7)
         assert np.abs(end[:2] - b[:2]).max() < 1e-5 and abs(turn_between(end[2], b[2])) < 2e-6
         assert word[2] < 2e-8

@@ -10,9 +10,8 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace.support.arrays import Floats
-from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
-from tests.helpers.planning import points_along
+from tests.helpers.planning import points_along, shortest_word
 from tests.soak.maps import POINTS_PER_EDGE, find_collisions_along, snap_nearly
 from tests.soak.plane import draw_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, pick_close
@@ -164,9 +163,7 @@ class _Oracle:
 
     def _driven(self, first: Floats, last: Floats, length: float) -> Floats:
         radius = self._way.radius
-        turns, lengths, _ = shortest_word(
-            self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist())
-        )
+        turns, lengths, _ = shortest_word(self._way, first, last)
         whole = radius * lengths
         begin = np.cumsum(np.abs(whole)) - np.abs(whole)
         parts = np.clip(
