@@ -49,12 +49,15 @@ MAX_TURN: Final = 2.8
 CORNER_SHIFT_CELLS: Final = 0.2
 """Distance in cells by which the middle of a blend passes outside its corner, for the boxes."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 QUADRATURE: Final = (0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS)
 """Nodes and weights on [0, 1]; exact to rounding along a clothoid that turns by half a blend."""
 
 MIN_LENGTH: Final = 1e-12
 """Smallest length of a straight line, metres, radians or seconds; shorter ones are left out."""
+
+MAX_EDGE_TURN: Final = 3.0
+"""Largest turn of an edge that is proven as a whole, radians; at pi rounding decides its side."""
 
 FITS: Final = 3
 """Rounds in which the speeds of turns are fitted to the lengths of drives."""
@@ -114,12 +117,14 @@ def place_along(
     # The chord of an arc, over the arc, is the sinc of half its angle.
     steps[arcs, :2] = turn_left(steps[arcs, :2], half) * np.sinc(half / np.pi)[:, np.newaxis]
     if len(bent):
-        steps[bent, :2] = 0.0
-        for node, weight in zip(*QUADRATURE, strict=True):
-            part = node * s[bent]
-            angle = part * (segments.curvatures[bent] + 0.5 * segments.sharpness[bent] * part)
-            direction = turn_left(segments.rates[bent, :2], angle)
-            steps[bent, :2] += weight * length[bent] * direction
+        parts = QUADRATURE[0][:, np.newaxis] * s[bent]
+        headings = np.arctan2(segments.rates[bent, 1], segments.rates[bent, 0])
+        speeds = np.hypot(segments.rates[bent, 0], segments.rates[bent, 1])
+        angles = headings + parts * (
+            segments.curvatures[bent] + 0.5 * segments.sharpness[bent] * parts
+        )
+        steps[bent, 0] = speeds * s[bent] * (QUADRATURE[1] @ np.cos(angles))
+        steps[bent, 1] = speeds * s[bent] * (QUADRATURE[1] @ np.sin(angles))
     steps += 0.5 * segments.bends * length**2
     first = segments.rates + segments.bends * length
     second = segments.bends.copy()
@@ -464,13 +469,11 @@ def _measure_turns(angles: Floats, speeds: Floats, bounds: MotionBounds) -> Turn
     rates = np.maximum(acceleration * ramps, np.finfo(float).tiny)
     arcs = at_peak / rates
     ramp_turns = 0.5 * acceleration * ramps**2
-    x = np.zeros(len(turned))
-    y = np.zeros(len(turned))
-    for node, weight in zip(*QUADRATURE, strict=True):
-        yaw = ramp_turns * node**2
-        arc_yaw = ramp_turns + 0.5 * node * at_peak
-        x += weight * (ramps * np.cos(yaw) + 0.5 * arcs * np.cos(arc_yaw))
-        y += weight * (ramps * np.sin(yaw) + 0.5 * arcs * np.sin(arc_yaw))
+    nodes = QUADRATURE[0][:, np.newaxis]
+    yaws = ramp_turns * nodes**2
+    arc_yaws = ramp_turns + 0.5 * nodes * at_peak
+    x = QUADRATURE[1] @ (ramps * np.cos(yaws) + 0.5 * arcs * np.cos(arc_yaws))
+    y = QUADRATURE[1] @ (ramps * np.sin(yaws) + 0.5 * arcs * np.sin(arc_yaws))
     reaches = speeds * (x + y * np.tan(0.5 * turned))
     apexes = speeds * y / np.cos(0.5 * turned)
     return Turns(ramps, arcs, reaches, apexes)
@@ -548,19 +551,32 @@ def _prove_new(
     return np.array([known[key] for key in keys], dtype=np.bool_)
 
 
-def prove_segments(edges: LocalPlanner, segments: Segments) -> Bools:
-    """Return whether segments are proven free: straight ones as edges, blends by boxes or hulls."""
-    space = edges.space
-    rotations = space.rotations
-    ends = place_along(segments, rotations, segments.lengths)[0]
+def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
+    """Return whether segments are proven free: straight ones as edges, blends by boxes or hulls.
+
+    With ``exact``, the geometry decides straight ones in MIXED cells.
+    """
     is_blend = segments.bends.any(axis=1) | (segments.curvatures != 0.0)
-    check = edges.straight_checker()
-    proven = np.zeros(len(ends), dtype=np.bool_)
-    for k in np.flatnonzero(~is_blend).tolist():
-        proven[k] = check(*segments.starts[k].tolist(), *ends[k].tolist())
-    blends = np.flatnonzero(is_blend)
-    if len(blends):
-        proven[blends] = prove_blends(space, segments.select(blends))
+    proven = np.zeros(len(is_blend), dtype=np.bool_)
+    lines = segments.select(~is_blend)
+    steps = lines.rates * lines.lengths[:, np.newaxis]
+    first_angle = space.dim if space.has_poses else 0
+    turned = np.abs(steps[:, first_angle:]).max(axis=1, initial=0.0)
+    # Edges turn the shorter way, so a large turn is proven in parts.
+    counts = np.where(turned > MAX_EDGE_TURN, 2, 1)
+    owners = np.repeat(np.arange(len(counts)), counts)
+    parts = lines.select(owners)
+    lengths = parts.lengths / counts[owners]
+    begins = np.where(np.diff(owners, prepend=-1) == 0, lengths, 0.0)
+    firsts = place_along(parts, space.rotations, begins)[0]
+    lasts = place_along(parts, space.rotations, begins + lengths)[0]
+    check = LocalPlanner(space, exact).edge_checker()
+    edges = np.column_stack([firsts, lasts]).tolist()
+    free = np.array([check(*edge) for edge in edges], dtype=np.bool_)
+    unproven = np.bincount(owners[~free], minlength=len(counts))
+    proven[~is_blend] = unproven == 0
+    if is_blend.any():
+        proven[is_blend] = prove_blends(space, segments.select(is_blend))
     return proven
 
 
