@@ -218,7 +218,7 @@ def build(
         raise InputError(
             "client", "is given without a store", "its workers make tiles", hint, value=client
         )
-    made = build_contents(
+    contents, rasters = build_contents(
         load_workspace(workspace),
         robot,
         cells,
@@ -230,7 +230,7 @@ def build(
         workers=workers,
         progress=progress,
     )
-    return CSpace(*made)
+    return CSpace(contents, rasters)
 
 
 def build_contents(
@@ -249,15 +249,14 @@ def build_contents(
     """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
     grid = workspace.grid
     slice_of = rotations.assign_slices(robot.shape)
-    slices = int(slice_of.max()) + 1
-    needed = map_bytes(grid.shape, slices, counts) + raster_bytes(
-        robot, grid.spacing, margin, rotations, slices
-    )
-    check_memory(needed, "the map", grid, slices=slices)
+    n_slices = int(slice_of.max()) + 1
+    states_bytes = map_bytes(grid.shape, n_slices, counts)
+    rasters_bytes = raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
+    check_memory(states_bytes + rasters_bytes, "the map", grid, slices=n_slices)
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
     name = choose_engine(groups[0], counts=counts) if method == "auto" else method
-    states = np.empty((slices, *grid.shape), dtype=np.uint8)
+    states = np.empty((n_slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
     cells = workspace.outer, workspace.inner
     fill_states(ENGINES[name], outside, cells, groups, states, overlaps, workers, progress)
@@ -269,7 +268,7 @@ def build_contents(
         states,
         outside,
         margin,
-        overlaps,
+        overlap_counts=overlaps,
         proves_blocked=inner,
     )
     return contents, rasters
@@ -300,11 +299,9 @@ def _check(
     """Raise InputError if an argument is invalid."""
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
-        hint = (
-            "use robot.footprint()"
-            if robot.dim == 3
-            else "use a robot in space, or a workspace in the plane"
-        )
+        hint = "use a robot in space, or a workspace in the plane"
+        if robot.dim == 3:
+            hint = "use robot.footprint()"
         raise InputError("robot", problem, "they must agree", hint, value=robot)
     rotations.check_dimension(robot.dim)
     if workers is not None:
@@ -327,22 +324,26 @@ def _warn_of_units(
     """Warn if a robot's size or place suggests another unit or origin."""
     lower, upper = robot.shape.outer.bounds
     sides = upper - lower
-    room = grid.spacing * np.array(grid.shape)
+    workspace_sides = grid.spacing * np.array(grid.shape)
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
-    if outside == "blocked" and not _may_fit(sides + 2.0 * margin, room, rotations):
-        problem = f"with a margin of {margin:g} m, " * (margin > 0.0)
-        problem += f"the workspace is {_sides_text(room)}, so it fits nowhere and no cell is FREE"
+    if outside == "blocked" and not _may_fit(sides + 2.0 * margin, workspace_sides, rotations):
+        grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
+        workspace_text = _sides_text(workspace_sides)
+        problem = (
+            f"{grown}the workspace is {workspace_text}, so it fits nowhere and no cell is FREE"
+        )
         hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
-    elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * room.max():
-        problem = f"the workspace is only {_sides_text(room)}"
+    elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * workspace_sides.max():
+        problem = f"the workspace is only {_sides_text(workspace_sides)}"
         hint = "check the units of both (metres, not millimetres)"
     elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
         share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
         problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
         hint = "check its unit (metres, not kilometres): scale it, or use a smaller spacing"
     elif distance > MAX_ORIGIN_SIZES * size > 0.0:
-        move = ", ".join(f"{0.0 - x:g}" for x in (lower + upper) / 2.0)
+        center = (lower + upper) / 2.0
+        move = ", ".join(f"{0.0 - coordinate:g}" for coordinate in center)  # no "-0"
         problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
         hint = f"move its center there, by ({move}) m, and check the units (metres)"
     else:
@@ -350,16 +351,18 @@ def _warn_of_units(
     warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
 
 
-def _may_fit(sides: Floats, room: Floats, rotations: Rotations) -> bool:
-    """Return False if a box of some sides fits nowhere, however it turns.
+def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:
+    """Return False if a box fits nowhere in a workspace, however it turns.
 
     A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations,
     each axis counts alone; yaw mixes x and y.
     """
-    mixed_axes = {0: [[0], [1], [2]], 1: [[0, 1], [2]]}.get(len(rotations.names), [[0, 1, 2]])
-    groups = [axes for axes in mixed_axes if axes[0] < len(sides)]
-    diagonals = [(1.0 + SLACK) * float(np.linalg.norm(room[axes])) for axes in groups]
-    return all(sides[axes].max() <= most for axes, most in zip(groups, diagonals, strict=True))
+    mixed_axes = 1
+    if rotations.names:
+        mixed_axes = 3 if "qw" in rotations.names else 2
+    longest = [sides[:mixed_axes].max(), *sides[mixed_axes:]]
+    diagonals = [np.linalg.norm(workspace_sides[:mixed_axes]), *workspace_sides[mixed_axes:]]
+    return bool((np.array(longest) <= (1.0 + SLACK) * np.array(diagonals)).all())
 
 
 def _sides_text(sides: Floats) -> str:

@@ -54,18 +54,14 @@ class CspaceError(Exception):
         *,
         value: object = None,
     ) -> None:
-        text = argument
+        message = argument
         if problem is not None:
             problem = " ".join(problem.split())  # arrays print in several lines
-            problem = (
-                problem
-                if len(problem) <= MAX_PROBLEM_CHARACTERS
-                else f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
-            )
-            text = "; ".join(
-                part for part in (f"{argument}{self.gap}{problem}", rule, hint) if part
-            )
-        super().__init__(text)
+            if len(problem) > MAX_PROBLEM_CHARACTERS:
+                problem = f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
+            parts = f"{argument}{self.gap}{problem}", rule, hint
+            message = "; ".join(filter(None, parts))
+        super().__init__(message)
         self.argument = argument
         self.problem = problem
         self.rule = rule
@@ -122,12 +118,12 @@ def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame = inspect.currentframe()
     level = 1
-    while (
-        frame is not None
-        and frame.f_globals.get("__name__", "").partition(".")[0] in _INTERNAL_PACKAGES
-    ):
+    while frame is not None:
+        package = frame.f_globals.get("__name__", "").partition(".")[0]
+        if package not in _INTERNAL_PACKAGES:
+            break
         frame = frame.f_back
-        level = level + 1
+        level += 1
     warnings.warn(message, category, stacklevel=level)
 
 

@@ -89,41 +89,32 @@ class Grid:
     ) -> None:
         corner = check_finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
-            raise InputError(
-                "lower",
-                f"is {lower!r}",
-                "it must have length 2 or 3",
-                "pass e.g. (0.0, 0.0)",
-                value=lower,
-            )
+            rule = "it must have length 2 or 3"
+            raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)", value=lower)
+        dim = len(corner)
         side = check_positive(spacing, "spacing")
         counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
-            raise InputError(
-                "shape",
-                f"is {tuple(np.atleast_1d(counts).tolist())}",
-                f"it must have {len(corner)} whole numbers above zero, as many as lower",
-                "pass the number of cells along each axis",
-                value=shape,
-            )
-        reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
-        check_reach(
-            reach,
-            "grid",
-            "the origin",
-            "use a larger spacing, or move the frame's origin nearer to the map",
-        )
+            problem = f"is {tuple(np.atleast_1d(counts).tolist())}"
+            rule = f"it must have {dim} whole numbers above zero, as many as lower"
+            hint = "pass the number of cells along each axis"
+            raise InputError("shape", problem, rule, hint, value=shape)
+        corners = np.stack([corner, corner + side * counts])
+        hint = "use a larger spacing, or move the frame's origin nearer to the map"
+        check_reach(float(np.abs(corners).max() / side), "grid", "the origin", hint)
+        names = tuple("xyz"[:dim] if axes is None else axes)
+        unit_names = ("m",) * dim if units is None else tuple(units)
+        rule = f"there must be {dim}, and axes must differ"
+        if len(set(names)) != dim or len(names) != dim:
+            raise InputError("axes", f"are {', '.join(names)}", rule, "leave them out", value=names)
+        if len(unit_names) != dim:
+            problem = f"are {', '.join(unit_names)}"
+            raise InputError("units", problem, rule, "leave them out", value=unit_names)
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
-        object.__setattr__(self, "shape", tuple(int(n) for n in counts))
-        object.__setattr__(self, "axes", tuple("xyz"[: self.dim] if axes is None else axes))
-        object.__setattr__(self, "units", ("m",) * self.dim if units is None else tuple(units))
-        for name, texts in (("axes", self.axes), ("units", self.units)):
-            if len(texts) != self.dim or (name == "axes" and len(set(texts)) < self.dim):
-                rule = f"there must be {self.dim}, and axes must differ"
-                raise InputError(
-                    name, f"are {', '.join(texts)}", rule, "leave them out", value=texts
-                )
+        object.__setattr__(self, "shape", tuple(counts.tolist()))
+        object.__setattr__(self, "axes", names)
+        object.__setattr__(self, "units", unit_names)
 
     @property
     def dim(self) -> int:
@@ -137,12 +128,12 @@ class Grid:
 
     @property
     def measure_unit(self) -> str:
-        """Unit of a cell's area or volume.
-
-        Examples are "m2", "rad3" and "rad m".
-        """
-        powers = [(unit, self.units.count(unit)) for unit in sorted(set(self.units), reverse=True)]
-        return " ".join(f"{unit}{power}" if power > 1 else unit for unit, power in powers)
+        """Unit of a cell's area or volume, such as "m2", "rad3" or "rad m"."""
+        powers = list[str]()
+        for unit in sorted(set(self.units), reverse=True):
+            power = self.units.count(unit)
+            powers.append(f"{unit}{power}" if power > 1 else unit)
+        return " ".join(powers)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -202,9 +193,10 @@ class Grid:
         """
         array = self.coordinates(points)
         cells = np.floor((array - self.lower) / self.spacing)
+        # Points on the upper boundary belong to the last cell.
         cells -= (cells == self.shape) & (array <= self.upper)
         # Clip to 2^62 cells, beyond which an int64 would overflow.
-        return np.minimum(np.maximum(cells, -(2.0**62)), 2.0**62).astype(np.int64)
+        return np.clip(cells, -(2.0**62), 2.0**62).astype(np.int64)
 
     def center_of(self, cells: ArrayLike) -> Floats:
         """Return the centers of cells.
@@ -221,8 +213,6 @@ class Grid:
         return np.asarray(self.lower + self.spacing * (check_real(cells, "cells") + 0.5))
 
     def centers(self, axis: int) -> Floats:
-        """Return the cell centers along one axis, in metres.
-
-        The shape is (shape[axis],).
-        """
-        return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))
+        """Return the cell centers along one axis, in metres, shape (shape[axis],)."""
+        cells = np.arange(self.shape[axis])
+        return np.asarray(self.lower[axis] + self.spacing * (cells + 0.5))

@@ -186,7 +186,8 @@ class Space(ABC):
         steps = self.steps_between(q0, q1)
         dim = self.dim
         lengths = np.linalg.norm(steps[..., :dim], axis=-1)
-        return np.asarray(lengths + METRES_PER_RADIAN * np.linalg.norm(steps[..., dim:], axis=-1))
+        angles = np.linalg.norm(steps[..., dim:], axis=-1)
+        return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
         """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
@@ -218,7 +219,11 @@ class Space(ABC):
     def edge_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
         size = self.size
-        return lambda *both: bool(self.motion_is_free(both[:size], both[size:]))
+
+        def check(*endpoints: float) -> bool:
+            return bool(self.motion_is_free(endpoints[:size], endpoints[size:]))
+
+        return check
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
@@ -243,8 +248,10 @@ class Space(ABC):
 
         By default, it is the straight distance.
         """
-        first, last = (np.asarray(q, dtype=np.float64) for q in (q0, q1))
-        return float(np.linalg.norm(self.steps_between(first, last)[: self.dim]))
+        start = np.asarray(q0, dtype=np.float64)
+        end = np.asarray(q1, dtype=np.float64)
+        steps = self.steps_between(start, end)
+        return float(np.linalg.norm(steps[: self.dim]))
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
         """Return whether a free path is proven, or disproven; None if undecided."""
@@ -263,25 +270,22 @@ class Space(ABC):
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
-        point = self.rotations.make_canonical(self._check_one(q, name), name)
-        point = wrapped(point, self.periodic_axes)
+        canonical = self.rotations.make_canonical(self._check_one(q, name), name)
+        canonical = wrapped(canonical, self.periodic_axes)
+        point = tuple(canonical.tolist())
+        position = canonical[: self.dim]
         lower, upper = self.check_bounds()
-        outside = (point[: self.dim] < lower) | (point[: self.dim] > upper)
-        if (outside & ~np.array(self.periodic_axes)[: self.dim]).any():
+        is_bounded = ~np.array(self.periodic_axes)[: self.dim]
+        if (is_bounded & ((position < lower) | (position > upper))).any():
             problem = "lies outside the bounds"
             rule = "a path stays within them"
-        elif not self.is_free(tuple(point.tolist())):
+        elif not self.is_free(point):
             problem = "is not free"
             rule = "a path starts and ends in free configurations"
         else:
-            return tuple(point.tolist())
-        raise ConfigurationError(
-            name,
-            f"{format_configuration(point.tolist())} {problem}",
-            rule,
-            "choose another",
-            value=q,
-        )
+            return point
+        problem = f"{format_configuration(point)} {problem}"
+        raise ConfigurationError(name, problem, rule, "choose another", value=q)
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
@@ -291,26 +295,18 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
-            raise InputError(
-                "goal",
-                f"is a {type(goal).__name__}",
-                "the space of an arm is needed for that",
-                "pass a configuration",
-                value=goal,
-            )
+            problem = f"is a {type(goal).__name__}"
+            rule = "the space of an arm is needed for that"
+            raise InputError("goal", problem, rule, "pass a configuration", value=goal)
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
-            raise InputError(
-                name,
-                f"has shape {point.shape}",
-                f"it must be one configuration of {self.size} numbers",
-                f"pass ({', '.join(self.axes)}), in metres and radians",
-                value=q,
-            )
+            rule = f"it must be one configuration of {self.size} numbers"
+            hint = f"pass ({', '.join(self.axes)}), in metres and radians"
+            raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
         return point
 
 
@@ -331,10 +327,7 @@ class ConfigurationSpace(SpaceView, Space):
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom.
-
-        They are 3 in SE(2), 6 in SE(3), and the number of joints for an arm.
-        """
+        """Degrees of freedom: 3 in SE(2), 6 in SE(3), the number of joints for an arm."""
         return self.size
 
     @cached_property
@@ -392,8 +385,10 @@ class ConfigurationSpace(SpaceView, Space):
         AngleWarning
             If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
         """
-        if isinstance(q, tuple) and (state := self._state_of_one(q)) is not None:
-            return state
+        if isinstance(q, tuple):
+            state = self._state_of_one(q)
+            if state is not None:
+                return state
         states: int | States = evaluate(q, self.size, self._write_states, np.uint8, self._angles)
         return states
 
@@ -409,8 +404,10 @@ class ConfigurationSpace(SpaceView, Space):
         With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an
         arm it always does.
         """
-        if isinstance(q, tuple) and not exact and (state := self._state_of_one(q)) is not None:
-            return state == FREE
+        if isinstance(q, tuple) and not exact:
+            state = self._state_of_one(q)
+            if state is not None:
+                return state == FREE
         write = partial(self._write_free, exact)
         free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
         return free
@@ -498,23 +495,19 @@ class ConfigurationSpace(SpaceView, Space):
         [True, False]
         """
         points = self._check_configurations(path, "path")
+        write = partial(self._write_motions, exact)
         if edges is not None:
-            pairs = check_pairs(edges, points)
-            starts = points[pairs[:, 0]]
-            ends = points[pairs[:, 1]]
-            return evaluate_rows(starts, ends, partial(self._write_motions, exact))
+            first, second = check_pairs(edges, points).T
+            return evaluate_rows(points[first], points[second], write)
         if points.ndim < 2 or points.shape[-2] == 0:
-            raise InputError(
-                "path",
-                f"has shape {points.shape}",
-                "a path has at least one configuration",
-                f"pass an array of shape (n, {self.size})",
-                value=path,
-            )
-        shape = (*points.shape[:-2], points.shape[-2] - 1)
-        starts = points[..., :-1, :].reshape(-1, self.size)
-        ends = points[..., 1:, :].reshape(-1, self.size)
-        return evaluate_rows(starts, ends, partial(self._write_motions, exact)).reshape(shape)
+            problem = f"has shape {points.shape}"
+            rule = "a path has at least one configuration"
+            hint = f"pass an array of shape (n, {self.size})"
+            raise InputError("path", problem, rule, hint, value=path)
+        starts = points[..., :-1, :]
+        ends = points[..., 1:, :]
+        rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
+        return rows.reshape(starts.shape[:-1])
 
     # ---- for planners ----------------------------------------------------------------------------
 
@@ -525,7 +518,11 @@ class ConfigurationSpace(SpaceView, Space):
     def edge_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
         size = self.size
-        return lambda *both: self.motion_is_free(both[:size], both[size:], exact=exact)
+
+        def check(*endpoints: float) -> bool:
+            return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
+
+        return check
 
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 

@@ -139,8 +139,10 @@ def check_bytes(
     """
     problem = f"{what} {bytes_text(size)}"
     limits = _LIMITS.get()
-    name = min("max_bytes", limit, key=lambda each: getattr(limits, each))
-    _check_limit(path, problem, size, name, bytes_text(getattr(limits, name)), size)
+    # A caller may have raised one limit above the other; the lower one applies.
+    lower_limit = min("max_bytes", limit, key=lambda name: getattr(limits, name))
+    limit_text = bytes_text(getattr(limits, lower_limit))
+    _check_limit(path, problem, size, lower_limit, limit_text, size)
     check_file_memory(path, problem, memory * size)
 
 
@@ -151,7 +153,8 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
     into memory.
     """
     count = math.prod(map(int, shape))
-    declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
+    sides = [f"{n}" if n < 2**53 else f"{n:.4g}" for n in shape]
+    declared = f"declares {' x '.join(sides)} cells"
     limit = f"{_LIMITS.get().max_cells:.4g}"
     _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit, tuple(shape))
     check_file_memory(path, declared, memory * count)
@@ -162,9 +165,13 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
     ``declared`` describes the content of the file, and ``needed`` is in bytes. Raises FileError.
     """
-    if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
+    if needed < _MIN_CHECKED_BYTES:
+        return
+    free = free_bytes()
+    if needed > MAX_MEMORY_FRACTION * free:
+        problem, rule = _memory_parts(declared, needed, free)
         hint = "take a machine with more memory, or a smaller or coarser file"
-        raise FileError(os.fspath(path), *_memory_parts(declared, needed, free), hint, value=needed)
+        raise FileError(os.fspath(path), problem, rule, hint, value=needed)
 
 
 class PlannedGrid(NamedTuple):
@@ -206,26 +213,25 @@ def check_memory(
         )
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
-    problem = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
-    raise InputError(what, *_memory_parts(problem, needed, free), hint, value=needed)
+    description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
+    problem, rule = _memory_parts(description, needed, free)
+    raise InputError(what, problem, rule, hint, value=needed)
 
 
-def _memory_parts(problem: str, needed: float, free: float) -> tuple[str, str]:
+def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
     """Return the problem and the rule of the error for work beyond the memory limit."""
-    rule = (
-        f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} "
-        "of the free memory"
-    )
-    return f"{problem} and needs about {bytes_text(needed)} of memory", rule
+    problem = f"{description} and needs about {bytes_text(needed)} of memory"
+    usable = bytes_text(MAX_MEMORY_FRACTION * free)
+    return problem, f"at most {usable} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
 
 
 def bytes_text(size: float) -> str:
     """Format a number of bytes for people."""
-    for unit in ("bytes", "kB", "MB", "GB", "TB"):
-        if size < 999.5 or unit == "TB":
-            return f"{size:.3g} {unit}"
+    units = ["TB", "GB", "MB", "kB", "bytes"]
+    while size >= 999.5 and len(units) > 1:
         size /= 1000
-    return ""
+        units.pop()
+    return f"{size:.3g} {units[-1]}"
 
 
 def _container_bytes() -> float:
@@ -233,21 +239,19 @@ def _container_bytes() -> float:
 
     Cached files count as free.
     """
-    folder = Path("/sys/fs/cgroup")
+    root = Path("/sys/fs/cgroup")
     try:
-        group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")[2]
-        folder = next(
-            f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists()
-        )
-        limit, used = (
-            int((folder / name).read_text(encoding="ascii"))
-            for name in ("memory.max", "memory.current")
-        )
-        lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
-    except (OSError, StopIteration, ValueError):  # no limit: memory.max is missing or reads "max"
+        _, _, group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")
+        folder = root / group.lstrip("/")
+        if not (folder / "memory.max").exists():
+            folder = root
+        limit = int((folder / "memory.max").read_text(encoding="ascii"))
+        used = int((folder / "memory.current").read_text(encoding="ascii"))
+        statistics = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
+    except (OSError, ValueError):  # no limit: memory.max is missing or reads "max"
         return math.inf
-    cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
-    return max(0, limit - used + cached)
+    values = dict(line.split() for line in statistics)
+    return max(0, limit - used + int(values.get("inactive_file", 0)))
 
 
 def _check_limit(

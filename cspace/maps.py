@@ -59,10 +59,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def grid(self) -> Grid:
-        """Grid of the robot's positions.
-
-        It is the grid of the positions of the reference point, and equals the workspace's grid.
-        """
+        """Grid of the positions of the reference point, which is the workspace's grid."""
         return self._kept.grid
 
     @property
@@ -99,7 +96,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         >>> len(space.slice_rotations)
         4
         """
-        return self.rotations.centers[np.unique(self.slice_of, return_index=True)[1]]
+        _, first_cells = np.unique(self.slice_of, return_index=True)
+        return self.rotations.centers[first_cells]
 
     @property
     def outside(self) -> str:
@@ -116,10 +114,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the coordinates of a configuration.
-
-        They are x, y, in space z, then yaw or qx, qy, qz, qw.
-        """
+        """Names of the coordinates: x, y, in space z, then yaw or qx, qy, qz, qw."""
         return (*self.grid.axes, *self.rotations.names)
 
     @property
@@ -142,10 +137,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom.
-
-        They are 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation in space.
-        """
+        """Degrees of freedom: 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation."""
         return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
 
     @abstractmethod
@@ -251,13 +243,15 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             if bad >= 0:
                 return bad
             np.maximum(highest, states, out=highest)
-        cells = self._cells_of(starts), self._cells_of(ends)
+        start_cells = self._cells_of(starts)
+        end_cells = self._cells_of(ends)
 
         def find_joined(candidates: Bools, mixed: bool) -> Bools:
             """Return which candidate pairs share a component; without any, compute no component."""
             if not candidates.any():
                 return candidates
-            first, second = (self._components.of(each, mixed) for each in cells)
+            first = self._components.of(start_cells, mixed)
+            second = self._components.of(end_cells, mixed)
             return np.asarray(candidates & (first == second) & (first != -1))
 
         joined = find_joined(np.asarray(highest == FREE), mixed=False)
@@ -359,10 +353,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Make the error for a refused start or goal."""
         state = self.classify(point)
         if not inside:
-            lower, upper = (
-                ", ".join(f"{x:.6g}" for x in corner)
-                for corner in (self.grid.lower, self.grid.upper)
-            )
+            lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
+            upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
             rule = "a path stays within the map"
         elif exact and state != BLOCKED:
@@ -436,4 +428,5 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
         """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        return np.concatenate([self.rotations.find_cells(points)[..., None], cells], axis=-1)
+        rotations = self.rotations.find_cells(points)[..., np.newaxis]
+        return np.concatenate([rotations, cells], axis=-1)

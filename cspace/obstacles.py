@@ -21,7 +21,7 @@ from cspace.files.access import decoding
 from cspace.files.zarr_folders import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
-from cspace.support.arrays import Bools, Box, Ints
+from cspace.support.arrays import Bools, Box, Ints, intersect_boxes
 from cspace.support.check import check_cells, check_dims
 
 _LAZY_PACKAGES: Final = frozenset({"dask", "zarr"})
@@ -38,10 +38,7 @@ class Source(Protocol):
     """
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a box.
-
-        They are one array if they are equal.
-        """
+        """Return the outer and inner cells of a box; one array if they are equal."""
 
     @property
     def stamp(self) -> str:
@@ -49,10 +46,7 @@ class Source(Protocol):
 
 
 class CellsInMemory:
-    """Cells in memory.
-
-    Outer and inner cells are one array if they are equal.
-    """
+    """Outer and inner cells in memory; one array if they are equal."""
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
         self.outer = outer
@@ -61,7 +55,8 @@ class CellsInMemory:
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the outer and inner cells of a box."""
         outer = self.outer[box]
-        return outer, outer if self.inner is self.outer else self.inner[box]
+        inner = outer if self.inner is self.outer else self.inner[box]
+        return outer, inner
 
     @cached_property
     def stamp(self) -> str:
@@ -89,19 +84,15 @@ class LazyCells:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the cells of a box, twice.
-
-        They are outer and inner cells.
-        """
+        """Return the cells of a box, which are both the outer and the inner ones."""
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             part = self.array[box]
-            if hasattr(
-                part, "compute"
-            ):  # in this thread: a dask worker that waited for its own cluster would hang
+            if hasattr(part, "compute"):
+                # In this thread: a dask worker that waited for its own cluster would hang.
                 part = part.compute(scheduler="synchronous")
             cells = check_cells(np.asarray(part), "occupied")
-        if cells.shape != tuple(part.stop - part.start for part in box):
+        if cells.shape != tuple(side.stop - side.start for side in box):
             raise changed_source(self.name, "its shape is different now")
         return cells, cells
 
@@ -128,33 +119,34 @@ class LazyCells:
             try:
                 status = path.stat()
             except OSError as error:
-                raise changed_source(
-                    str(path), f"it cannot be read any more ({error.strerror})"
-                ) from error
-            parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
+                problem = f"it cannot be read any more ({error.strerror})"
+                raise changed_source(str(path), problem) from error
+            size = status.st_size if path.is_file() else 0
+            parts.append(f"{path} {size} {status.st_mtime_ns}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _digest_cells(self) -> str:
         """Return the digest of all cells, read some rows at a time."""
         digest = hashlib.sha256()
-        rows = max(1, _DIGESTED_CELLS // math.prod(self.shape[1:]))
-        for first in range(0, self.shape[0], rows):
-            box = (
-                slice(first, min(first + rows, self.shape[0])),
-                *(slice(0, n) for n in self.shape[1:]),
-            )
-            digest.update(np.packbits(self.read(box)[0]).data)
+        n_rows, *row_shape = self.shape
+        rows_at_once = max(1, _DIGESTED_CELLS // math.prod(row_shape))
+        row = [slice(0, n) for n in row_shape]
+        for first in range(0, n_rows, rows_at_once):
+            stop = min(first + rows_at_once, n_rows)
+            cells, _ = self.read((slice(first, stop), *row))
+            digest.update(np.packbits(cells).data)
         return digest.hexdigest()
 
     @property
     def _file(self) -> Path | None:
         """File or folder that contains the array, if it is known."""
         array = self.array
-        is_part = isinstance(array, np.memmap) and not isinstance(array.base, mmap.mmap)
-        file = None if is_part else getattr(array, "filename", None)  # numpy.memmap
-        root = getattr(getattr(array, "store", None), "root", None)  # zarr
-        if root is not None:
-            file = Path(root) / getattr(array, "path", "")
+        file = None
+        if isinstance(getattr(array, "base", None), mmap.mmap):  # a whole file, not a part of it
+            file = getattr(array, "filename", None)
+        zarr_root = getattr(getattr(array, "store", None), "root", None)
+        if zarr_root is not None:
+            file = Path(zarr_root) / getattr(array, "path", "")
         return Path(file).absolute() if file and Path(file).exists() else None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -189,8 +181,8 @@ def _files_to_watch(file: Path) -> list[Path]:
     They are the file itself, or a folder with all its folders, whose times change when a file in
     them is replaced.
     """
-    inside = file.rglob("*")
-    return [file, *sorted(path for path in inside if path.is_dir() or path.name == "zarr.json")]
+    watched = [path for path in file.rglob("*") if path.is_dir() or path.name == "zarr.json"]
+    return [file, *sorted(watched)]
 
 
 class ShapeCells:
@@ -205,15 +197,16 @@ class ShapeCells:
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return the outer and inner cells of a box."""
-        first, last = np.array([[part.start, part.stop] for part in box]).T
+        first = np.array([side.start for side in box])
+        stop = np.array([side.stop for side in box])
         lower = self.grid.lower + self.grid.spacing * first
-        grid = Grid(tuple(lower.tolist()), self.grid.spacing, tuple((last - first).tolist()))
-        return self.shape.cells(grid)
+        return self.shape.cells(Grid(lower, self.grid.spacing, stop - first))
 
     @cached_property
     def stamp(self) -> str:
         """Digest of the shape."""
-        return hashlib.sha256(json.dumps(self.shape.spec, sort_keys=True).encode()).hexdigest()
+        text = json.dumps(self.shape.spec, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def check_no_chunk_missing(array: Any) -> None:
@@ -221,12 +214,12 @@ def check_no_chunk_missing(array: Any) -> None:
 
     Its attributes may declare that missing chunks have the fill value.
     """
-    if _package_of(array) == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
-        with decoding(LazyCells(array).name, "Zarr array"):
-            if array.nchunks_initialized < array.nchunks:
-                raise missing_chunk(
-                    f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks"
-                )
+    if _package_of(array) != "zarr" or array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value":
+        return
+    with decoding(LazyCells(array).name, "Zarr array"):
+        missing = array.nchunks - array.nchunks_initialized
+        if missing:
+            raise missing_chunk(f"{missing} of {array.nchunks} chunks")
 
 
 def is_lazy(array: Any) -> bool:
@@ -275,14 +268,14 @@ class Obstacle(NamedTuple):
         certificate's slack, or if its interior depends on the spacing.
         """
         shape.outer.boundary()  # raises the errors of later exact queries now
-        low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
-        first, stop = (
-            np.clip(np.floor(cell), 0, grid.shape).astype(np.int64)
-            for cell in (low - 1.0, high + 2.0)
-        )
+        low, high = (shape.outer.bounds - np.array(grid.lower)) / grid.spacing
+        # One cell more on each side covers rounding.
+        first = np.clip(np.floor(low - 1.0), 0, grid.shape).astype(np.int64)
+        stop = np.clip(np.floor(high + 2.0), 0, grid.shape).astype(np.int64)
         # This grid has the same lower corner as that of a build, so that its cells are equal to the
         # bit.
-        outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))
+        near = Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist())
+        outer, inner = shape.cells(near)
         window = tuple(map(slice, first, stop))
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
 
@@ -322,19 +315,14 @@ class ObstacleLayers:
 
     @property
     def obstacles(self) -> tuple[Shape, ...] | None:
-        """All obstacles as shapes.
-
-        None if only their cells are known.
-        """
+        """All obstacles as shapes; None if only their cells are known."""
         if not self.named:
             return self.shapes
         if self._base_shapes is None and self.shapes is None:
             cells = Voxels(self.outer.copy(), self.grid.spacing, np.array(self.grid.lower))
             self._base_shapes = (cells,) if self.outer.any() else ()
-        return (
-            *(self._base_shapes or self.shapes or ()),
-            *(each.shape for each in self.named.values()),
-        )
+        base = self._base_shapes or self.shapes or ()
+        return (*base, *(obstacle.shape for obstacle in self.named.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
         """Write a box of the base's cells.
@@ -352,33 +340,24 @@ class ObstacleLayers:
 
         Returns the boxes of cells that may have changed.
         """
-        boxes = [
-            each.box
-            for each in (obstacle, self.named.get(name))
-            if each is not None and each.outer.size
-        ]
+        changed = [obstacle, self.named.get(name)]
         if obstacle is None:
             del self.named[name]
         else:
             self.named[name] = obstacle
-        return boxes
+        return [each.box for each in changed if each is not None and each.outer.size]
 
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
-        """Return the outer, inner and unknown cells of a box.
-
-        `first` is its first cell, and `stop` the cell after the last one.
-        """
+        """Return the outer, inner and unknown cells from ``first`` to before ``stop``."""
         window = tuple(map(slice, first, stop))
         outer = self.outer[window].copy()
         inner = self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
-        for each in self.named.values():
-            low = np.maximum(first, each.box[0])
-            high = np.minimum(stop, each.box[1])
-            if (low < high).all():
-                here = tuple(map(slice, low - first, high - first))
-                there = tuple(map(slice, low - each.box[0], high - each.box[0]))
-                outer[here] |= each.outer[there]
-                inner[here] |= each.inner[there]
-                unknown[here] &= ~each.outer[there]
+        for obstacle in self.named.values():
+            box = tuple(map(slice, *obstacle.box))
+            in_window, in_obstacle = intersect_boxes(window, box)
+            if all(side.start < side.stop for side in in_window):
+                outer[in_window] |= obstacle.outer[in_obstacle]
+                inner[in_window] |= obstacle.inner[in_obstacle]
+                unknown[in_window] &= ~obstacle.outer[in_obstacle]
         return outer, inner, unknown

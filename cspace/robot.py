@@ -124,12 +124,8 @@ class Robot:
         """
         polygons = Polygons.of(shape)
         count = len(polygons.geometries)
-        return cls(
-            name
-            or f"polygon with {polygons.corners} corners"
-            + (f" in {count} parts" if count > 1 else ""),
-            polygons,
-        )
+        parts = f" in {count} parts" if count > 1 else ""
+        return cls(name or f"polygon with {polygons.corners} corners{parts}", polygons)
 
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
@@ -201,14 +197,12 @@ class Robot:
         balls = Balls.of(centers, radii)
         smallest = float(balls.radii.min())
         if smallest <= 0.0:
+            problem = f"contains {smallest:g}"
             hint = "drop balls without volume"
-            raise InputError(
-                "radii", f"contains {smallest:g}", "each must be above zero", hint, value=smallest
-            )
+            raise InputError("radii", problem, "each must be above zero", hint, value=smallest)
         count = len(balls.radii)
-        return cls(
-            f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls
-        )
+        name = f"{balls.noun} {smallest:g} m" if count == 1 else f"{count} {balls.noun}s"
+        return cls(name, balls)
 
     @classmethod
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -297,10 +291,8 @@ class Robot:
             value is invalid.
         """
         voxels = Voxels.of(occupied, spacing, lower)
-        return cls(
-            f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m",
-            voxels,
-        )
+        cells = " x ".join(map(str, voxels.occupied.shape))
+        return cls(f"bitmap {cells} cells of {voxels.side:g} m", voxels)
 
     @classmethod
     def from_footprint(
@@ -353,9 +345,8 @@ class Robot:
 
         base = read_nav2(path, costmap)
         if base.corners:
-            return cls.from_footprint(
-                base.corners, padding=base.padding, name=f"footprint of {Path(path).name}"
-            )
+            name = f"footprint of {Path(path).name}"
+            return cls.from_footprint(base.corners, padding=base.padding, name=name)
         return cls.disc(base.radius + base.padding)
 
     @classmethod
@@ -410,13 +401,15 @@ class Robot:
         from cspace.shapes.scenes import read_urdf
 
         surfaces = read_urdf(path, link, package_dirs, solid != "surface")
-        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in surfaces)
+        name = Path(path).name
+        # Surfaces around and inside the links, or a single one if their meshes are exact.
+        outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)
         outer.check_origin()
-        names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
-        return cls(
-            f"{Path(path).name}{names}",
-            BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer),
-        )
+        if link is not None:
+            links = link if isinstance(link, str) else ", ".join(link)
+            name = f"{name} {links}"
+        shape = Mesh.of(outer)
+        return cls(name, BoundedShape(shape, inner[0]) if inner else shape)
 
     def footprint(self) -> Robot:
         """Project the robot onto the ground, for maps in the plane.
@@ -429,11 +422,9 @@ class Robot:
         GeometryError
             If the projection has no area.
         """
-        return (
-            Robot(f"footprint of {self.name}", self.shape.project_to_plane())
-            if self.dim == 3
-            else self
-        )
+        if self.dim == 2:
+            return self
+        return Robot(f"footprint of {self.name}", self.shape.project_to_plane())
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, object]) -> Robot:
@@ -447,10 +438,9 @@ class Robot:
         try:
             robot = cls(str(spec["name"]), shape_from_spec(spec))
         except (KeyError, TypeError, ValueError) as error:
+            problem = f"is {str(spec)[:80]}"
             rule = f"it must be a value of Robot.spec: {error}"
-            raise InputError(
-                "spec", f"is {str(spec)[:80]}", rule, "write it again", value=spec
-            ) from error
+            raise InputError("spec", problem, rule, "write it again", value=spec) from error
         robot.shape.check_origin()
         return robot
 
@@ -477,14 +467,9 @@ class Robot:
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
         if not isinstance(text, str) or not primitives.is_short_text(text):
+            rule = "it must be a short text such as 'ball:0.3'"
             hint = f"pass {primitives.SHORT_TEXT_FORMS}; Robot.open reads files"
-            raise InputError(
-                "robot",
-                f"is {text!r}",
-                "it must be a short text such as 'ball:0.3'",
-                hint,
-                value=text,
-            )
+            raise InputError("robot", f"is {text!r}", rule, hint, value=text)
         return cls(*primitives.parse_short_text(text, "robot"))
 
     @classmethod
@@ -521,22 +506,21 @@ class Robot:
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
-        name, part = _split_part(path, ROBOT_FORMATS)
-        rule = (
-            "it must be a file that describes a robot; Robot.parse takes "
-            f"{primitives.SHORT_TEXT_FORMS}"
-        )
-        form = ROBOT_FORMATS[check_suffix(name, ROBOT_FORMATS, rule, "robot")]
+        file, part = _split_part(path, ROBOT_FORMATS)
+        short_texts = primitives.SHORT_TEXT_FORMS
+        rule = f"it must be a file that describes a robot; Robot.parse takes {short_texts}"
+        reader = ROBOT_FORMATS[check_suffix(file, ROBOT_FORMATS, rule, "robot")]
         given = {"solid": solid, "package_dirs": package_dirs}
         options = {option: value for option, value in given.items() if value is not None}
         for option, value in options.items():
-            if option not in form.options:
-                known = [suffix for suffix, each in ROBOT_FORMATS.items() if option in each.options]
+            if option not in reader.options:
+                known = [
+                    suffix for suffix, other in ROBOT_FORMATS.items() if option in other.options
+                ]
+                problem = f"is {value!r} for {path}"
                 rule = f"it applies to {', '.join(known)}"
-                raise InputError(
-                    option, f"is {value!r} for {path}", rule, "leave it out", value=value
-                )
-        return _read_robot(form.method, Path(name), part, options)
+                raise InputError(option, problem, rule, "leave it out", value=value)
+        return _read_robot(reader.method, Path(file), part, options)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -595,22 +579,23 @@ class Robot:
             too far from its reference point for that spacing.
         """
         side = check_positive(spacing, "spacing")
-        grown = check_not_negative(margin, "margin", GROWN)
-        # A rotation may move a corner of the robot's box, which is farther from the origin than a
-        # side, onto an axis.
-        far = (self.span * (1.0 if rotation.matrix is None else math.sqrt(self.dim)) + grown) / side
+        growth = check_not_negative(margin, "margin", GROWN)
+        span = self.span
+        if rotation.matrix is not None:
+            # A rotation may move a corner of the robot's box, which is farther from the origin than
+            # a side, onto an axis.
+            span *= math.sqrt(self.dim)
         hint = "use a larger spacing, or check the robot's units (metres) and origin"
-        check_reach(far, "robot", "its reference point", hint)
-        return self.shape.rasters(side, grown, rotation)
+        check_reach((span + growth) / side, "robot", "its reference point", hint)
+        return self.shape.rasters(side, growth, rotation)
 
 
 def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:
     """Return the file of a path such as ``FILE.urdf#LINK``, and the name of the part or ""."""
-    text = path if isinstance(path, str) else str(path)
-    name, mark, part = text.rpartition("#")
-    if not mark or Path(text).suffix.lower() in suffixes:
+    file, mark, part = str(path).rpartition("#")
+    if not mark or Path(path).suffix.lower() in suffixes:
         return path, ""
-    return name, part
+    return file, part
 
 
 def robot_of(source: Robot | ShapeLike) -> Robot:

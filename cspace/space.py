@@ -47,6 +47,7 @@ from cspace.support.check import (
     check_positive,
     check_rng,
     check_rows,
+    check_text,
 )
 from cspace.support.compiling import clock
 from cspace.support.derived import derived, lazy
@@ -145,11 +146,9 @@ class CSpace(ConfigurationMap, MapExport):
         The array is read-only. None if the map was built without counts, or its cells changed.
         """
         counts = self._contents.overlap_counts
-        return (
-            None
-            if counts is None
-            else read_only(counts).reshape(self._contents.leading(len(counts)))
-        )
+        if counts is None:
+            return None
+        return read_only(counts).reshape(self._contents.leading(len(counts)))
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
@@ -163,10 +162,10 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If a new array does not fit into memory.
         """
-        every = self._seen
-        if len(every) < len(self._slice_of):
-            every = read_only(every[self._slice_of])
-        return every.reshape(self._contents.leading(len(every)))
+        states = self._seen
+        if len(states) < len(self._slice_of):
+            states = read_only(states[self._slice_of])
+        return states.reshape(self._contents.leading(len(states)))
 
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """Return the state of each cell at a rotation.
@@ -174,15 +173,14 @@ class CSpace(ConfigurationMap, MapExport):
         The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration:
         nothing, a yaw in radians, or a quaternion.
         """
-        part: States = self._seen[
-            int(self._slice_of[self.rotations.find_cells(self.rotations.check_rotation(rotation))])
-        ]
-        return part
+        cell = self.rotations.find_cells(self.rotations.check_rotation(rotation))
+        states: States = self._seen[int(self._slice_of[cell])]
+        return states
 
     def count(self) -> tuple[int, int, int]:
         """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
-        shares = np.bincount(self._slice_of, minlength=len(self._seen))
-        free, mixed, blocked = (shares @ count_states(self._seen)).tolist()
+        rotations_per_slice = np.bincount(self._slice_of, minlength=len(self._seen))
+        free, mixed, blocked = (rotations_per_slice @ count_states(self._seen)).tolist()
         return free, mixed, blocked
 
     @property
@@ -198,15 +196,19 @@ class CSpace(ConfigurationMap, MapExport):
         rotations = self.rotations
         states = self._seen
         counts = self.overlap_counts
-        measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
-        filled = "mean_" * bool(rotations.names) + f"free_{measure}"
-        free = count_states(states)[:, FREE][self._slice_of]
-        mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
+        free_cells = count_states(states)[self._slice_of, FREE]
+        mean_cells = float(free_cells @ rotations.volumes / rotations.volumes.sum())
+        quantity = "area" if grid.dim == 2 else "volume"
+        free_name = f"free_{quantity}_{grid.measure_unit.replace(' ', '_')}"
+        facts: dict[str, object] = {}
+        if rotations.names:
+            free_name = f"mean_{free_name}"
+            facts["slices"] = len(states)
         return {
-            **({"slices": len(states)} if rotations.names else {}),
+            **facts,
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
-            filled: mean,
+            free_name: mean_cells * grid.spacing**grid.dim,
             "overlap_counts": counts is not None,
             "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),
         }
@@ -265,11 +267,9 @@ class CSpace(ConfigurationMap, MapExport):
         """
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
-        counts = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = (
-            sums
-            == counts[self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]]
-        )
+        slices = self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]
+        robot_cells = np.array([outer.count for outer, _ in self._rasters])
+        inside: Bools = sums == robot_cells[slices]
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(
@@ -301,40 +301,33 @@ class CSpace(ConfigurationMap, MapExport):
         """
         points = check_rows(q, "q", self.size)
         rows = as_contiguous(points.reshape(-1, self.size))
-        spans = list[Floats]()
-        for name, given in (("lengths", lengths), ("turns", turns)):
-            along = check_finite(given, name)
-            if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
-                hint = "pass one number, or one per configuration"
-                raise InputError(
-                    name, f"is {given!r}", "it must be zero or above", hint, value=given
-                )
-            spans.append(np.full(points.shape[:-1], along).ravel())
+        row_lengths = _spread_spans(lengths, "lengths", points.shape[:-1])
+        row_turns = _spread_spans(turns, "turns", points.shape[:-1])
         if not np.all(self.is_free(points, exact=True)):
             return 0.0
-        return self._exact.distance(rows, *spans)
+        return self._exact.distance(rows, row_lengths, row_turns)
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration; see the base class."""
         try:
             state = self._look_up_state(*q)
         except (TypeError, ValueError):  # another number of entries, or none that are numbers
             return None
-        return None if state == NOT_USABLE or self._is_suspect(q) else state
+        if state == NOT_USABLE or self._is_suspect(q):
+            return None
+        return state
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return whether one motion is proven free; see the base class."""
         try:
             state = self._look_up_motion(*q0, *q1)
         except (TypeError, ValueError):
             return None
-        is_usable = state != NOT_USABLE and len(q0) == len(q1)
-        return None if not is_usable or self._is_suspect(q0) or self._is_suspect(q1) else state
+        if state == NOT_USABLE or len(q0) != len(q1):
+            return None
+        return None if self._is_suspect(q0) or self._is_suspect(q1) else state
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are connected or disconnected; see the base class."""
         with self.lock:  # an update changes the components
             try:
                 places = self._look_up_place(*q0), self._look_up_place(*q1)
@@ -343,9 +336,9 @@ class CSpace(ConfigurationMap, MapExport):
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
             joined = self._components.are_joined(*places)
-            if not apart:
-                return joined
-            return not joined and not self._components.are_joined(*places, mixed=True)
+            if apart:
+                joined = joined or self._components.are_joined(*places, mixed=True)
+            return joined != apart
 
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
         """Return True if an angle seems to be in degrees, so that a warning is due."""
@@ -392,8 +385,8 @@ class CSpace(ConfigurationMap, MapExport):
         """
         look_up = self._look_up_motion
 
-        def check(*both: float) -> bool:
-            return look_up(*both) == FREE
+        def check(*endpoints: float) -> bool:
+            return look_up(*endpoints) == FREE
 
         return self._exact.edge_checker(check) if exact else check
 
@@ -439,10 +432,10 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- paths through FREE cells ----------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the bounding box of the reachable FREE cells.
+        """Return the bounding box of the FREE cells that a configuration can reach.
 
-        They are connected to the configuration through FREE cells. No path through FREE cells of
-        the grid leaves the box, so that a planner need not sample outside of it.
+        No path through FREE cells of the grid leaves the box, so that a planner need not sample
+        outside of it.
 
         Parameters
         ----------
@@ -532,27 +525,24 @@ class CSpace(ConfigurationMap, MapExport):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """Return the path of a search with a time limit.
-
-        Its length is 0 if time runs out.
-        """
-        seconds = (
-            math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
-        )
+        """Return the path of a search with a time limit; its length is 0 if time runs out."""
+        seconds = math.inf
+        if time_limit is not None:
+            seconds = check_positive(time_limit, "time_limit", "seconds")
         try:
             return search(q0, q1, straight, seconds)
         except TimeoutError:
-            return np.empty((0, self.size))
+            return self._no_path()
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         endpoints = self._ends(q0, q1, free=True)
+        start, goal = endpoints
         dim = self.grid.dim
-        if not self.rotations.steps_between(*endpoints)[dim:].any():
-            endpoints[1, dim:] = endpoints[
-                0, dim:
-            ]  # the same rotation may be given in other numbers, e.g. other signs
-        if straight and self.edge_checker()(*endpoints[0], *endpoints[1]):
+        if not self.rotations.steps_between(start, goal)[dim:].any():
+            # The same rotation may be given in other numbers, e.g. other signs.
+            goal[dim:] = start[dim:]
+        if straight and self.edge_checker()(*start, *goal):
             return endpoints
         return self._path_along_chain(endpoints, straight, seconds)
 
@@ -564,21 +554,23 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.paths import in_time, path_length, pulled_straight
 
         endpoints = self._ends(q0, q1, free=True, exact=True)
+        start, goal = endpoints
         until = clock() + seconds
-        rotations = self.rotations
         check = self.edge_checker(exact=True)
-        if straight and check(*endpoints[0], *endpoints[1]):
+        if straight and check(*start, *goal):
             return endpoints
-        through_free = endpoints[:0]
+        measure = partial(path_length, rotations=self.rotations)
+        paths = list[Floats]()
+        max_length = math.inf
         if np.all(self.is_free(endpoints)):
-            through_free = self._free_path(endpoints[0], endpoints[1], straight, seconds)
-        max_length = path_length(through_free, rotations) if len(through_free) else math.inf
-        paths = [through_free, self._path_through_mixed(endpoints, check, max_length, until)]
-        found = [path for path in paths if len(path)]
+            paths.append(self._free_path(start, goal, straight, seconds))
+            max_length = measure(paths[0]) if len(paths[0]) else math.inf
+        paths.append(self._path_through_mixed(endpoints, check, max_length, until))
+        paths = [path for path in paths if len(path)]
         if straight:
             in_time_check = in_time(check, until)
-            found = [pulled_straight(path, rotations, in_time_check) for path in found]
-        return min(found, key=partial(path_length, rotations=rotations), default=endpoints[:0])
+            paths = [pulled_straight(path, self.rotations, in_time_check) for path in paths]
+        return min(paths, key=measure, default=self._no_path())
 
     def _path_through_mixed(
         self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
@@ -617,27 +609,32 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.search import NO_FACTORS, find_chain
 
         if "_components" in vars(self) and not self.is_connected(*endpoints):
-            return endpoints[:0]
-        dim = self.grid.dim
-        rotations = self.rotations
+            return self._no_path()
         until = clock() + seconds
+        rotations = self.rotations
         first, last = self._cells_of(endpoints)
         turns = rotations.neighbors, self._turn_costs
         factors = NO_FACTORS if factors is None else factors
         cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):
-            return np.empty((0, self.size))
+            return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
-        if (endpoints[0, dim:] == endpoints[1, dim:]).all() and (cells[:, 0] == cells[0, 0]).all():
-            path[:, dim:] = endpoints[0, dim:]  # without turning to the center of the rotation cell
+        start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
+        stays_in_cell = (cells[:, 0] == cells[0, 0]).all()
+        if stays_in_cell and (start_rotation == goal_rotation).all():
+            # Do not turn to the center of the rotation cell and back.
+            path[:, self.grid.dim :] = start_rotation
         check = self.edge_checker()
-        rows = path.tolist()
-        edges = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
-        if not all(check(*first, *last) for first, last in edges):
-            return np.empty((0, self.size))
+        edges = itertools.pairwise(path.tolist())
+        if not all(check(*start, *end) for start, end in edges):
+            return self._no_path()
         if not straight:
             return path
         return pulled_straight(path, rotations, in_time(check, until), cost)
+
+    def _no_path(self) -> Floats:
+        """Return a path without waypoints, which stands for none."""
+        return np.empty((0, self.size))
 
     def _cheapest_path(
         self,
@@ -654,18 +651,21 @@ class CSpace(ConfigurationMap, MapExport):
         endpoints = self._ends(q0, q1, free=True)
         factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
         until = clock() + seconds
-        paths = [self._free_path(endpoints[0], endpoints[1], straight, seconds)]
-        if straight and len(paths[0]):
+        short_path = self._free_path(endpoints[0], endpoints[1], straight, seconds)
+        paths = [short_path]
+        if straight and len(short_path):
             check = in_time(self.edge_checker(), until)
-            paths.append(pulled_straight(paths[0], self.rotations, check, cost))
+            paths.append(pulled_straight(short_path, self.rotations, check, cost))
         with suppress(TimeoutError):
-            paths.append(
-                self._path_along_chain(endpoints, straight, until - clock(), factors, cost)
-            )
-        found = [path for path in paths if len(path)]
-        return min(
-            found, key=lambda path: float(edge_costs(path, cost).sum()), default=endpoints[:0]
-        )
+            remaining = until - clock()
+            cheap_path = self._path_along_chain(endpoints, straight, remaining, factors, cost)
+            paths.append(cheap_path)
+        paths = [path for path in paths if len(path)]
+
+        def measure(path: Floats) -> float:
+            return float(edge_costs(path, cost).sum())
+
+        return min(paths, key=measure, default=self._no_path())
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
@@ -757,15 +757,14 @@ class CSpace(ConfigurationMap, MapExport):
             self._search_distances(), self._slice_of, self.rotations, self._turn_costs
         )
         until = clock() + seconds
-        both = endpoints, self._cells_of(endpoints)
-        path = find_widest_path(widths, self.kernel_map, self.grid, both, straight, until)
-        return path if len(path) and self.certify_path(path).all() else path[:0]
+        ends = endpoints, self._cells_of(endpoints)
+        path = find_widest_path(widths, self.kernel_map, self.grid, ends, straight, until)
+        if len(path) and self.certify_path(path).all():
+            return path
+        return self._no_path()
 
     def _search_distances(self) -> Distances:
-        """Return the distance of each cell, by slice.
-
-        Raise InputError if a search does not fit into memory.
-        """
+        """Return the distance of each cell, by slice; refuse a search beyond free memory."""
         from cspace.queries.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
@@ -844,13 +843,10 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _nothing_free(self) -> ConfigurationError:
         """Return the error for a map without FREE cells."""
-        rotations = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
-        hint = (
-            f"use a smaller robot, a finer spacing, {rotations}or unknown='free' for a sensor map"
-        )
-        return ConfigurationError(
-            "the map", "has no FREE cell", "no configuration can be drawn", hint
-        )
+        more = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
+        hint = f"use a smaller robot, a finer spacing, {more}or unknown='free' for a sensor map"
+        rule = "no configuration can be drawn"
+        return ConfigurationError("the map", "has no FREE cell", rule, hint)
 
     # ---- updates ---------------------------------------------------------------------------------
 
@@ -974,21 +970,14 @@ class CSpace(ConfigurationMap, MapExport):
         >>> list(space.obstacles)
         ['people']
         """
-        if not isinstance(name, str) or not name:
-            raise InputError(
-                "name",
-                f"is {name!r}",
-                "it must be a non-empty string",
-                'pass e.g. "cart"',
-                value=name,
-            )
+        check_text(name, "name", "cart")
         self._check_whole()
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
-            rule = f"it must be in {('the plane', 'space')[self.grid.dim - 2]}, as the map is"
-            raise InputError(
-                "shape", f"is in {obstacle.place}", rule, "pass another shape", value=shape
-            )
+            place = "the plane" if self.grid.dim == 2 else "space"
+            problem = f"is in {obstacle.place}"
+            rule = f"it must be in {place}, as the map is"
+            raise InputError("shape", problem, rule, "pass another shape", value=shape)
         with self.lock:
             return self._updates.set_obstacle(name, obstacle)
 
@@ -1011,14 +1000,11 @@ class CSpace(ConfigurationMap, MapExport):
         with self.lock:
             named = self.obstacles
             if name not in named:
-                rule = (
-                    f"it must be one of {', '.join(map(repr, named))}"
-                    if named
-                    else "there is no named obstacle"
-                )
-                raise InputError(
-                    "name", f"is {name!r}", rule, "see space.obstacles for the names", value=name
-                )
+                rule = "there is no named obstacle"
+                if named:
+                    rule = f"it must be one of {', '.join(map(repr, named))}"
+                hint = "see space.obstacles for the names"
+                raise InputError("name", f"is {name!r}", rule, hint, value=name)
             return self._updates.set_obstacle(name, None)
 
     @property
@@ -1026,7 +1012,7 @@ class CSpace(ConfigurationMap, MapExport):
         """The named obstacles at their current positions; a copy."""
         with self.lock:
             named = {} if self._layers is None else self._layers.named
-            return {name: each.shape for name, each in named.items()}
+            return {name: obstacle.shape for name, obstacle in named.items()}
 
     @lazy
     def _updates(self) -> Updater:
@@ -1060,18 +1046,18 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- for files and messages ------------------------------------------------------------------
 
     def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
-        """Call ``write`` with the contents of the map.
+        """Call ``write`` with the contents of the map while no update changes them.
 
-        No update runs meanwhile. With ``exterior``, the exterior's states are included.
+        With ``exterior``, the exterior's states are included.
         """
         with self.lock:
-            write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
+            contents = self._contents
+            if exterior:
+                contents = replace(contents, exterior=self._exterior)
+            write(contents)
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
-        """Return the clearance at each cell's center, in metres.
-
-        It is that of one slice, or the largest of all slices.
-        """
+        """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
         from cspace.queries.distance import ROUNDING_FACTOR
 
         if number is None:
@@ -1215,16 +1201,15 @@ class CSpace(ConfigurationMap, MapExport):
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         from cspace.queries.edges import edges_are_free
 
-        kernel = self._exact.edges if exact else edges_are_free
-        write = partial(kernel, self.kernel_map)
+        test_edges = self._exact.edges if exact else edges_are_free
+        write = partial(test_edges, self.kernel_map)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
         from cspace.queries.points import boxes_are_free
 
-        return write_in_threads(
-            partial(boxes_are_free, self.kernel_map, distance, angle), rows, out
-        )
+        write = partial(boxes_are_free, self.kernel_map, distance, angle)
+        return write_in_threads(write, rows, out)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         """Write clearances; compute the distances of the slices of the rows first."""
@@ -1244,11 +1229,13 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
-        exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
+        exterior_counts = self.outside == "blocked" or (side == "outer" and self.outside == UNKNOWN)
         has_one_side = self.workspace.inner is self.workspace.outer
         sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
-        fixed = self.kernel_map, sums, self._robot_rows, int(exterior_blocked)
-        write = partial(write_in_threads, partial(count_overlaps, *fixed))
+        count = partial(
+            count_overlaps, self.kernel_map, sums, self._robot_rows, int(exterior_counts)
+        )
+        write = partial(write_in_threads, count)
         counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
         return counts
 
@@ -1269,12 +1256,22 @@ class CSpace(ConfigurationMap, MapExport):
             warn_of_degrees(given, self._angles, name)
         point = self.rotations.make_canonical(given, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
-        if is_valid and free:
-            is_valid = bool(self.is_free(point, exact=exact))
+        required = "configuration"
+        hint = "ask grid.lower and grid.upper"
+        if free:
+            is_valid = is_valid and bool(self.is_free(point, exact=exact))
+            required = "free configuration" if exact else "FREE configuration"
+            hint = "ask nearest_free for one"
         if not is_valid:
-            kind = ("free " if exact else "FREE ") if free else ""
-            hint = "ask nearest_free for one" if free else "ask grid.lower and grid.upper"
-            raise ConfigurationError(
-                name, f"is {q!r}", f"it must be one {kind}configuration in the grid", hint, value=q
-            )
+            rule = f"it must be one {required} in the grid"
+            raise ConfigurationError(name, f"is {q!r}", rule, hint, value=q)
         return point
+
+
+def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    """Return lengths or angles of pieces, one for each configuration of a batch, in a row."""
+    spans = check_finite(values, name)
+    if spans.shape not in ((), shape) or (spans < 0.0).any():
+        hint = "pass one number, or one per configuration"
+        raise InputError(name, f"is {values!r}", "it must be zero or above", hint, value=values)
+    return np.full(shape, spans).ravel()

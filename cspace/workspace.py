@@ -122,41 +122,38 @@ class Workspace(WorkspacePlot):
         for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
             if cells is not None and cells.shape != self.grid.shape:
                 problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
-                raise InputError(
-                    name, problem, "they must be equal", "pass one entry per cell", value=cells
-                )
-        if inner is not outer and (lost := inner > outer).any():
-            problem = f"has cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer"
-            raise InputError(
-                "inner",
-                problem,
-                "it must be a subset of outer",
-                "add it to outer",
-                value=self.inner,
-            )
-        object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
-        object.__setattr__(
-            self, "unknown", unknown if unknown is not None and unknown.any() else None
-        )
+                hint = "pass one entry per cell"
+                raise InputError(name, problem, "they must be equal", hint, value=cells)
+        if inner is not outer:
+            lost = np.argwhere(inner > outer)
+            if len(lost):
+                problem = f"has cell {tuple(lost[0].tolist())}, which is not in outer"
+                rule = "it must be a subset of outer"
+                raise InputError("inner", problem, rule, "add it to outer", value=self.inner)
+            if np.array_equal(inner, outer):
+                inner = outer
+        if unknown is not None and not unknown.any():
+            unknown = None
+        shapes = None if self.shapes is None else tuple(self.shapes)
         object.__setattr__(self, "outer", outer)
-        object.__setattr__(
-            self, "inner", outer if inner is outer or np.array_equal(inner, outer) else inner
-        )
+        object.__setattr__(self, "inner", inner)
+        object.__setattr__(self, "unknown", unknown)
+        object.__setattr__(self, "shapes", shapes)
 
     def __repr__(self) -> str:
         """Return source, cells, and the occupied and unknown shares."""
         grid = self.grid
-        occupied = np.count_nonzero(self.outer)
-        unknown = ""
+        known = self.outer
+        unknown_text = ""
         if self.unknown is not None:
-            count = int(np.count_nonzero(self.unknown))
-            taken = int(np.count_nonzero(self.outer & self.unknown))
-            occupied -= taken
-            unknown = f", {100.0 * count / self.outer.size:.3g} % unknown"
-            unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")
+            known = self.outer & ~self.unknown
+            unknown_text = f", {_percent_text(self.unknown)} unknown"
+            if not self.outer[self.unknown].any():
+                unknown_text += ", taken as free"
+            elif self.outer[self.unknown].all():
+                unknown_text += ", taken as occupied"
         cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
-        share = f"{100.0 * occupied / self.outer.size:.3g} % occupied"
-        return f"Workspace({self.source}: {cells}, {share}{unknown})"
+        return f"Workspace({self.source}: {cells}, {_percent_text(known)} occupied{unknown_text})"
 
     @classmethod
     def from_array(
@@ -395,12 +392,13 @@ class Workspace(WorkspacePlot):
         if len(shapes) == 1:
             outer, inner = shapes[0].cells(grid)
         else:
-            outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+            outer = np.zeros(grid.shape, dtype=np.bool_)
+            inner = np.zeros(grid.shape, dtype=np.bool_)
             for shape in shapes:
-                part = Obstacle.of(shape, grid)
-                window = tuple(map(slice, *part.box))
-                outer[window] |= part.outer
-                inner[window] |= part.inner
+                obstacle = Obstacle.of(shape, grid)
+                window = tuple(map(slice, *obstacle.box))
+                outer[window] |= obstacle.outer
+                inner[window] |= obstacle.inner
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
@@ -446,20 +444,18 @@ class Workspace(WorkspacePlot):
             raise InputError("shapes", problem, "it must be a list of shapes", hint, value=shapes)
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
+            rule = "at least one shape is needed"
             hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
-            raise InputError(
-                "shapes", "is empty", "at least one shape is needed", hint, value=shapes
-            )
+            raise InputError("shapes", "is empty", rule, hint, value=shapes)
+        place = made[0].place
         for index, shape in enumerate(made):
             shape.outer.boundary()  # raises the errors of later exact queries now
-            if shape.dim != made[0].dim:
-                rule = f"all must be in {made[0].place}, as shapes[0] is"
-                raise InputError(
-                    f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape
-                )
-        return cls._of(
-            made, spacing, bounds, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes"
-        )
+            if shape.place != place:
+                problem = f"is in {shape.place}"
+                rule = f"all must be in {place}, as shapes[0] is"
+                raise InputError(f"shapes[{index}]", problem, rule, "leave it out", value=shape)
+        source = "1 shape" if len(made) == 1 else f"{len(made)} shapes"
+        return cls._of(made, spacing, bounds, source, "set of shapes")
 
     @property
     def cells(self) -> Source:
@@ -522,11 +518,10 @@ class Workspace(WorkspacePlot):
         check_extent(spacing, bounds, 2)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
-        named = (
-            isinstance(polygons, str | os.PathLike)
-            and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
-        )
-        source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
+        source = "1 polygon" if count == 1 else f"{count} polygons"
+        is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
+        if is_text and str(polygons).lower().endswith(POLYGON_SUFFIXES):
+            source = str(polygons)
         return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
 
     @classmethod
@@ -571,14 +566,16 @@ class Workspace(WorkspacePlot):
         check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
-        if lazy and shape.solid == "fill":
+        if shape.solid != "fill":
+            return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
+        if lazy:
             problem = "is True with solid='fill'"
             rule = "filling needs all cells at once"
-            raise InputError(
-                "lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy
-            )
-        made = cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
-        return replace(made, shapes=None) if shape.solid == "fill" else made
+            hint = "close the mesh and pass solid='auto'"
+            raise InputError("lazy", problem, rule, hint, value=lazy)
+        workspace = cls._of([shape], spacing, bounds, source, "mesh")
+        # The filled cells depend on the spacing, so the mesh does not stand for them.
+        return replace(workspace, shapes=None)
 
     @classmethod
     def from_balls(
@@ -644,13 +641,15 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.points import read_points
 
-        named = isinstance(points, str | os.PathLike)
-        check_extent(spacing, bounds if named else None, 3)
-        cloud = Balls.of(
-            read_points(points) if isinstance(points, str | os.PathLike) else points, radius
-        )
+        if isinstance(points, str | os.PathLike):
+            check_extent(spacing, bounds, 3)
+            cloud = Balls.of(read_points(points), radius)
+            source = str(points)
+        else:
+            check_positive(spacing, "spacing")
+            cloud = Balls.of(points, radius)
+            source = f"{len(cloud.radii)} points"
         # The extent of the points shows a wrong unit; the balls around them would hide it.
-        source = str(points) if named else f"{len(cloud.radii)} points"
         return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
@@ -724,9 +723,8 @@ class Workspace(WorkspacePlot):
         from cspace.shapes.scenes import read_scene_shapes
 
         check_extent(spacing, bounds, 3)
-        return cls._of(
-            read_scene_shapes(path, package_dirs), spacing, bounds, str(path), "planning scene"
-        )
+        shapes = read_scene_shapes(path, package_dirs)
+        return cls._of(shapes, spacing, bounds, str(path), "planning scene")
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
@@ -754,9 +752,8 @@ class Workspace(WorkspacePlot):
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
                 problem = f"is missing for {os.fspath(path)}"
-                raise InputError(
-                    name, problem, "the file does not contain it", f"pass e.g. {name}=0.05"
-                )
+                rule = "the file does not contain it"
+                raise InputError(name, problem, rule, f"pass e.g. {name}=0.05")
         return reader(path, **options)
 
 
@@ -784,13 +781,10 @@ class LazyWorkspace(Workspace):
     def __init__(
         self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None
     ) -> None:
-        for name, value in (
-            ("grid", grid),
-            ("source", source),
-            ("shapes", shapes),
-            ("live", False),
-        ):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "grid", grid)
+        object.__setattr__(self, "source", source)
+        object.__setattr__(self, "shapes", shapes)
+        object.__setattr__(self, "live", False)
         object.__setattr__(self, "_cells", cells)
         object.__setattr__(self, "_whole", [])
 
@@ -810,19 +804,22 @@ class LazyWorkspace(Workspace):
         return self._read()[1]
 
     def _read(self) -> tuple[Bools, Bools]:
+        """Return the outer and inner cells; the first call reads them."""
         if not self._whole:
             grid = self.grid
             check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
-            outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
-            self._whole.append((outer, outer if np.array_equal(outer, inner) else inner))
+            whole_grid = tuple(slice(0, n) for n in grid.shape)
+            outer, inner = map(frozen, self.cells.read(whole_grid))
+            if np.array_equal(outer, inner):
+                inner = outer
+            self._whole.append((outer, inner))
         return self._whole[0]
 
     def __repr__(self) -> str:
         """Return source and number of cells."""
         shape = " x ".join(map(str, self.grid.shape))
-        return (
-            f"LazyWorkspace({self.source}: {shape} cells of {self.grid.spacing:g} m, read at need)"
-        )
+        cells = f"{shape} cells of {self.grid.spacing:g} m"
+        return f"LazyWorkspace({self.source}: {cells}, read at need)"
 
     def __reduce__(
         self,
@@ -874,15 +871,15 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     known = _options_of(reader)
     for name in options:
         if name not in known:
-            raise InputError(
-                name, f"is given for {path}", f"its format takes {', '.join(known)}", "leave it out"
-            )
+            rule = f"its format takes {', '.join(known)}"
+            raise InputError(name, f"is given for {path}", rule, "leave it out")
     return reader
 
 
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
-    """Return the parameters of a reader except the path."""
-    return dict(list(inspect.signature(reader).parameters.items())[1:])
+    """Return the parameters of a reader except the path, which comes first."""
+    _, *options = inspect.signature(reader).parameters.values()
+    return {option.name: option for option in options}
 
 
 def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
@@ -919,12 +916,12 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
     no warning. ``what`` names the obstacles in the message.
     """
     sides = corners[1] - corners[0]
-    if 0.0 < sides.max() < (_MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT) * spacing:
+    min_extent = _MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT
+    if 0.0 < sides.max() < min_extent * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
         warn_user(
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are "
-            "probably wrong "
-            "(metres are needed): scale it, or use a smaller spacing",
+            "probably wrong (metres are needed): scale it, or use a smaller spacing",
             UnitWarning,
         )
 
@@ -935,13 +932,17 @@ def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
     ``corners``, shape (2, d), is the obstacles' box in metres.
     """
     if not outer.any():
+        obstacles = f"from {in_metres(corners[0])} to {in_metres(corners[1])}"
+        bounds = f"{in_metres(grid.lower)} to {in_metres(grid.upper)}"
         warn_user(
-            f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and "
-            "none lies within the "
-            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no "
-            "obstacle: check the bounds, "
-            "and the units (metres)"
+            f"the obstacles reach {obstacles} and none lies within the bounds, {bounds}; the map "
+            "has no obstacle: check the bounds, and the units (metres)"
         )
+
+
+def _percent_text(cells: Bools) -> str:
+    """Format the share of the cells that are set."""
+    return f"{100.0 * np.count_nonzero(cells) / cells.size:.3g} %"
 
 
 def in_metres(point: Iterable[float]) -> str:

@@ -483,11 +483,14 @@ def _shares(needs: Floats, lengths: Floats) -> Floats:
     """Return the share of each corner's need that fits, shape (n - 2,).
 
     ``lengths``, shape (n - 1,), are those of edges, which the corners at both ends share by their
-    needs. At least half of the first and of the last edge is left.
+    needs. At least half of an edge is left if the robot stops at one of its ends.
     """
     if not len(needs):
         return needs
-    both = np.concatenate([needs[:1], needs]) + np.concatenate([needs, needs[-1:]])
+    before = np.concatenate([[0.0], needs])
+    after = np.concatenate([needs, [0.0]])
+    # Beside a stop, a blend leaves half of the edge, on which the robot gathers speed.
+    both = np.where(before == 0.0, after, before) + np.where(after == 0.0, before, after)
     shares = np.minimum(lengths, both) / np.maximum(both, np.finfo(float).tiny)
     return np.minimum(shares[:-1], shares[1:])
 
@@ -578,6 +581,11 @@ def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
     if is_blend.any():
         proven[is_blend] = prove_blends(space, segments.select(is_blend))
     return proven
+
+
+def can_prove_blends(space: Space) -> bool:
+    """Return True if a space has a proof for curves: cells, or hulls of an arm."""
+    return hasattr(space, "is_free_around") or hasattr(space, "parabolas_are_free")
 
 
 def prove_blends(space: Space, segments: Segments) -> Bools:

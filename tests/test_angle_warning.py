@@ -4,8 +4,6 @@ import math
 import warnings
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ import pytest
 import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
-from planners.states import find_state_kind
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
@@ -71,38 +68,3 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
 def test_angles_up_to_a_whole_turn_do_not_warn(call: str) -> None:
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
         assert not catch_warnings(lambda yaw=yaw: ANGLE_CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
-
-
-def test_batches_and_callbacks_do_not_warn() -> None:
-    space, q = turning(), (1.0, 1.0, 90.0)
-    si = planners.simple_setup(space).getSpaceInformation()
-    state = si.allocState()
-    find_state_kind(space).write(state, *q)
-    for query in (
-        lambda: space.is_free([q, q]),
-        lambda: space.certify_path([q, q]),
-        lambda: space.point_checker()(*q),
-        lambda: space.edge_checker()(*q, *q),
-        lambda: planners.StateValidityChecker(si, space).isValid(state),
-    ):
-        assert not catch_warnings(query)
-
-
-def test_a_tiled_map_warns(tmp_path: Path) -> None:
-    workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
-    tiled = cspace.build(
-        workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16
-    )
-    for query in (
-        lambda: tiled.is_free((1.0, 1.0, 90.0)),
-        lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q),
-    ):
-        (warning,) = catch_warnings(query)
-        assert warning.category is AngleWarning and warning.filename == __file__
-
-
-def test_positions_do_not_warn() -> None:
-    plane: Any = cspace.build(
-        Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1)
-    )
-    assert not catch_warnings(lambda: plane.is_free((90.0, 4.0)))

@@ -8,23 +8,17 @@ import numpy as np
 import pyclipper
 import pytest
 import shapely
-import trimesh
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy import ndimage
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
-from cspace.rotations.base import TWO_PI
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.refusals import refusals
-from tests.helpers.strategies import L_SHAPE, exteriors, robots, seeds, solid_robots, stars
-from tests.soak.plane import place_polygon
+from tests.helpers.strategies import exteriors, robots, seeds, solid_robots, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -121,53 +115,6 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.filterwarnings("ignore:the robot's mesh is")  # the mesh may lie far from its origin
-@settings(max_examples=20)
-@given(seeds, exteriors, st.sampled_from([0.0, 0.1]), st.booleans())
-def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin, as_mesh):
-    # The oracle intersects footprints with shapely and compares heights.
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
-    extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
-    box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
-    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
-    space = cspace.build(
-        Workspace.from_array(occupied, CELL_SIDE),
-        robot,
-        rotations=int(rng.integers(1, 20)),
-        outside=outside,
-        margin=margin,
-    )
-    q = rng.uniform([-0.3] * 3 + [-7.0], [*(np.array(space.grid.upper) + 0.3), 7.0], (400, 4))
-    q[:, :3] = np.where(
-        rng.random((400, 3)) < 0.3, CELL_SIDE * np.rint(q[:, :3] / CELL_SIDE), q[:, :3]
-    )
-    q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
-    low, high = middle - extents / 2, middle + extents / 2
-    footprint = shapely.box(*low[:2], *high[:2])
-    footprints = place_polygon(footprint, q[:, [0, 1, 3]])
-    gap = np.full(len(q), np.inf)
-    for cell in CELL_SIDE * np.argwhere(occupied):
-        flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + CELL_SIDE)))
-        up = np.maximum(
-            np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - CELL_SIDE), 0.0
-        )
-        gap = np.minimum(gap, np.hypot(flat, up))
-    if outside == "blocked":
-        walls = shapely.bounds(footprints)
-        sides = [
-            walls[:, :2],
-            space.grid.upper[:2] - walls[:, 2:],
-            q[:, 2:3] + low[2],
-            space.grid.upper[2] - q[:, 2:3] - high[2],
-        ]
-        gap = np.minimum(gap, np.concatenate(sides, axis=1).min(axis=1))
-    states = space.classify(q)
-    assert not ((states == FREE) & (gap < margin - 1e-9)).any()
-    assert not ((states == BLOCKED) & (gap > 1e-9)).any()
-
-
 @settings(max_examples=15)
 @given(seeds, seeds)
 def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
@@ -259,19 +206,6 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
     assert (moved[(..., *middle)] == states(first)).all()
 
 
-@settings(max_examples=20)
-@given(robots(0.4), st.sampled_from([4, 8, 12]), seeds)
-def test_a_quarter_turn_of_the_workspace_rotates_the_map(robot, count, seed):
-    occupied = np.random.default_rng(seed).random((9, 12)) < 0.1
-    state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).cell_states
-    # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
-    world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
-    assert (
-        cspace.build(world, robot, rotations=count).cell_states
-        == np.roll(state, count // 4, 0).mT[:, ::-1]
-    ).all()
-
-
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=12)
 @given(
@@ -302,165 +236,3 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
             else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
         )
         assert (states[images] == expected).all()
-
-
-@pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
-@pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
-def test_slices_built_together_equal_separate_builds(count, size):
-
-    occupied = np.random.default_rng(4).random((60, 50)) < 0.02
-    workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
-    space = cspace.build(workspace, robot, rotations=count, method="fft")
-    counted = cspace.build(workspace, robot, rotations=count, counts=True)
-    assert len(space._seen) == count and (counted.cell_states == space.cell_states).all()
-    cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
-    borders = np.asarray(space.rotations.borders)
-    for k in {0, 1, count // 2, count - 1}:
-        yaw = np.full(len(cells), space.rotations.centers[:, 0][k])
-        q = np.column_stack([space.grid.center_of(cells), yaw])
-        assert (counted.overlap_count(q) == counted.overlap_counts[k].ravel()).all()
-        others = np.append(
-            borders[k : k + 2], borders[k] + TWO_PI
-        )  # one cell for all other rotations
-        assert (
-            cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]
-        ).all()
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
-@pytest.mark.parametrize("fill", [0, 1])
-@pytest.mark.parametrize("radius", [0.03, 0.3, 30.0])
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside):
-    workspace = Workspace.from_array(np.full(shape, bool(fill)), 0.1)
-    space = cspace.build(workspace, Robot.disc(radius), outside=outside)
-    if fill:
-        assert (space.cell_states == BLOCKED).all()
-    elif outside == "free":
-        assert (space.cell_states == FREE).all()
-    else:
-        assert (space.cell_states != FREE).all()  # the robot fits nowhere in a map one cell wide
-        assert (space.cell_states == BLOCKED).any() == (radius > 0.1)
-
-
-def test_wall_example_has_the_documented_states():
-    # A disc of radius 0.29 on cells of 0.1 is FREE from four cells off the wall, BLOCKED up to two.
-    occupied = fill_boxes((21, 3), 10)
-    row = cspace.build(
-        Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free"
-    ).cell_states[:, 1]
-    assert row.tolist() == [FREE] * 7 + [MIXED] + [BLOCKED] * 5 + [MIXED] + [FREE] * 7
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        Robot.disc(0.5),
-        Robot.rectangle(0.9, 0.6),
-        Robot.polygon([(-0.5, -0.4), (0.6, -0.3), (0.0, 0.7)]),
-    ],
-)
-def test_the_mixed_band_is_thin(robot):
-    # No MIXED cell is more than three king's moves from a BLOCKED cell.
-    rng = np.random.default_rng(3)
-    occupied = fill_boxes(
-        (200, 160), *(np.s_[x : x + 9, y : y + 5] for x, y in rng.integers(0, 150, (30, 2)))
-    )
-    state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").cell_states
-    steps = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
-    assert 1 <= steps[state == MIXED].max() <= 3
-
-
-@pytest.mark.parametrize("rotations", [None, 2, 5, 17])
-@pytest.mark.parametrize("counts", [False, True])
-def test_progress_reaches_the_end(rotations, counts):
-    grid = Workspace.from_array(np.random.default_rng(4).random((60, 50)) < 0.02, 0.1)
-    shapes = Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=(-1, -1, 2, 2))
-    for workspace in (grid, shapes):
-        seen = []
-        options = {"counts": counts, "progress": lambda *step, seen=seen: seen.append(step)}
-        cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=rotations, **options)
-        done, steps = np.array(seen).T
-        assert (
-            (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
-        )
-
-
-def test_build_can_be_interrupted():
-    workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
-
-    def stop(done, steps):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=36, progress=stop)
-
-
-@pytest.mark.parametrize(
-    ("shape", "robot"),
-    [
-        (shapely.box(-0.25, -0.2, 0.25, 0.2), Robot.rectangle(0.5, 0.4)),
-        (L_SHAPE, Robot.polygon(L_SHAPE)),
-        (Robot.disc(0.2).shape, Robot.disc(0.2)),
-        (
-            trimesh.creation.box((0.4, 0.2, 0.3)),
-            Robot.from_mesh(trimesh.creation.box((0.4, 0.2, 0.3))),
-        ),
-        (Robot.box((0.4, 0.2, 0.3)).shape, Robot.box((0.4, 0.2, 0.3))),
-    ],
-    ids=["shapely", "corners", "disc", "trimesh", "box"],
-)
-def test_build_accepts_a_shape_as_robot(shape, robot):
-    workspace = Workspace.from_array(np.random.default_rng(1).random((12,) * robot.dim) < 0.05, 0.1)
-    space, expected = (
-        cspace.build(workspace, shape, rotations=4),
-        cspace.build(workspace, robot, rotations=4),
-    )
-    np.testing.assert_array_equal(space.cell_states, expected.cell_states)
-    np.testing.assert_array_equal(Robot("named", shape).shape.bounds, robot.shape.bounds)
-
-
-SMALL_WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
-
-
-@refusals(
-    "arguments, message",
-    ({"rotations": 0}, "rotations is 0"),
-    ({"rotations": -4}, "rotations is -4"),
-    ({"rotations": [0.0, 1.0, 3.0]}, "must ascend over 6.28"),
-    ({"method": "guess"}, "'auto', 'fft' or 'direct'"),
-    ({"method": "direct", "counts": True}, "use method='fft' or method='auto'"),
-    ({"method": None}, "method is None"),
-    ({"outside": "unknown"}, "outside is 'unknown'"),
-    ({"margin": -0.1}, "margin is -0.1"),
-    ({"margin": math.nan}, "margin is nan"),
-    ({"workers": 0}, "workers is 0"),
-    ({"robot": 0.3}, "robot is a float; a polygon or a mesh is needed"),
-    ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
-    ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions but the workspace has 2"),
-    ({"workspace": np.eye(3)}, "workspace is a ndarray"),
-    (
-        {"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)},
-        "2 dimensions but the workspace has 3",
-    ),
-)
-def test_build_rejects_invalid_arguments(arguments, message):
-    options = {"workspace": SMALL_WORKSPACE, "robot": Robot.disc(0.1), **arguments}
-    with pytest.raises(InputError, match=message):
-        cspace.build(options.pop("workspace"), options.pop("robot"), **options)
-
-
-def test_build_rejects_maps_that_exceed_the_memory(monkeypatch):
-    workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
-    with pytest.raises(
-        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be used"
-    ):
-        cspace.build(workspace, Robot.ball(0.1))
-    with pytest.raises(
-        InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0."
-    ):
-        Workspace.from_mesh(
-            ([(0, 0, 0), (100.1, 100.1, 0), (0, 0, 100.1)], [(0, 1, 2)]), 0.1, solid="surface"
-        )

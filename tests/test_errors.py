@@ -1,144 +1,168 @@
-"""Error messages: one line that names the argument."""
+"""Refused arguments: each rule once, in one line that names the argument, with its value and hint."""
+
+import math
+from functools import cache
 
 import numpy as np
 import pytest
+import shapely
+import trimesh
 
 import cspace
 import planners
-from cspace import InputError, Robot, Workspace
-from cspace.errors import MAX_PROBLEM_CHARACTERS
+from cspace import Grid, Robot, Workspace
+from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
+from cspace.record.contents import Contents
+from cspace.rotations import Rotations
+from cspace.support.check import check_count, check_word
+from tests.helpers.mesh_files import TETRAHEDRON
 from tests.helpers.refusals import refusals
 
-NO_OBSTACLES = np.zeros((40, 30), dtype=bool)
+CELLS = np.zeros((40, 30), dtype=bool)
+BOW = shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])
 MANY_POINTS = np.random.default_rng(0).random((3000, 2)).tolist()
 
 
-@pytest.fixture(scope="module")
-def space():
-    return cspace.build(Workspace.from_array(NO_OBSTACLES, 0.1), Robot.disc(0.2))
+@cache
+def build_space():
+    """Build the map of an empty room with one obstacle."""
+    space = cspace.build(Workspace.from_array(CELLS, 0.1), Robot.disc(0.2))
+    space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.21, 1.72))
+    return space
+
+
+def build(**changes):
+    """Build a small map, with some arguments replaced."""
+    given = {"workspace": Workspace.from_array(np.eye(4) > 0, 0.1), "robot": Robot.disc(0.1)}
+    arguments = given | changes
+    return cspace.build(arguments.pop("workspace"), arguments.pop("robot"), **arguments)
+
+
+def add(shape, radius=None, name="cart"):
+    """Add an obstacle to the map."""
+    return build_space().add_obstacle(name, shape, radius=radius)
 
 
 @refusals(
-    "call, beginning",
+    "call, message",
+    # Numbers and words.
+    (lambda: check_count(True, "n", 0, 10), "n is True; it must be a whole number from 0 to 10"),
+    (lambda: check_count(-1, "n"), "n is -1; it must be a whole number from 0 on"),
+    (lambda: check_count(10**400, "n"), "whole number from 0 to 9007199254740992"),
+    (lambda: check_word(True, "word", (1, 2, 3)), "word is True; it must be 1, 2 or 3"),
+    (lambda: build_space().grid.center_of([10**400, 1]), "cells has too large an integer"),
+    # Grids.
+    (lambda: Grid((0, 0), math.nan, (1, 1)), "spacing is nan"),
+    (lambda: Grid((0, 0), "wide", (1, 1)), "spacing is 'wide'; it must be numeric"),
+    (lambda: Grid((0, np.inf), 1.0, (1, 1)), "lower[1] is inf; it must be finite"),
+    (lambda: Grid((0,), 1.0, (1,)), "lower is (0,)"),
+    (lambda: Grid((0, 0), 1.0, (1.5, 2)), "shape is (1.5, 2.0)"),
+    (lambda: Grid((1e9, 0), 1e-3, (4, 4)), "cells from the origin"),
+    (lambda: Grid((0, 0), 1.0, (2, 2)).cell_of((1.0, 2.0, 3.0)), "points has shape (3,)"),
+    # Workspaces.
+    (lambda: Workspace.from_array(0.1, CELLS), "spacing is array([[False"),
+    (lambda: Workspace.from_points(0.1, MANY_POINTS), "spacing is [[0."),
+    (lambda: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name"),
+    (lambda: Workspace.from_array(np.zeros((2, 2)), 1.0), "dtype float64"),
+    (lambda: Workspace.from_array([[0, 7]], 1.0), "occupied[0, 1] is 7"),
+    (lambda: Workspace.from_array([[0, -1], [100, 0]], 0.1), "unknown cells of ROS"),
+    (lambda: Workspace.from_array([[True], [True, False]], 1.0), "ragged"),
+    (lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0), "shape (0, 3)"),
+    (lambda: Workspace.from_array(np.ma.array(CELLS, mask=True), 0.1), "1200 masked"),
+    (lambda: Workspace.from_array(CELLS, 0.1, (0, 0, 0)), "lower has shape (3,)"),
+    (lambda: Workspace.from_array(CELLS, 0.1, inner=~CELLS), "inner has cell (0, 0)"),
+    (lambda: Workspace(Grid((0, 0), 1, (3, 2)), CELLS, CELLS), "outer has shape (40, 30) but the"),
+    (lambda: Workspace.open("map.png"), "spacing is missing"),
+    (lambda: Workspace.open("map.yaml", spacing=0.1), "spacing is given"),
+    (lambda: Workspace.open("map.step", spacing=0.1), "with suffix '.step'"),
+    (lambda: Workspace.open("no.stl", spacing=0.1, bounds=(0, 0, 0, 0, 1, 1)), "bounds is"),
+    (lambda: Workspace.open("absent.map"), "absent.map: does not exist"),
+    (lambda: Workspace.from_shapes([], 0.1), "shapes is empty"),
+    (lambda: Workspace.from_shapes({"a": BOW}, 0.1), "shapes is a dict"),
+    (lambda: Workspace.from_shapes([Robot.disc(1), Robot.ball(1)], 0.1), "shapes[1] is in space"),
+    # Robots.
+    (lambda: Robot.disc((0, 0), 0.3), "radius is (0, 0); it must be one number above zero"),
+    (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
+    (lambda: Robot.disc(1.0, (0, 0, 0)), "center has shape (3,)"),
+    (lambda: Robot.from_balls([(0, 0), (1, 1)], [1, 0]), "radii contains 0"),
+    (lambda: Robot.polygon(shapely.Polygon()), "empty"),
+    (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
+    (lambda: Robot.polygon(BOW), "not valid"),
+    (lambda: Robot.from_bitmap(np.zeros((3, 3), bool), 0.1), "no True cell"),
+    (lambda: Robot.parse("disc:wide"), "RADIUS"),
+    (lambda: Robot.parse("robot.urdf"), "Robot.open reads files"),
+    (lambda: Robot.open("disc:0.3"), "use Robot.parse('disc:0.3')"),
+    (lambda: Robot.open("robot.wkt"), "robot.wkt: does not exist"),
+    (lambda: Robot.from_spec({"kind": "teapot"}), "spec is {'kind': 'teapot'}"),
+    (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
+    (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
+    (lambda: Robot.from_mesh((TETRAHEDRON[0] + 200.0, TETRAHEDRON[1])), "at most 100 times"),
+    (lambda: Robot.ball(0.1).geometry, "ask for its surface"),
+    # Builds.
+    (lambda: build(workspace=np.eye(3)), "workspace is a ndarray; it must be a Workspace; call "),
+    (lambda: build(workspace="map.yaml"), "Workspace.open('map.yaml')"),
+    (lambda: build(robot="robot.urdf"), "Robot.open"),
+    (lambda: build(robot=0.3), "robot is a float; a polygon or a mesh is needed"),
+    (lambda: build(robot=Robot.ball(0.1)), "use robot.footprint()"),
+    (lambda: build(rotations=10**7), "rotations is 10000000; "),
+    (lambda: build(rotations=[0.0, 1.0, 3.0]), "must ascend over 6.28"),
+    (lambda: build(rotations=Rotations.quaternions(1)), "rotations"),
+    (lambda: build(method="guess"), "'auto', 'fft' or 'direct'"),
+    (lambda: build(method="direct", counts=True), "use method='fft' or method='auto'"),
+    (lambda: build(outside="unknown"), "outside is 'unknown'"),
+    (lambda: build(margin=math.nan), "margin is nan"),
+    (lambda: build(workers=0), "workers is 0"),
+    # Maps.
     (
-        lambda space: planners.plan((1, 1), (9, 1), space),
-        "space is a tuple; it must be a cspace.Space, as the results of ",
+        lambda: Contents(
+            build_space().workspace,
+            build_space().robot,
+            Rotations.of(None),
+            np.zeros(1, np.int64),
+            np.zeros((1, 2, 2), np.uint8),
+        ),
+        "states has shape (1, 2, 2) and type uint8; it must have the map's shape",
     ),
-    (
-        lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
-        "space is a Workspace; it must be a cspace.Space, as the results of ",
-    ),
-    (
-        lambda space: planners.plan(space, space.robot, (9, 1)),
-        "start is Robot(disc 0.2 m, in the plane); ",
-    ),
-    (
-        lambda space: cspace.build(space.robot, space.workspace),
-        "workspace is a Robot; it must be a Workspace; ",
-    ),
-    (
-        lambda space: cspace.build(NO_OBSTACLES, space.robot),
-        "workspace is a ndarray; it must be a Workspace; call ",
-    ),
-    (
-        lambda space: cspace.build(space.workspace, space.workspace),
-        "robot is a Workspace; it must be a Robot; call ",
-    ),
-    (lambda space: Workspace.from_array(0.1, NO_OBSTACLES), "spacing is "),
-    (
-        lambda space: Workspace.from_array(NO_OBSTACLES, (0, 0), 0.1),
-        "spacing is (0, 0); it must be one number ",
-    ),
-    (lambda space: Workspace.from_points(0.1, MANY_POINTS), "spacing is [["),
-    (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
-    (lambda space: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name; "),
-    (lambda space: Robot.disc((0, 0), 0.3), "radius is (0, 0); it must be one number above zero; "),
-    (lambda space: Robot.ball((0, 0, 0), 0.3), "radius is (0, 0, 0); "),
-    (lambda space: Robot.from_balls([0.1, 0.2], [[0, 0], [1, 1]]), "centers has shape (2,); "),
-    (lambda space: space.update((3, 3), np.ones((2, 2), bool)), "cells has shape (2,); "),
-    (
-        lambda space: space.is_free_around(0.2, (1, 1)),
-        "distance is (1, 1); it must be one number, zero or above; ",
-    ),
-    (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is "),
-    (lambda space: space.sample_free(np.random.default_rng(0)), "n is "),
-    (lambda space: cspace.open(space), "path is CSpace("),
+    (lambda: cspace.open(7), "path is 7; it must be a file name"),
+    (lambda: planners.plan((1, 1), (9, 1), build_space()), "space is a tuple; "),
+    (lambda: planners.plan(build_space(), build_space().robot, (9, 1)), "start is Robot(disc"),
+    # Obstacles.
+    (lambda: add(shapely.box(0, 0, 1, 1), name=""), "name is ''; it must be a non-empty string"),
+    (lambda: add(Robot.ball(0.3)), "shape is in space; it must be in the plane"),
+    (lambda: add("cube:0.3"), "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
+    (lambda: add(None), "a mesh is needed"),
+    (lambda: add(BOW), "not valid"),
+    (lambda: add([(0.0, 0.0), (1.0, 1.0)]), "points need a radius"),
+    (lambda: add([(0.0, np.inf)], 0.1), "must be finite"),
+    (lambda: add([(0.0, 0.0)], -0.1), "below zero"),
+    (lambda: add(trimesh.creation.box((1, 1, 1))), "shape is in space "),
+    (lambda: add([(1e9, 0.0)], 0.1), "reaches 1e+10 cells"),
+    (lambda: build_space().remove_obstacle("dog"), "name is 'dog'; it must be one of 'cart'"),
 )
-def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
-    with pytest.raises(InputError) as caught:
-        call(space)
-    message = str(caught.value)
-    assert message.startswith(beginning)
-    assert "\n" not in message
-    assert len(message) < MAX_PROBLEM_CHARACTERS + 200
-
-
-HUGE_INTEGER = 10**400
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda space: space.is_free([HUGE_INTEGER, 1]),
-        lambda space: space.is_free([[1, 1], [1, -HUGE_INTEGER]], exact=True),
-        lambda space: space.clearance([HUGE_INTEGER, 1]),
-        lambda space: space.is_connected([HUGE_INTEGER, 1], [1, 1]),
-        lambda space: space.motion_is_free([1, 1], [1, HUGE_INTEGER]),
-        lambda space: space.nearest_free([HUGE_INTEGER, 1]),
-        lambda space: space.sample_free(HUGE_INTEGER),
-        lambda space: space.update([[1]], (HUGE_INTEGER, 0)),
-        lambda space: space.grid.center_of([HUGE_INTEGER, 1]),
-        lambda space: planners.plan(space, (HUGE_INTEGER, 1), (1, 1)),
-        lambda space: cspace.build(
-            space.workspace, Robot.rectangle(0.2, 0.1), rotations=HUGE_INTEGER
-        ),
-        lambda space: Robot.disc(HUGE_INTEGER),
-        lambda space: Workspace.from_mesh(
-            ([[0, 0, HUGE_INTEGER], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1
-        ),
-        lambda space: Workspace.from_mesh(
-            ([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, HUGE_INTEGER]]), 0.1
-        ),
-    ],
-)
-def test_integers_beyond_floats_are_refused_in_a_line(space, call):
-    with pytest.raises(InputError) as caught:
-        call(space)
+def test_invalid_arguments_are_refused_in_one_line_and_change_nothing(call, message):
+    states = build_space().cell_states.copy()
+    shape = build_space().obstacles["cart"]
+    with pytest.raises(CspaceError) as caught:
+        call()
+    assert message.strip() in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < MAX_PROBLEM_CHARACTERS + 250
+    assert (build_space().cell_states == states).all()
+    assert build_space().obstacles == {"cart": shape}
 
 
 @pytest.mark.parametrize(
     ("call", "argument", "value"),
     [
-        (lambda space: Robot.disc(-1), "radius", -1),
-        (lambda space: Robot.disc(1e200), "radius", 1e200),
-        (lambda space: Robot.polygon([(0, 0), (1, 0)]), "polygon", [(0, 0), (1, 0)]),
-        (lambda space: Robot.from_balls([[0, 0]], [-0.5]), "radii", [-0.5]),
-        (lambda space: Robot.parse("disc:-1"), "robot", "disc:-1"),
-        (lambda space: cspace.build(space.workspace, space.robot, margin=-1), "margin", -1),
-        (lambda space: cspace.build(space.workspace, space.robot, rotations=0), "rotations", 0),
-        (lambda space: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
-        (
-            lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, 0, 0)),
-            "lower",
-            (0, 0, 0),
-        ),
-        (
-            lambda space: Workspace.from_array(NO_OBSTACLES, 0.1, lower=(0, np.inf)),
-            "lower[1]",
-            np.inf,
-        ),
-        (lambda space: space.is_free((1, "x")), "q", (1, "x")),
-        (lambda space: space.is_free((1, 2, 3)), "q", (1, 2, 3)),
-        (lambda space: space.certify_path([1, 1]), "path", [1, 1]),
-        (lambda space: space.is_free_around((1, 1), -1), "distance", -1),
-        (lambda space: planners.plan(space, (1, 1), (2, 2), time_limit=-1), "time_limit", -1),
-        (lambda space: planners.plan(space, (1, 1), (2, 2), planner="A"), "planner", "A"),
+        (lambda: Robot.disc(-1), "radius", -1),
+        (lambda: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
+        (lambda: build_space().is_free((1, "x")), "q", (1, "x")),
+        (lambda: planners.plan(build_space(), (1, 1), (2, 2), planner="A"), "planner", "A"),
     ],
 )
-def test_errors_carry_the_value_the_rule_and_the_hint(space, call, argument, value):
+def test_errors_carry_the_value_the_rule_and_the_hint(call, argument, value):
     with pytest.raises(InputError) as caught:
-        call(space)
+        call()
     error = caught.value
     assert (error.argument, error.value) == (argument, value)
     assert error.problem and error.rule and error.hint

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import Grid, InputError
-from cspace.support.check import check_count, check_word
-from tests.helpers.refusals import refusals
+from cspace import Grid
 
 
 def test_a_grid_stores_plain_immutable_values():
@@ -33,15 +31,6 @@ def test_boundaries_belong_to_the_cell_above_and_the_last_to_the_last_cell():
     ]
 
 
-@pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
-def test_batches_of_any_shape_keep_their_shape(batch):
-    grid = Grid((-1, -1), 0.1, (20, 20))
-    points = np.zeros((*batch, 2))
-    assert grid.cell_of(points).shape == (*batch, 2)
-    assert grid.contains(points).shape == batch
-    assert grid.center_of(grid.cell_of(points)).shape == (*batch, 2)
-
-
 @given(st.integers(0, 19), st.integers(0, 6), st.floats(0.01, 3.0), st.floats(-50, 50))
 def test_a_center_lies_in_its_cell(i, j, spacing, low):
     grid = Grid((low, -low), spacing, (20, 7))
@@ -52,46 +41,3 @@ def test_a_center_lies_in_its_cell(i, j, spacing, low):
 def test_far_points_do_not_wrap_around():
     grid = Grid((0, 0), 1e-3, (10, 10))
     assert (grid.cell_of((1e300, -1e300)) == (2**62, -(2**62))).all()
-
-
-@refusals(
-    "lower, spacing, shape, message",
-    ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
-    ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
-    ((0, 0), float("nan"), (1, 1), "spacing is nan"),
-    ((0, 0), "wide", (1, 1), "spacing is 'wide'"),
-    ((0, np.inf), 1.0, (1, 1), r"lower\[1\] is inf"),
-    ((0,), 1.0, (1,), "lower is"),
-    ((0, 0), 1.0, (1, 0), "shape is"),
-    ((0, 0), 1.0, (1, 2, 3), "shape is"),
-    ((0, 0), 1.0, (1.5, 2), "shape is"),
-    ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
-)
-def test_invalid_grids_are_refused(lower, spacing, shape, message):
-    with pytest.raises(InputError, match=message):
-        Grid(lower, spacing, shape)
-
-
-@pytest.mark.parametrize(
-    "points",
-    [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)],
-)
-def test_cell_of_refuses_invalid_points(points):
-    with pytest.raises(InputError):
-        Grid((0, 0), 1.0, (2, 2)).cell_of(points)
-
-
-@pytest.mark.parametrize("value", [True, 1.5, "3", None, -1, 11])
-def test_values_other_than_counts_in_range_are_refused(value):
-    with pytest.raises(InputError, match=r"n is .*whole number from 0 to 10"):
-        check_count(value, "n", 0, 10)
-    assert check_count(np.int64(3), "n", 0, 10) == 3
-
-
-@pytest.mark.parametrize("value", ["maybe", True, ["free"], None, 2.0, 4])
-def test_values_other_than_the_choices_are_refused(value):
-    for choices, rule in ((("free", "blocked"), "'free' or 'blocked'"), ((1, 2, 3), "1, 2 or 3")):
-        with pytest.raises(InputError, match=f"word is .*it must be {rule}"):
-            check_word(value, "word", choices)
-    check_word(np.str_("free"), "word", ("free", "blocked"))
-    check_word(2, "word", (1, 2, 3))

@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +13,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
+from cspace import Robot, Workspace
 from cspace.record import update
-from cspace.shapes import Box, Shape, as_shape
-from tests.helpers import solids
+from cspace.shapes import Shape, as_shape
 from tests.helpers.maps import proven_paths
-from tests.helpers.refusals import refusals
 from tests.helpers.updates import (
     OBSTACLE,
     SPACING,
@@ -31,8 +27,6 @@ from tests.helpers.updates import (
     checkers,
     worlds,
 )
-from tests.helpers.waiting import write_while_querying
-from tests.soak.plane import place_polygon
 
 CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 
@@ -131,59 +125,6 @@ def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
         np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
 
 
-@pytest.mark.parametrize("rotations", [None, 24])
-def test_move_returns_the_changed_cells(rotations: int | None) -> None:
-    space = build_empty_room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
-    space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance(
-        (1.0, 1.0, 0.0)
-    )
-    space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
-    for corner in (0.62, 1.7, 2.31):  # overlapping, within a robot's reach, and beyond
-        before = space.cell_states.copy()
-        update = space.add_obstacle(
-            "cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46)
-        )
-        changed = np.argwhere(space.cell_states != before)
-        assert update.changed == len(changed) > 0
-        assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
-
-
-def test_obstacles_leave_workspace_polygons_unchanged() -> None:
-    # A shape that an obstacle covers is exact again after the obstacle is removed.
-    wall, bounds = shapely.Point(1.0, 1.0).buffer(0.32), (0.0, 0.0, 4.0, 3.0)
-    space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
-    q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
-    before = space.is_free(q, exact=True)
-    space.add_obstacle("cart", CART_BOX)
-    both = cspace.build(Workspace.from_polygons([wall, CART_BOX], 0.1, bounds), Robot.disc(0.3))
-    np.testing.assert_array_equal(space.cell_states, both.cell_states)
-    np.testing.assert_array_equal(space.is_free(q, exact=True), both.is_free(q, exact=True))
-    space.remove_obstacle("cart")
-    np.testing.assert_array_equal(space.is_free(q, exact=True), before)
-    assert space.workspace.shapes is not None and not space.obstacles
-
-
-def test_exact_queries_see_moves_within_a_cell() -> None:
-    space = build_empty_room()
-    free = space.point_checker(exact=True)
-    space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
-    assert free(2.0, 1.98) and not free(2.0, 1.96)
-    assert space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.69)).changed == 0
-    assert not free(2.0, 1.98) and free(2.0, 2.0)
-
-
-def test_updates_keep_added_obstacles() -> None:
-    space, empty = build_empty_room(), build_empty_room()
-    space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-    state = space.cell_states.copy()
-    assert space.update(OBSTACLE & False, (18, 13)).changed == 0  # there was nothing to clear
-    np.testing.assert_array_equal(space.cell_states, state)
-    space.update(OBSTACLE, (18, 13))
-    space.remove_obstacle("cart")
-    empty.update(OBSTACLE, (18, 13))
-    np.testing.assert_array_equal(space.cell_states, empty.cell_states)
-
-
 def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     unknown = np.zeros((40, 30), dtype=bool)
     unknown[:, 10:] = True
@@ -203,203 +144,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
 # ---- against shapely and FCL ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rotations", [None, 12])
-def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
-    rng, walls = np.random.default_rng(3), np.zeros((30, 30), dtype=bool)
-    walls[3:6, 4:20] = True
-    static = shapely.union_all(
-        [shapely.box(*(0.1 * c), *(0.1 * c + 0.1)) for c in np.argwhere(walls).astype(float)]
-        + [shapely.box(-9, -9, 9, 9).difference(shapely.box(0, 0, 3, 3))]
-    )
-    body = shapely.box(-0.25, -0.15, 0.25, 0.15)
-    space = cspace.build(Workspace.from_array(walls, 0.1), Robot.polygon(body), rotations=rotations)
-    for _ in range(4):
-        corner, spots = rng.uniform(0.0, 2.6, 2), rng.uniform(0.0, 3.0, (4, 2))
-        cart = shapely.affinity.rotate(
-            shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90))
-        )
-        space.add_obstacle("cart", cart)
-        space.add_obstacle("legs", spots, radius=0.08)
-        blocked = shapely.union_all([static, cart])
-        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[
-            :, : space.size
-        ]
-        shapely.prepare(blocked)
-        bodies = place_polygon(body, q)
-        from_spots = shapely.distance(bodies[:, None], shapely.points(spots)).min(axis=1) - 0.08
-        gap = np.minimum(shapely.distance(blocked, bodies), from_spots)
-        sure = (np.abs(gap) > 1e-6) | (gap == 0.0)
-        free, states, apart = (
-            space.is_free(q, exact=True)[sure],
-            space.classify(q)[sure],
-            gap[sure] > 0.0,
-        )
-        np.testing.assert_array_equal(free, apart & (states != BLOCKED))
-        assert apart[states == FREE].all() and not apart[states == BLOCKED].any()
-
-
-@pytest.mark.parametrize("rotations", [None, 6, cspace.Rotations.quaternions(2)])
-def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
-    rng, size, sides = (
-        np.random.default_rng(1),
-        np.array([0.5, 0.2, 0.3]),
-        np.array([0.8, 0.4, 0.6]),
-    )
-    space = cspace.build(
-        Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15),
-        Robot.box(size),
-        rotations=rotations,
-    )
-    for _ in range(3):
-        turn, center, spots = (
-            Rotation.random(random_state=rng),
-            rng.uniform(0.6, 1.8, 3),
-            rng.uniform(0.4, 2.0, (5, 3)),
-        )
-        box = trimesh.creation.box(sides)
-        space.add_obstacle("box", (box.vertices @ turn.as_matrix().T + center, box.faces))
-        space.add_obstacle("balls", spots, radius=0.1)
-        there = [
-            solids.box(sides, center, turn.as_matrix()),
-            *(solids.ball(0.1, spot) for spot in spots),
-        ]
-        turns = (
-            Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
-            if space.size == 4
-            else Rotation.random(300, rng)
-        )
-        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[
-            space.size
-        ]
-        q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
-        for one, free in zip(q, space.is_free(q, exact=True), strict=True):
-            placed = one[:3], solids.rotation_of(one).as_matrix()
-            gap = solids.apart(solids.box(size, *placed), there)
-            gap = min(gap or -np.inf, solids.within(0.0, 2.4, size, *placed))
-            if abs(gap) > 1e-4:
-                assert free == (gap > 0.0)
-
-
 # ---- accepted and rejected shapes ----------------------------------------------------------------
-
-
-def test_obstacles_accept_every_kind_of_shape() -> None:
-    square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
-    obstacles: list[tuple[Any, Any]] = [
-        (shapely.Polygon(square), None),
-        ([shapely.Polygon(square)], None),
-        (square, None),
-        (np.array(square), None),
-        (shapely.Polygon(square).wkt, None),
-        (shapely.geometry.mapping(shapely.Polygon(square)), None),
-    ]
-    states = []
-    for obstacle, radius in obstacles:
-        space = build_empty_room()
-        space.add_obstacle("cart", obstacle, radius=radius)
-        states.append(space.cell_states)
-    assert all((state == states[0]).all() for state in states)
-    solid = cspace.build(
-        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
-    )
-    box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
-    meshes = (box, trimesh.Scene([box]), (box.vertices, box.faces), cspace.Mesh.of(box))
-    for obstacle in (*meshes, Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
-        solid.add_obstacle("box", obstacle)
-        states.append(solid.cell_states.copy())
-    assert all((state == states[0]).all() for state in states)
-    balls = cspace.shapes.Balls.of([(0.8, 0.8, 0.8)], 0.3)
-    solid.add_obstacle("box", balls)
-    states = [solid.cell_states.copy()]
-    solid.add_obstacle("box", balls.centers, radius=balls.radii)
-    assert (solid.cell_states == states[0]).all() and list(solid.obstacles) == ["box"]
-
-
-def test_obstacles_accept_robots_and_specs() -> None:
-    space, other = build_empty_room(), build_empty_room()
-    for text in (
-        "disc:0.3@1,1",
-        "rect:0.5x0.3@2,1",
-        "ellipse:0.5,0.3@2,2",
-        "footprint:[[1,1],[2,1],[1,2]]",
-    ):
-        space.add_obstacle("e", text)
-        other.add_obstacle("e", Robot.parse(text))
-        np.testing.assert_array_equal(space.cell_states, other.cell_states)
-        assert space.obstacles["e"].spec == Robot.parse(text).shape.spec
-        assert not space.is_free(space.obstacles["e"].outer.bounds[0] + 0.2, exact=True)
-
-
-@refusals(
-    "name, obstacle, radius, message",
-    ("cart", Robot.ball(0.3), None, "is in space"),
-    ("cart", "ball:0.3", None, "is in space"),
-    ("cart", "cube:0.3", None, "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
-    ("cart", "ellipse:0.3", None, "RADIUS_X,RADIUS_Y must follow"),
-    ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a PosedShape"),
-    ("", CART_BOX, None, "non-empty"),
-    (3, CART_BOX, None, "non-empty"),
-    (None, CART_BOX, None, "non-empty"),
-    ("cart", None, None, "a mesh is needed"),
-    ("cart", 5, None, "a mesh is needed"),
-    ("cart", OBSTACLE, None, "their size must be given"),
-    ("cart", shapely.Polygon(), None, "is empty"),
-    ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
-    (
-        "cart",
-        [(0.0, 0.0), (1.0, 1.0)],
-        None,
-        "points need a radius; pass their radius, .* at least 3",
-    ),
-    ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
-    ("cart", (1.0, 1.0), None, "points need a radius"),
-    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not valid.*make_valid"),
-    ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "must be finite"),
-    ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
-    ("cart", [(0.0, np.inf)], 0.1, "must be finite"),
-    ("cart", [(0.0, 0.0)], -0.1, "below zero"),
-    ("cart", [(0.0, 0.0)], np.nan, "must be finite"),
-    ("cart", [], 0.1, "n at least 1"),
-    ("cart", CART_BOX, 0.1, "must be numeric"),
-    ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
-    ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
-    ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
-    ("cart", "no such file.stl", None, "does not exist"),
-)
-def test_rejected_obstacles_change_nothing(
-    name: Any, obstacle: Any, radius: Any, message: str
-) -> None:
-    space = build_empty_room()
-    space.add_obstacle("cart", CART_BOX)
-    state, shape = space.cell_states.copy(), space.obstacles["cart"]
-    with pytest.raises(cspace.CspaceError, match=message):
-        space.add_obstacle(name, obstacle, radius=radius)
-    np.testing.assert_array_equal(space.cell_states, state)
-    assert space.obstacles == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
-
-
-def test_unknown_names_and_windows_are_rejected() -> None:
-    space = build_empty_room()
-    with pytest.raises(InputError, match="there is no named obstacle"):
-        space.remove_obstacle("cart")
-    space.add_obstacle("cart", CART_BOX)
-    with pytest.raises(InputError, match="must be one of 'cart'"):
-        space.remove_obstacle("dog")
-    fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
-    solid = cspace.build(
-        Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2)
-    )
-    with pytest.raises(InputError, match="solid='fill'"):
-        solid.add_obstacle("box", fill)
-    assert not solid.obstacles
-
-
-def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
-    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
-    assert not hasattr(tiled, "add_obstacle")
-    with pytest.raises(ConfigurationError, match="window of a larger one"):
-        tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART_BOX)
 
 
 # ---- copies, files, threads ----------------------------------------------------------------------
@@ -420,52 +165,6 @@ def test_copies_keep_names_and_change_independently(again: Any) -> None:
     np.testing.assert_array_equal(other.cell_states, empty.cell_states)
     space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
-
-
-def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
-    space = build_empty_room()
-    space.add_obstacle("cart", CART_BOX)
-    space.save(tmp_path / "map.zarr")
-    opened = cspace.open(tmp_path / "map.zarr")
-    assert not opened.obstacles
-    np.testing.assert_array_equal(opened.cell_states, space.cell_states)
-    q = np.random.default_rng(0).uniform((1.0, 1.0), (3.0, 2.0), (300, 2))
-    np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
-    opened.add_obstacle("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
-    assert not opened.is_free((2.0, 1.5))
-
-
-def test_obstacles_from_threads_wait_for_each_other() -> None:
-    space = build_empty_room("free")
-
-    def query_map() -> None:
-        q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
-        space.clearance(q)
-        space.is_connected(q[:25], q[25:])
-        space.is_free(q, exact=True)
-        copy.copy(space)
-        list(space.obstacles)
-
-    def move(name: str) -> None:
-        rng = np.random.default_rng(ord(name))
-        for _ in range(15):
-            space.add_obstacle(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
-        space.remove_obstacle(name) if name == "a" else None
-
-    write_while_querying(query_map, [partial(move, name) for name in "abc"])
-    assert set(space.obstacles) == {"b", "c"}
-    fresh = cspace.build(space.workspace, space.robot, outside="free")
-    again = build_empty_room("free")
-    for name, shape in space.obstacles.items():
-        again.add_obstacle(name, shape)
-    q = np.random.default_rng(0).uniform(-1.0, 5.0, (300, 2))
-    for other in (fresh, again):
-        np.testing.assert_array_equal(space.cell_states, other.cell_states)
-        np.testing.assert_array_equal(space.clearance(q), other.clearance(q))
-        np.testing.assert_array_equal(space.is_free(q, exact=True), other.is_free(q, exact=True))
-        np.testing.assert_array_equal(
-            proven_paths(space, q[:150], q[150:]), proven_paths(other, q[:150], q[150:])
-        )
 
 
 def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:

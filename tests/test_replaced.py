@@ -63,8 +63,3 @@ def test_a_saved_map_that_is_replaced_opens_whole_or_not_at_all(tmp_path: Path) 
     found = read_beside(save_again_and_again, path, read)
     known = [(*space.count(), space.workspace.outer.tobytes()) for space in spaces]
     assert found <= {(), *known}
-
-
-def test_a_map_that_is_missing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="does not exist"):
-        cspace.open(tmp_path / "map.zarr")

@@ -1,13 +1,11 @@
 """Robots: geometry, short texts, files and refusals."""
 
-import numpy as np
 import pytest
 import shapely
 
-from cspace import FileError, GeometryError, InputError, Mesh, Robot
+from cspace import GeometryError, InputError, Mesh, Robot
 from cspace.shapes import as_shape
 from tests.helpers.mesh_files import TETRAHEDRON
-from tests.helpers.refusals import refusals
 
 UNIT_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -52,97 +50,10 @@ def test_open_reads_polygon_files(tmp_path, data):
     assert car.bounds == pytest.approx((-2.1267, -1.217, 2.1267, 1.217), abs=1e-3)
 
 
-@refusals(
-    "make, message",
-    (lambda: Robot.disc(0.0), "radi.* 0"),
-    (lambda: Robot.disc(-1.0), "-1"),
-    (lambda: Robot.disc(float("nan")), "nan"),
-    (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
-    (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
-    (lambda: Robot.open(5), "path is 5; it must be a file name"),
-    (lambda: Robot.parse(5), "robot is 5; it must be a short text"),
-    (
-        lambda: Robot.open("disc:0.3"),
-        r"robot is .disc:0.3.; it must be a file; use Robot.parse\(.disc:0.3.\)",
-    ),
-    (lambda: Robot.parse("robot.urdf"), "must be a short text .*; Robot.open reads files"),
-    (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
-    (lambda: Robot.from_balls([], []), "centers"),
-    (lambda: Robot.from_balls([(0, 0)], [1, 2]), "radii"),
-    (lambda: Robot.from_balls([(0, 0), (1, 1)], [1, 0]), "radii contains 0"),
-    (lambda: Robot.polygon(shapely.Polygon()), "empty"),
-    (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
-    (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "is not valid"),
-    (lambda: Robot.polygon([(0, 0), (1, 1), (2, 2)]), "polygon has area 0|not valid"),
-    (lambda: Robot.polygon([(0, 0), (1, np.nan), (2, 2)]), "nan"),
-    (lambda: Robot.polygon(shapely.LineString([(0, 0), (1, 1)])), "LineString"),
-    (lambda: Robot.from_bitmap(np.zeros((3, 3), bool), 0.1), "no True cell"),
-    (lambda: Robot.from_bitmap(np.ones((3, 3)), 0.1), "boolean"),
-    (lambda: Robot.from_bitmap(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
-    (lambda: Robot.parse("disc:wide"), "RADIUS"),
-    (lambda: Robot.parse("disc:-0.3"), "above zero"),
-    (lambda: Robot.parse("rect:0.3"), "LENGTHxWIDTH"),
-    (lambda: Robot.parse("cube:0.3"), "disc:RADIUS"),
-    (
-        lambda: Robot.parse("ellipse:0.3x0.2"),
-        "RADIUS_X,RADIUS_Y must follow the colon, each above zero",
-    ),
-    (lambda: Robot.parse("ellipse:0.3,-0.2"), "above zero"),
-    (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
-    (
-        lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)),
-        "center is .*; it may be at most 1e.09 times the radius",
-    ),
-    (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
-    (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
-    (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
-    (lambda: Robot.disc(1e4).rasters(0.01), "cells large"),
-    (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
-    (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
-    (
-        lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05),
-        "check the robot's units",
-    ),
-    (
-        lambda: Robot.from_bitmap(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05),
-        "from its reference point",
-    ),
-    (lambda: Robot.from_bitmap(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
-)
-def test_robots_reject_invalid_arguments(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
-
-
-def test_bitmap_of_odd_bytes_matches_numpy():
-    # Viewed as boolean, all of these bytes are True.
-    odd = np.full((6, 5), 100, np.uint8)
-    odd[2:4] = 101
-    mine, plain = (
-        Robot.from_bitmap(odd.view(bool), 0.1),
-        Robot.from_bitmap(np.ones((6, 5), bool), 0.1),
-    )
-    assert (mine.shape.boundary().simplices == plain.shape.boundary().simplices).all()
-    assert mine.spec == plain.spec
-
-
 def test_spec_returns_a_copy():
     robot = Robot.disc(1.0)
     robot.spec["radii"][0] = 0.1
     assert robot.spec["radii"] == [1.0]
-
-
-def test_shape_without_area_raises_geometry_error():
-    with pytest.raises(GeometryError):
-        Robot.polygon(shapely.Polygon())
-
-
-def test_missing_file_raises_file_error(tmp_path):
-    with pytest.raises(FileError, match=r"robot\.wkt"):
-        Robot.open(tmp_path / "robot.wkt")
-    (tmp_path / "robot.stl").touch()
-    with pytest.raises(FileError, match=r"\.stl"):
-        Robot.open(tmp_path / "robot.stl")
 
 
 def test_a_mesh_far_from_its_reference_point_warns_once():

@@ -6,21 +6,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 import cspace
-import planners
 from cspace import Robot, Workspace
-from cspace.errors import ConfigurationError
 from cspace.support.arrays import Floats
-from planners.states import find_state_kind
-from tests.helpers.maps import proven_paths
-from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.strategies import rotation_cells, seeds
 
 MAP_SIZES = {
@@ -82,60 +73,3 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
         first, last = draw_endpoints(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
         assert_in_range(*(end[-1] for _, *both in tiled.subproblems(first, last) for end in both))
-
-
-@pytest.mark.parametrize("name", ["turning", "yawing"])
-@pytest.mark.parametrize("planner", ["RRTConnect", "Grid", "MaxClearance"])
-def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
-    start, goal = (
-        [*q[:-1], q[-1] + turns * 2.0 * math.pi]
-        for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True)
-    )
-    plan = planners.plan(build_room(name), start, goal, planner=planner, simplify=False, seed=0)
-    assert plan.solved
-    assert_in_range(plan.start[-1], plan.goal[-1], plan.path[:, -1], plan.waypoints[:, -1])
-    with pytest.raises(ConfigurationError, match="the nearest is") as caught:
-        planners.plan(build_room(name), [0.0] * (len(start) - 1) + [4.0], goal)
-    assert_in_range(caught.value.nearest[-1])  # type: ignore[index]
-
-
-def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
-    occupied = np.ones((40, 9), dtype=bool)
-    occupied[1:12, 1:-1] = occupied[28:39, 1:-1] = occupied[:, 3:6] = False
-    space = cspace.build(
-        Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36
-    )
-    endpoints = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
-    assert proven_paths(space, *endpoints) is None
-    for seed in range(3):
-        plan = planners.plan(
-            space, *endpoints, exact=True, seed=seed, time_limit=20.0, simplify=False
-        )
-        assert plan.solved
-        assert_in_range(plan.path[:, -1], plan.waypoints[:, -1])
-
-
-@pytest.mark.parametrize("name", ["turning", "yawing"])
-def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None:
-    # OMPL skips a start whose yaw is outside its bounds.
-    space, rng = build_room(name), np.random.default_rng(0)
-    for _ in range(30):
-        setup = og.SimpleSetup(planners.state_space(space))
-        si = setup.getSpaceInformation()
-        setup.setStateValidityChecker(planners.StateValidityChecker(si, space))
-        si.setMotionValidator(planners.MotionValidator(si, space))
-        states = []
-        for q in (
-            space.sample_free(rng=rng),
-            space.nearest_free(
-                [*rng.uniform(space.grid.lower, space.grid.upper), rng.uniform(-9.0, 9.0)]
-            ),
-        ):
-            states.append(si.allocState())
-            find_state_kind(space).write(states[-1], *q)
-            assert si.satisfiesBounds(states[-1]) and si.isValid(states[-1])
-        setup.setStartAndGoalStates(*states)
-        ou.setLogLevel(ou.LOG_NONE)
-        setup.setPlanner(og.RRTConnect(si))
-        setup.solve(ob.timedPlannerTerminationCondition(2.0))
-        assert setup.haveExactSolutionPath()

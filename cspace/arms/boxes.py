@@ -29,21 +29,22 @@ from cspace.arms.chain import (
     POSITION,
     REVOLUTE,
     Chain,
-    column,
+    column_at,
     forward_kinematics,
-    pose_rotation,
     relative_pose,
+    rotation_rows,
 )
 from cspace.arms.proofs import (
     NO_MOTION,
     Scene,
     SceneScratch,
     Solids,
+    bound_slack,
     boundaries_cross,
+    find_required_distance,
     is_nested,
     lies_deep,
-    pair_slack,
-    required_distance,
+    push_children,
 )
 from cspace.bodies import ADVANCE_FACTOR
 from cspace.bodies.triangles import boxes_are_apart, joint_displacement, piece_depth
@@ -181,14 +182,14 @@ def classify_block(
                 top += 2
                 continue
             state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
-        number = pair_numbers[pair] if state == MIXED else -1
+        deciding_pair = pair_numbers[pair] if state == MIXED else -1
         block = pending.blocks[top]
         parts = cells.parts
         for i in range(block[0] // parts, block[3] // parts):
             for j in range(block[1] // parts, block[4] // parts):
                 for k in range(block[2] // parts, block[5] // parts):
                     out.states[i, j, k] = state
-                    out.deciding_pairs[i, j, k] = number
+                    out.deciding_pairs[i, j, k] = deciding_pair
 
 
 @kernel
@@ -206,41 +207,52 @@ def prove_block(
     Also returns a pair that proves BLOCKED, or that is open. Pairs whose boundaries are farther
     apart at the center than they move in the block are dropped from its list.
     """
-    block = pending.blocks[row]
-    is_smallest = cells.parts > 1
-    for axis in range(3):
-        number = cells.joint_indices[axis]
-        is_smallest = is_smallest and (number < 0 or block[axis + 3] - block[axis] == 1)
-        if number >= 0:
-            part = cells.spacing / cells.parts
-            pending.center[number] = cells.lower[axis] + 0.5 * part * (
-                block[axis] + block[axis + 3]
-            )
-            # The box includes the rounding of queries.
-            pending.halves[number] = (
-                0.5 * part * (block[axis + 3] - block[axis]) + cells.spacing * SLACK
-            )
+    is_smallest = set_box(cells, pending, row)
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
-    required = required_distance(scene, pending.center, pending.center)
+    required = find_required_distance(scene, pending.center, pending.center)
     bodies = scene.solids.bodies
     still_open = 0
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        count = box_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
+        count = write_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
+        slack = bound_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch)
         # While the boundaries stay apart, containment is the same in the whole box.
-        if pair_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch) < 0.0 or is_nested(
-            scene, pair, scratch, 0.0
-        ):
+        if slack < 0.0 or is_nested(scene, pair, scratch, 0.0):
             pending.pair_lists[row, still_open] = pair
             still_open += 1
     pending.counts[row] = still_open
     if still_open == 0:
         return FREE, -1
-    # Only small boxes leave triangles crossed, and the search for crossings is slow.
-    pair = blocked_pair(inside, pending, row, is_smallest, scratch) if may_be_blocked else -1
-    return (BLOCKED, pair) if pair >= 0 else (MIXED, pending.pair_lists[row, 0])
+    if may_be_blocked:
+        # Only small boxes leave triangles crossed, and the search for crossings is slow.
+        blocking_pair = find_blocked_pair(inside, pending, row, is_smallest, scratch)
+        if blocking_pair >= 0:
+            return BLOCKED, blocking_pair
+    return MIXED, pending.pair_lists[row, 0]
+
+
+@kernel
+def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
+    """Write the center and half sides of a pending block's configurations.
+
+    Returns True if the block is the smallest part of a cell that is divided.
+    """
+    block = pending.blocks[row]
+    half_part = 0.5 * cells.spacing / cells.parts
+    is_smallest = cells.parts > 1
+    for axis in range(3):
+        index = cells.joint_indices[axis]
+        if index < 0:
+            continue
+        start = block[axis]
+        stop = block[axis + 3]
+        pending.center[index] = cells.lower[axis] + half_part * (start + stop)
+        # The box includes the rounding of queries.
+        pending.halves[index] = half_part * (stop - start) + cells.spacing * SLACK
+        is_smallest = is_smallest and stop - start == 1
+    return is_smallest
 
 
 @kernel
@@ -257,26 +269,27 @@ def refine_cell(
     The cell is the pending block ``base``, and nothing is proven of it as a whole.
     """
     has_free = False
-    blocking = -1
-    copy_block(pending, base, base + 1)
-    top = base + 1
-    state = MIXED
-    pair = pending.pair_lists[base, 0]
-    while True:
-        if state == MIXED:
-            if not halve_block(cells, pending, top, 1):
-                return MIXED, blocking if blocking >= 0 else pair
-            top += 2
-        if top == base + 1:
-            return (FREE if has_free else BLOCKED), -1
+    blocking_pair = -1
+    # Parts of the cell are pending in the rows from `bottom` on.
+    bottom = base + 1
+    copy_block(pending, base, bottom)
+    if not halve_block(cells, pending, bottom, 1):
+        return MIXED, pending.pair_lists[base, 0]
+    top = bottom + 2
+    while top > bottom:
         top -= 1
         state, pair = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
         if state == FREE:
             has_free = True
         elif state == BLOCKED:
-            blocking = pair
-        if has_free and blocking >= 0:
-            return MIXED, blocking
+            blocking_pair = pair
+        elif halve_block(cells, pending, top, 1):
+            top += 2
+        else:
+            return MIXED, blocking_pair if blocking_pair >= 0 else pair
+        if has_free and blocking_pair >= 0:
+            return MIXED, blocking_pair
+    return (FREE if has_free else BLOCKED), -1
 
 
 @kernel
@@ -297,24 +310,26 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
     ``parts`` stay together; returns False if no axis has more.
     """
     block = pending.blocks[row]
-    cut = -1
+    cut_axis = -1
     farthest = 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
         travel = count * cells.levers[axis]
         if count > parts and cells.joint_indices[axis] >= 0 and travel > farthest:
-            cut = axis
+            cut_axis = axis
             farthest = travel
-    if cut < 0:
+    if cut_axis < 0:
         return False
+    middle = (block[cut_axis] + block[cut_axis + 3]) // 2
+    whole_middle = middle // parts * parts
     copy_block(pending, row, row + 1)
-    middle = parts * ((block[cut] + block[cut + 3]) // (2 * parts))
-    block[cut + 3] = pending.blocks[row + 1, cut] = middle
+    block[cut_axis + 3] = whole_middle
+    pending.blocks[row + 1, cut_axis] = whole_middle
     return True
 
 
 @kernel
-def box_axes(
+def write_axes(
     chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
 ) -> int:
     """Write the joints that move body a relative to body b.
@@ -323,19 +338,20 @@ def box_axes(
     :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b. They include the rounding
     of points, ``required``.
     """
-    base = scratch.poses[b]
-    moving = chain.between[a, b]
-    out = scratch.axes
+    between = chain.between[a, b]
+    base_pose = scratch.poses[b]
+    base_rotation = rotation_rows(base_pose)
     count = 0
-    frame = pose_rotation(base)
-    for j in range(1, len(moving)):
+    for j in range(1, len(between)):
         travel = abs(chain.factors[j]) * halves[chain.joint_indices[j]] / ADVANCE_FACTOR
-        if not moving[j] or travel == 0.0 or chain.kinds[j] == FIXED:
+        if not between[j] or travel == 0.0 or chain.kinds[j] == FIXED:
             continue
-        pose = scratch.poses[j]
-        row = out[count]
-        axis = rotate_back(frame, rotate(pose_rotation(pose), row_at(chain.axes[j], 0)))
-        origin = rotate_back(frame, minus(column(pose, POSITION), column(base, POSITION)))
+        joint_pose = scratch.poses[j]
+        world_axis = rotate(rotation_rows(joint_pose), row_at(chain.axes[j], 0))
+        axis = rotate_back(base_rotation, world_axis)
+        offset = minus(column_at(joint_pose, POSITION), column_at(base_pose, POSITION))
+        origin = rotate_back(base_rotation, offset)
+        row = scratch.axes[count]
         for k in range(3):
             row[k] = axis[k]
             row[3 + k] = origin[k]
@@ -351,7 +367,7 @@ def box_axes(
 
 
 @kernel
-def blocked_pair(
+def find_blocked_pair(
     inside: InnerScene,
     pending: PendingBlocks,
     row: int,
@@ -365,17 +381,17 @@ def blocked_pair(
     """
     scene = inside.scene
     bodies = scene.solids.bodies
-    required = required_distance(scene, pending.center, pending.center)
+    required = find_required_distance(scene, pending.center, pending.center)
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
-        count = 0
-        for one, other in ((j, i), (i, j)):
-            a, b = bodies[one], bodies[other]
-            count = box_axes(scene.chain, a, b, pending.halves, required, scratch)
-            if ball_collides(inside, one, other, scratch.axes[:count], required, scratch):
-                return int(pair)
+        count = write_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
+        if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
+            return int(pair)
+        count = write_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
+        if ball_collides(inside, i, j, axes, required, scratch):
+            return int(pair)
         if with_crossings and boundaries_cross(scene, pair, axes, required, scratch):
             return int(pair)
     return -1
@@ -394,17 +410,18 @@ def ball_collides(
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
         point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
-        rest = balls.radii[n] - (joint_displacement(axes, point, 0.0) + required)
+        displacement = joint_displacement(axes, point, 0.0) + required
+        rest = balls.radii[n] - displacement
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
             root = solids.surface_roots[surface]
-            whole = solids.surfaces.boxes[root]
+            surface_box = solids.surfaces.boxes[root]
+            offset = minus(point, row_at(surface_box, 0))
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            offset = minus(point, row_at(whole, 0))
-            if not boxes_are_apart(offset, (rest, rest, rest), row_at(whole, 3)) and lies_deep(
-                solids.surfaces, root, point, -rest, scratch.nodes
-            ):
+            if boxes_are_apart(offset, (rest, rest, rest), row_at(surface_box, 3)):
+                continue
+            if lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
                 return True
     return False
 
@@ -423,17 +440,14 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
         top = 2 if solids.tree_roots[part] >= 0 else 1
         while top > 1:
             top -= 1
-            b = nodes[top, 0]
-            box = trees.boxes[b]
-            row, m = trees.spans[b]
+            node = nodes[top, 0]
+            box = trees.boxes[node]
+            row, count = trees.spans[node]
             offset = minus(point, row_at(box, 0))
             if boxes_are_apart(offset, (near, near, near), row_at(box, 3)):
                 continue
-            if m == 1:
-                if piece_depth(trees.triangles[row], point) + rest > 0.0:
-                    return True
-                continue
-            nodes[top, 0] = b + 1
-            nodes[top + 1, 0] = b + 2 * (m // 2)
-            top += 2
+            if count > 1:
+                top = push_children(nodes, 0, top, node, count)
+            elif piece_depth(trees.triangles[row], point) + rest > 0.0:
+                return True
     return False

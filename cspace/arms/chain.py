@@ -103,50 +103,47 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         parent = poses[chain.parents[b]]
         out = poses[b]
         index = chain.joint_indices[b]
-        value = chain.factors[b] * (q0[index] + t * (q1[index] - q0[index])) + chain.offsets[b]
-        x, y, z = axis = row_at(chain.axes[b], 0)
-        sine = 0.0
-        versine = 0.0
-        along = value
+        motion = q1[index] - q0[index]
+        value = chain.factors[b] * (q0[index] + t * motion) + chain.offsets[b]
+        rate = chain.factors[b] * motion
+        angle = turning = slide = sliding = 0.0
         if chain.kinds[b] == REVOLUTE:
-            # 1 - cos loses digits at small angles, so it is computed from the half angle.
-            sine = math.sin(value)
-            versine = 2.0 * math.sin(0.5 * value) ** 2
-            along = 0.0
-        # Rodrigues' formula, column by column.
-        turn = (
-            (
-                1.0 - versine * (y * y + z * z),
-                versine * x * y + sine * z,
-                versine * x * z - sine * y,
-            ),
-            (
-                versine * x * y - sine * z,
-                1.0 - versine * (x * x + z * z),
-                versine * y * z + sine * x,
-            ),
-            (
-                versine * x * z + sine * y,
-                versine * y * z - sine * x,
-                1.0 - versine * (x * x + y * y),
-            ),
+            angle = value
+            turning = rate
+        else:
+            slide = value
+            sliding = rate
+        joint_axis = row_at(chain.axes[b], 0)
+        parent_rotation = rotation_rows(parent)
+        joint_rotation = multiply(parent_rotation, rotation_columns(frame))
+        rotation = multiply(joint_rotation, turn_columns(joint_axis, angle))
+        origin = apply_pose(
+            parent_rotation, column_at(parent, POSITION), column_at(frame, POSITION)
         )
-        turned = pose_rotation(parent)
-        placed = multiply(turned, columns(frame))
-        rotation = multiply(placed, turn)
-        joint = apply_pose(turned, column(parent, POSITION), column(frame, POSITION))
-        u = rotate(rotation, axis)
-        position = add_scaled(joint, rotate(placed, axis), along)
-        moment = cross(position, u)
-        rate = chain.factors[b] * (q1[index] - q0[index])
-        turning = rate if chain.kinds[b] == REVOLUTE else 0.0
-        sliding = rate if chain.kinds[b] == PRISMATIC else 0.0
+        position = add_scaled(origin, rotate(joint_rotation, joint_axis), slide)
+        axis = rotate(rotation, joint_axis)
+        moment = cross(position, axis)
         for i in range(3):
             for j in range(3):
                 out[i, j] = rotation[i][j]
             out[i, POSITION] = position[i]
-            out[i, SPIN] = parent[i, SPIN] + turning * u[i]
-            out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding * u[i]
+            out[i, SPIN] = parent[i, SPIN] + turning * axis[i]
+            out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding * axis[i]
+
+
+@kernel
+def turn_columns(axis: Row, angle: float) -> Matrix:
+    """Return the columns of the rotation by an angle about a unit vector."""
+    x, y, z = axis
+    sine = math.sin(angle)
+    # 1 - cos loses digits at small angles, so it is computed from the half angle.
+    versine = 2.0 * math.sin(0.5 * angle) ** 2
+    # Rodrigues' formula, column by column.
+    return (
+        (1.0 - versine * (y * y + z * z), versine * x * y + sine * z, versine * x * z - sine * y),
+        (versine * x * y - sine * z, 1.0 - versine * (x * x + z * z), versine * y * z + sine * x),
+        (versine * x * z + sine * y, versine * y * z - sine * x, 1.0 - versine * (x * x + y * y)),
+    )
 
 
 @kernel
@@ -155,9 +152,9 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
     Returns the rows of the rotation, and the translation.
     """
-    offset = minus(column(pose, POSITION), column(base_pose, POSITION))
-    transposed = columns(base_pose)
-    return multiply(transposed, columns(pose)), rotate(transposed, offset)
+    offset = minus(column_at(pose, POSITION), column_at(base_pose, POSITION))
+    to_base = rotation_columns(base_pose)
+    return multiply(to_base, rotation_columns(pose)), rotate(to_base, offset)
 
 
 @kernel
@@ -168,21 +165,21 @@ def multiply(rows: Matrix, columns: Matrix) -> Matrix:
 
 
 @kernel
-def pose_rotation(pose: Floats) -> Matrix:
+def rotation_rows(pose: Floats) -> Matrix:
     """Return the rows of the rotation of a pose."""
     return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
 
 
 @kernel
-def column(pose: Floats, k: int) -> Row:
+def column_at(pose: Floats, k: int) -> Row:
     """Return a column of a pose."""
     return pose[0, k], pose[1, k], pose[2, k]
 
 
 @kernel
-def columns(pose: Floats) -> Matrix:
+def rotation_columns(pose: Floats) -> Matrix:
     """Return the columns of the rotation of a pose, which are the rows of its inverse."""
-    return column(pose, 0), column(pose, 1), column(pose, 2)
+    return column_at(pose, 0), column_at(pose, 1), column_at(pose, 2)
 
 
 @kernel
@@ -196,38 +193,38 @@ def motion_bounds(
     """
     displacement = curvature = rotation = 0.0
     between = chain.between[a, b]
-    above = chain.between[b, 0]
+    carries_b = chain.between[b, 0]
     lengths = chain.lengths[a]
     count = len(chain.parents)
-    for k in range(2 * count):
-        # First the joints of b, up to the common ancestor, then the joints of a, because the order
-        # matters for curvature.
-        j = count - 1 - k if k < count else k - count
-        if not between[j] or above[j] != (k < count):
-            continue
-        rate = abs(chain.factors[j] * (q1[chain.joint_indices[j]] - q0[chain.joint_indices[j]]))
-        if chain.kinds[j] == REVOLUTE:
-            reach = rate * (lengths[j] + radius)
-            displacement = displacement + reach
-            curvature = curvature + (0.5 * rate + rotation) * reach
-            rotation = rotation + rate
-        elif chain.kinds[j] == PRISMATIC:
-            displacement = displacement + rate
-            curvature = curvature + rotation * rate
+    # The order matters for curvature: from b towards the base to the common ancestor, then to a.
+    for towards_base in (True, False):
+        for step in range(count):
+            j = count - 1 - step if towards_base else step
+            if not between[j] or carries_b[j] != towards_base:
+                continue
+            index = chain.joint_indices[j]
+            rate = abs(chain.factors[j] * (q1[index] - q0[index]))
+            if chain.kinds[j] == REVOLUTE:
+                travel = rate * (lengths[j] + radius)
+                displacement += travel
+                curvature += (0.5 * rate + rotation) * travel
+                rotation += rate
+            elif chain.kinds[j] == PRISMATIC:
+                displacement += rate
+                curvature += rotation * rate
     return displacement, curvature, rotation
 
 
-def body_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice(None)) -> Floats:
-    """Return the poses of bodies.
+def compute_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice(None)) -> Floats:
+    """Compute the poses of all bodies, or of some, at configurations.
 
-    They have shape (..., b, 4, 4), for all bodies or for some. The configurations have shape (...,
-    dof).
+    The configurations have shape (..., dof), the poses (..., b, 4, 4).
     """
-    points = as_contiguous(q.reshape(-1, q.shape[-1]))
-    found = np.empty((len(points), len(chain.parents), 3, 6))
-    for point, placed in zip(points, found, strict=True):
-        forward_kinematics(chain, point, point, 0.0, placed)
-    chosen = found[:, bodies, :, :4]
-    poses = np.tile(np.eye(4), (*chosen.shape[:2], 1, 1))
-    poses[:, :, :3] = chosen
+    rows = as_contiguous(q.reshape(-1, q.shape[-1]))
+    moving_poses = np.empty((len(rows), len(chain.parents), 3, 6))
+    for row, row_poses in zip(rows, moving_poses, strict=True):
+        forward_kinematics(chain, row, row, 0.0, row_poses)
+    upper_rows = moving_poses[:, bodies, :, : POSITION + 1]
+    poses = np.tile(np.eye(4), (*upper_rows.shape[:2], 1, 1))
+    poses[:, :, :3] = upper_rows
     return poses.reshape(*q.shape[:-1], *poses.shape[1:])

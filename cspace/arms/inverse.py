@@ -26,9 +26,9 @@ from cspace.arms.chain import (
     POSITION,
     REVOLUTE,
     Chain,
-    column,
+    column_at,
     forward_kinematics,
-    pose_rotation,
+    rotation_rows,
 )
 from cspace.arms.solids import check_rigid
 from cspace.errors import InputError
@@ -38,7 +38,7 @@ from cspace.rotations.base import TWO_PI
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_real, check_text
 from cspace.support.compiling import kernel
-from cspace.support.vectors import cross, minus, rotate, row_at
+from cspace.support.vectors import add_scaled, cross, dot, minus, rotate, row_at
 
 DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
 """Distance in metres and angle in radians within which a pose counts as reached."""
@@ -92,6 +92,9 @@ RETRIED_STARTS: Final = 32
 
 MAX_STEPS: Final = 100
 """Steps after which a start is given up."""
+
+TINY: Final = 1e-300
+"""Smallest divisor, so that zero is never one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,37 +255,39 @@ def compare_pose(
 
     Returns its distance in metres, its angle in radians, and the squared error.
     """
-    body = scratch.poses[len(scratch.poses) - 1]
+    place_tip(problem.tool, scratch)
     tip = scratch.tip
-    tool = problem.tool
     target = problem.target
-    square = 0.0
-    for i in range(3):
-        for j in range(4):
-            tip[i, j] = body[i, 0] * tool[0, j] + body[i, 1] * tool[1, j] + body[i, 2] * tool[2, j]
-        tip[i, 3] += body[i, 3]
-        error[i] = tip[i, 3] - target[i, 3]
-        square += error[i] ** 2
-    distance = math.sqrt(square)
+    offset = minus(column_at(tip, POSITION), column_at(target, POSITION))
+    distance = math.sqrt(dot(offset, offset))
     # With R = tip target^T, half of R - R^T holds the axis times the sine of the angle.
-    x = y = z = trace = 0.0
+    doubled_axis = (0.0, 0.0, 0.0)
+    trace = 0.0
     for k in range(3):
-        x += 0.5 * (tip[2, k] * target[1, k] - tip[1, k] * target[2, k])
-        y += 0.5 * (tip[0, k] * target[2, k] - tip[2, k] * target[0, k])
-        z += 0.5 * (tip[1, k] * target[0, k] - tip[0, k] * target[1, k])
-        trace += tip[0, k] * target[0, k] + tip[1, k] * target[1, k] + tip[2, k] * target[2, k]
-    sine = math.sqrt(x * x + y * y + z * z)
+        tip_axis = column_at(tip, k)
+        target_axis = column_at(target, k)
+        doubled_axis = add_scaled(doubled_axis, cross(target_axis, tip_axis), 1.0)
+        trace += dot(tip_axis, target_axis)
+    sine = 0.5 * math.sqrt(dot(doubled_axis, doubled_axis))
     angle = math.atan2(sine, 0.5 * (trace - 1.0))
     # The error is the way to the nearest pose at the ignored distance and angle.
     far = problem.weights[0] * max(distance - problem.ignored[0], 0.0)
     turned = problem.weights[1] * max(angle - problem.ignored[1], 0.0)
-    a, b = far / max(distance, 1e-300), turned / max(sine, 1e-300)
     for i in range(3):
-        error[i] *= a
-    error[3] = b * x
-    error[4] = b * y
-    error[5] = b * z
+        error[i] = far / max(distance, TINY) * offset[i]
+        error[3 + i] = turned / max(2.0 * sine, TINY) * doubled_axis[i]
     return distance, angle, far * far + turned * turned
+
+
+@kernel
+def place_tip(tool: Floats, scratch: PoseScratch) -> None:
+    """Write the frame's pose, from its pose on the last body."""
+    body = scratch.poses[len(scratch.poses) - 1]
+    tip = scratch.tip
+    for i in range(3):
+        for j in range(4):
+            tip[i, j] = body[i, 0] * tool[0, j] + body[i, 1] * tool[1, j] + body[i, 2] * tool[2, j]
+        tip[i, POSITION] += body[i, POSITION]
 
 
 @kernel
@@ -294,20 +299,19 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
     for i in range(6):
         for k in range(jacobian.shape[1]):
             jacobian[i, k] = 0.0
-    tip = column(scratch.tip, POSITION)
+    tip = column_at(scratch.tip, POSITION)
     for b in range(1, len(chain.parents)):
-        k = chain.joint_indices[b]
+        joint = chain.joint_indices[b]
         factor = chain.factors[b]
         pose = scratch.poses[b]
-        u = rotate(pose_rotation(pose), row_at(chain.axes[b], 0))
+        axis = rotate(rotation_rows(pose), row_at(chain.axes[b], 0))
+        velocity = axis
         if chain.kinds[b] == REVOLUTE:
-            moment = cross(u, minus(tip, column(pose, POSITION)))
+            velocity = cross(axis, minus(tip, column_at(pose, POSITION)))
             for i in range(3):
-                jacobian[i, k] += factor * weights[0] * moment[i]
-                jacobian[3 + i, k] += factor * weights[1] * u[i]
-        else:
-            for i in range(3):
-                jacobian[i, k] += factor * weights[0] * u[i]
+                jacobian[3 + i, joint] += factor * weights[1] * axis[i]
+        for i in range(3):
+            jacobian[i, joint] += factor * weights[0] * velocity[i]
 
 
 @kernel
@@ -324,11 +328,10 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
         slope = 0.0
         for i in range(6):
             slope += jacobian[i, k] * error[i]
-        stuck = (q[k] <= problem.lower[k] and slope > 0.0) or (
-            q[k] >= problem.upper[k] and slope < 0.0
-        )
-        for i in range(6):
-            if stuck:
+        stuck_below = q[k] <= problem.lower[k] and slope > 0.0
+        stuck_above = q[k] >= problem.upper[k] and slope < 0.0
+        if stuck_below or stuck_above:
+            for i in range(6):
                 jacobian[i, k] = 0.0
         for i in range(6):
             for j in range(6):
@@ -348,7 +351,7 @@ def solve_system(system: Floats) -> None:
     Its last column becomes the solution. Such a system needs no pivots (Gauss and Jordan).
     """
     for j in range(6):
-        pivot = max(system[j, j], 1e-300)
+        pivot = max(system[j, j], TINY)
         for k in range(j, 7):
             system[j, k] /= pivot
         for i in range(6):
@@ -366,12 +369,12 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
     forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     distance, angle, cost = compare_pose(problem, scratch, scratch.errors[0])
     factor = FIRST_DAMPING
-    slow = 0
+    slow_steps = 0
     for _ in range(MAX_STEPS):
         if distance <= problem.enough[0] and angle <= problem.enough[1]:
             break
         fill_jacobian(problem, scratch)
-        better = False
+        is_lower = False
         new_distance = distance
         new_angle = angle
         new_cost = cost
@@ -379,13 +382,13 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
             take_step(problem, q, scratch, factor * cost + 1e-14)
             forward_kinematics(problem.chain, scratch.trial, scratch.trial, 0.0, scratch.poses)
             new_distance, new_angle, new_cost = compare_pose(problem, scratch, scratch.errors[1])
-            better = new_cost < cost
-            if better:
+            is_lower = new_cost < cost
+            if is_lower:
                 break
             factor *= DAMPING_INCREASE
-        if not better:
+        if not is_lower:
             break
-        slow = slow + 1 if new_cost > SLOW_DECREASE * cost else 0
+        slow_steps = slow_steps + 1 if new_cost > SLOW_DECREASE * cost else 0
         distance = new_distance
         angle = new_angle
         cost = new_cost
@@ -394,30 +397,30 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         for i in range(6):
             scratch.errors[0, i] = scratch.errors[1, i]
         factor = max(factor * DAMPING_DECREASE, MIN_DAMPING)
-        if slow >= problem.max_slow_steps:
+        if slow_steps >= problem.max_slow_steps:
             break
     return distance, angle, cost
 
 
 def branch_to(chain: Chain, body: int) -> Branch:
     """Return the branch of a chain from the base to a body."""
-    bodies = [body]
-    while bodies[-1] > 0:
-        bodies.append(int(chain.parents[bodies[-1]]))
-    rows = np.array(bodies[::-1])
-    joints, indices = np.unique(chain.joint_indices[rows[1:]], return_inverse=True)
-    part = Chain(
-        parents=np.maximum(np.arange(len(rows)) - 1, 0),
-        frames=chain.frames[rows],
-        axes=chain.axes[rows],
-        kinds=chain.kinds[rows],
-        joint_indices=np.concatenate([[0], indices]),
-        factors=chain.factors[rows],
-        offsets=chain.offsets[rows],
-        between=chain.between[np.ix_(rows, rows, rows)],
-        lengths=chain.lengths[np.ix_(rows, rows)],
+    towards_base = [body]
+    while towards_base[-1] > 0:
+        towards_base.append(int(chain.parents[towards_base[-1]]))
+    bodies = np.flip(towards_base)
+    joints, joint_indices = np.unique(chain.joint_indices[bodies[1:]], return_inverse=True)
+    branch_chain = Chain(
+        parents=np.maximum(np.arange(len(bodies)) - 1, 0),
+        frames=chain.frames[bodies],
+        axes=chain.axes[bodies],
+        kinds=chain.kinds[bodies],
+        joint_indices=np.concatenate([[0], joint_indices]),
+        factors=chain.factors[bodies],
+        offsets=chain.offsets[bodies],
+        between=chain.between[np.ix_(bodies, bodies, bodies)],
+        lengths=chain.lengths[np.ix_(bodies, bodies)],
     )
-    return Branch(part, joints)
+    return Branch(branch_chain, joints)
 
 
 def make_pose_problem(
@@ -433,13 +436,15 @@ def make_pose_problem(
     A start is solved at ``enough_share`` of the tolerance.
     """
     chain = branch.chain
-    reach = np.linalg.norm(chain.frames[1:, :, 3], axis=1).sum() + np.linalg.norm(tool[:3, 3])
+    link_lengths = np.linalg.norm(chain.frames[1:, :, 3], axis=1)
+    reach = link_lengths.sum() + np.linalg.norm(tool[:3, 3])
+    scale = 1.0 / max(reach, MIN_REACH)
     is_patient = enough_share == 1.0
     return PoseProblem(
         chain,
         as_contiguous(tool),
         target,
-        weights=np.where(np.isfinite(tolerance), (1.0 / max(reach, MIN_REACH), 1.0), 0.0),
+        weights=np.where(np.isfinite(tolerance), (scale, 1.0), 0.0),
         ignored=IGNORED_SHARE * tolerance if is_patient else np.zeros(2),
         enough=enough_share * tolerance,
         tolerance=tolerance,
@@ -453,12 +458,12 @@ def make_pose_scratch(branch: Branch) -> PoseScratch:
     """Allocate scratch buffers for a branch."""
     count = len(branch.joints)
     return PoseScratch(
-        np.empty((len(branch.chain.parents), 3, 6)),
-        np.empty((3, 4)),
-        np.empty((2, 6)),
-        np.empty((6, count)),
-        np.empty((6, 7)),
-        np.empty(count),
+        poses=np.empty((len(branch.chain.parents), 3, 6)),
+        tip=np.empty((3, 4)),
+        errors=np.empty((2, 6)),
+        jacobian=np.empty((6, count)),
+        system=np.empty((6, 7)),
+        trial=np.empty(count),
     )
 
 
@@ -480,54 +485,59 @@ def solve_pose(
     :data:`MAX_VAIN_STARTS` starts in a row that find nothing new.
     """
     tolerance = np.array(goal.tolerance)
+    target = np.array(goal.pose)
     scratch = make_pose_scratch(branch)
+    lower, upper = limits
     # A joint that can make a whole turn stops nowhere; otherwise it would get stuck at its limits.
-    circles = whole_turns & (limits[1] - limits[0] > TWO_PI - MAX_GAP)
-    open_limits = np.where(circles, -np.inf, limits[0]), np.where(circles, np.inf, limits[1])
-    given = branch, tool, np.array(goal.pose), tolerance
-    problem = make_pose_problem(*given, open_limits)
-    bounded = make_pose_problem(*given, limits, 1.0)
+    circles = whole_turns & (upper - lower > TWO_PI - MAX_GAP)
+    open_limits = np.where(circles, -np.inf, lower), np.where(circles, np.inf, upper)
+    quick = make_pose_problem(branch, tool, target, tolerance, open_limits)
     # The pose itself may be out of reach and poses within the tolerance not; and some valleys are
     # long.
-    patient = make_pose_problem(*given, open_limits, 1.0)
+    patient = make_pose_problem(branch, tool, target, tolerance, open_limits, 1.0)
+    within_limits = make_pose_problem(branch, tool, target, tolerance, limits, 1.0)
     solutions: list[Floats] = []
 
     def try_start(problem: PoseProblem, q: Floats) -> tuple[float, float, float]:
         """Move a start, and keep where it ends if that is a new solution."""
         distance, angle, cost = descend(problem, q, scratch)
-        if (np.array([distance, angle]) <= tolerance).all():
+        if distance <= tolerance[0] and angle <= tolerance[1]:
             turned = _turn_towards(near, q, limits, whole_turns)
             # It was moved onto a limit if it lay in the gap of a circle.
-            reached = descend(bounded, turned, scratch)[:2]
+            last_distance, last_angle, _ = descend(within_limits, turned, scratch)
+            is_solved = last_distance <= tolerance[0] and last_angle <= tolerance[1]
             is_new = all(np.abs(turned - other).max() > MIN_JOINT_DISTANCE for other in solutions)
-            if is_new and (np.array(reached) <= tolerance).all():
+            if is_solved and is_new:
                 solutions.append(turned)
         return distance, angle, cost
 
     starts = np.vstack([near, rng.uniform(*ranges, (MAX_STARTS - 1, len(near)))])
     errors = []
-    vain = 0
+    vain_starts = 0
     for q in starts:
-        count = len(solutions)
-        errors.append(try_start(problem, q))
-        vain = 0 if len(solutions) > count or not count else vain + 1
-        if len(solutions) == max_solutions or vain == MAX_VAIN_STARTS:
+        known = len(solutions)
+        errors.append(try_start(quick, q))
+        is_vain = known > 0 and len(solutions) == known
+        vain_starts = vain_starts + 1 if is_vain else 0
+        if len(solutions) == max_solutions or vain_starts == MAX_VAIN_STARTS:
             break
     order = np.argsort([cost for *_, cost in errors], kind="stable")
     nearest = _turn_towards(near, starts[order[0]], limits, whole_turns)
     distance, angle, _ = errors[order[0]]
     if not solutions:
-        for n in order[:RETRIED_STARTS]:
+        for row in order[:RETRIED_STARTS]:
             if len(solutions) < max_solutions:
-                try_start(patient, starts[n])
+                try_start(patient, starts[row])
     return PoseSolutions(np.array(solutions).reshape(-1, len(near)), nearest, distance, angle)
 
 
 def _turn_towards(
-    near: Floats, others: Floats, limits: tuple[Floats, Floats], whole_turns: Bools
+    near: Floats, q: Floats, limits: tuple[Floats, Floats], whole_turns: Bools
 ) -> Floats:
-    """Move configurations, shape (n, k), by whole turns towards another."""
-    fewest = np.ceil((limits[0] - others) / TWO_PI)
-    most = np.floor((limits[1] - others) / TWO_PI)
-    turns = np.clip(np.rint((near - others) / TWO_PI), fewest, most)
-    return np.asarray((others + np.where(whole_turns, TWO_PI * turns, 0.0)).clip(*limits))
+    """Move a configuration, shape (k,), by whole turns towards another, within the limits."""
+    lower, upper = limits
+    fewest = np.ceil((lower - q) / TWO_PI)
+    most = np.floor((upper - q) / TWO_PI)
+    turns = np.clip(np.rint((near - q) / TWO_PI), fewest, most)
+    turned = np.where(whole_turns, q + TWO_PI * turns, q)
+    return np.asarray(turned.clip(lower, upper))

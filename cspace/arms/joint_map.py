@@ -139,33 +139,25 @@ def build_joint_map(
     arm = snapshot.arm
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
-    held = _held_configuration(arm, joint_indices, held_joints)
-    intervals = np.array([_joint_range(space, name, limits) for name in names])
+    held = _check_held_joints(arm, joint_indices, held_joints)
+    intervals = np.array([_find_range(space, name, limits) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
-    # Rounding adds no cell, unless the last one would end before the limit of its joint: beyond the
-    # grid, all configurations there count as BLOCKED.
-    counts = np.ceil(np.diff(intervals)[:, 0] / side - 1e-9)
-    ends_early = intervals[:, 0] + side * counts < intervals[:, 1]
-    counts += ends_early & (joint_limits[:, 1] <= intervals[:, 1])
+    shape = _count_cells(intervals, joint_limits, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
-    shape = tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
-    check_memory(
-        _BYTES_PER_JOINT_CELL * math.prod(shape),
-        "the map",
-        PlannedGrid(shape, side, units[0]),
-    )
+    needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
+    check_memory(needed, "the map", PlannedGrid(shape, side, units[0]))
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
-    moving = _moving_pairs(snapshot, joint_indices)
+    moving = _find_moving_pairs(snapshot, joint_indices)
     still = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still)
 
     states, deciding_pairs = _classify_cells(
         snapshot, grid, joint_indices, held, moving, workers or cores(), progress
     )
-    for axis, (low, high) in enumerate(zip(grid.lower, joint_limits[:, 1].tolist(), strict=True)):
-        if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
-            last = np.moveaxis(states, axis, 0)[-1]
-            last[last == FREE] = MIXED
+    last_ends = np.array(grid.lower) + side * np.array(shape)
+    for axis in np.flatnonzero(last_ends > joint_limits[:, 1] + 1e-9 * side):
+        last_cells = np.moveaxis(states, axis, 0)[-1]
+        last_cells[last_cells == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
     robot = Robot(arm.name, Point.at_origin(len(names)))
@@ -176,6 +168,19 @@ def build_joint_map(
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
     return JointMap(contents, geometry)
+
+
+def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
+    """Return the number of cells along each mapped part of a joint's range.
+
+    ``intervals``, shape (d, 2), are the mapped parts of the ranges ``joint_limits``.
+    """
+    counts = np.ceil((intervals[:, 1] - intervals[:, 0]) / side - 1e-9)
+    # Rounding adds no cell, unless the last one would end before the limit of its joint: beyond the
+    # grid, all configurations there count as BLOCKED.
+    ends_early = intervals[:, 0] + side * counts < intervals[:, 1]
+    counts += ends_early & (joint_limits[:, 1] <= intervals[:, 1])
+    return tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
 
 
 def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -213,39 +218,48 @@ def _classify_cells(
 ) -> tuple[States, NDArray[np.int16]]:
     """Return the states of all cells, and a pair that keeps each MIXED cell so, -1 for other cells.
 
-    ``moving`` says which joints move which pairs. Along joints that do not move some pairs, one
-    cell represents all.
+    ``moving`` says which joints move which pairs. Pairs that the same joints move are one layer of
+    cells. Along the other joints, one cell of the layer represents all.
     """
-    cells = _joint_cells(snapshot, grid, joint_indices, held)
-    balls = _inner_balls(snapshot.inner.solids)
+    cells = _make_cells(snapshot, grid, joint_indices, held)
+    balls = _find_inner_balls(snapshot.inner.solids)
     shape = grid.shape
-    added = [1] * (3 - grid.dim)
-    parts = list[CellStates]()
-    work = []
+    added_axes = 3 - grid.dim
+    layers = list[CellStates]()
+    tasks = []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         chosen = (moving == moved).all(axis=1)
+        pair_numbers = np.flatnonzero(chosen)
         scene = snapshot.outer.select_pairs(chosen)
         inside = InnerScene(snapshot.inner.select_pairs(chosen), balls)
-        sides = np.array([*added, *np.where(moved, shape, 1)])
-        part = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
-        parts.append(part)
-        counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
-        for start in _BLOCK_CELLS_PER_AXIS * np.indices(tuple(counts.tolist())).reshape(3, -1).T:
-            block = np.concatenate([start, np.minimum(start + _BLOCK_CELLS_PER_AXIS, sides)])
-            work.append(
-                partial(_classify_block, scene, inside, cells, block, np.flatnonzero(chosen), part)
-            )
-    tell = None if progress is None else lambda done: progress(done, len(work))
-    in_threads(lambda task: task(), work, workers, tell)
+        sides = np.append(np.ones(added_axes, dtype=np.int64), np.where(moved, shape, 1))
+        layer = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
+        layers.append(layer)
+        tasks += [
+            partial(_classify_block, scene, inside, cells, block, pair_numbers, layer)
+            for block in _cut_blocks(sides)
+        ]
+    tell = None if progress is None else lambda done: progress(done, len(tasks))
+    in_threads(lambda task: task(), tasks, workers, tell)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is.
     states = np.zeros(shape, dtype=np.uint8)
     deciding_pairs = np.full(shape, -1, dtype=np.int16)
-    for part in parts:
-        part_states, pairs = (each.reshape(each.shape[3 - grid.dim :]) for each in part)
-        np.copyto(deciding_pairs, pairs, where=part_states > states)
-        np.maximum(states, part_states, out=states)
+    for layer in layers:
+        layer_shape = layer.states.shape[added_axes:]
+        layer_states = layer.states.reshape(layer_shape)
+        layer_pairs = layer.deciding_pairs.reshape(layer_shape)
+        np.copyto(deciding_pairs, layer_pairs, where=layer_states > states)
+        np.maximum(states, layer_states, out=states)
     deciding_pairs[states != MIXED] = -1
     return states, deciding_pairs
+
+
+def _cut_blocks(sides: Ints) -> Ints:
+    """Cut a grid into blocks for threads; return the start and stop of each, shape (n, 6)."""
+    counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
+    starts = _BLOCK_CELLS_PER_AXIS * np.array(list(np.ndindex(*counts.tolist())))
+    stops = np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)
+    return np.concatenate([starts, stops], axis=1)
 
 
 class JointMap(CSpace):
@@ -272,22 +286,24 @@ class JointMap(CSpace):
         grid = self.grid
         if geometry is None:
             return None
-        cells = geometry.mixed_cells
+        mixed_cells = geometry.mixed_cells
         pairs = geometry.deciding_pairs
         if q is not None:
             points = self._check_configurations(q, "q").reshape(-1, grid.dim)
-            places = self._cells_of(points)[:, -grid.dim :]
-            inside = ((places >= 0) & (places < grid.shape)).all(axis=1)
-            chosen = np.isin(cells, np.ravel_multi_index(tuple(places[inside].T), grid.shape))
-            cells = cells[chosen]
+            indices = self._cells_of(points)[:, -grid.dim :]
+            inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
+            queried_cells = np.ravel_multi_index(tuple(indices[inside].T), grid.shape)
+            chosen = np.isin(mixed_cells, queried_cells)
+            mixed_cells = mixed_cells[chosen]
             pairs = pairs[chosen]
-        places = np.stack(np.unravel_index(cells, grid.shape), axis=1)
-        centers = np.asarray(grid.lower + grid.spacing * (places + 0.5), dtype=np.float64)
-        rows = geometry.configurations(centers)
-        found = Counter[tuple[str, str]]()
+        indices = np.stack(np.unravel_index(mixed_cells, grid.shape), axis=1)
+        centers = np.asarray(grid.lower + grid.spacing * (indices + 0.5), dtype=np.float64)
+        configurations = geometry.extend(centers)
+        counts = Counter[tuple[str, str]]()
         for pair in np.unique(pairs).tolist():
-            found.update(geometry.snapshot.nearest_parts(pair, rows[pairs == pair]))
-        return dict(found.most_common())
+            pair_configurations = configurations[pairs == pair]
+            counts.update(geometry.snapshot.nearest_parts(pair, pair_configurations))
+        return dict(counts.most_common())
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -347,8 +363,8 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    found = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
-    if found is None:
+    counts = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
+    if counts is None:
         raise InputError(
             "joint_map",
             "has no geometry of an arm",
@@ -356,7 +372,7 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
             "pass the map that build_joint_map made",
             value=joint_map,
         )
-    return found
+    return counts
 
 
 def _classify_block(
@@ -373,18 +389,18 @@ def _classify_block(
     classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
-def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
+def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
     """Return the configuration with the values of the held joints.
 
     The others do not matter.
     """
     if held_joints is None:
-        others = [name for n, name in enumerate(arm.joints) if n not in joint_indices]
-        if others:
+        held_names = np.delete(arm.joints, joint_indices)
+        if len(held_names):
             raise InputError(
                 "held_joints",
                 "is missing",
-                f"the map holds {', '.join(others)} still",
+                f"the map holds {', '.join(held_names)} still",
                 f"pass the arm's {arm.dof} joint values",
             )
         return np.zeros(arm.dof)
@@ -402,13 +418,12 @@ def _held_configuration(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | 
     return held
 
 
-def _joint_range(
+def _find_range(
     space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
 ) -> tuple[float, float]:
     """Return the mapped part of a joint's range."""
     number = space.arm.joints.index(name)
-    low = float(space.arm.lower[number])
-    high = float(space.arm.upper[number])
+    low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is not None and name in limits:
         argument = f"limits[{name!r}]"
         given = check_finite(limits[name], argument)
@@ -447,21 +462,23 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
 
     ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
     """
-    shape = np.array(grid.shape)
-    first = np.where(joint_limits[:, 0] < intervals[:, 0], -FARTHEST_CELL, 0)
-    last = np.where(joint_limits[:, 1] > intervals[:, 1], FARTHEST_CELL, shape - 1)
+    continues_below = joint_limits[:, 0] < intervals[:, 0]
+    continues_above = joint_limits[:, 1] > intervals[:, 1]
+    first = np.where(continues_below, -FARTHEST_CELL, 0)
+    last = np.where(continues_above, FARTHEST_CELL, np.array(grid.shape) - 1)
     return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
 
 
-def _moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
+def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Return which joints move which pairs, shape (pairs, joints)."""
     chain = snapshot.arm.chain
     scene = snapshot.outer
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
-    return np.stack(
-        [between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices], axis=1
-    )
+    moved_by_joint = [
+        between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices
+    ]
+    return np.stack(moved_by_joint, axis=1)
 
 
 def _refuse_held_contact(
@@ -484,89 +501,95 @@ def _refuse_held_contact(
         )
 
 
-def _joint_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
+def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """Return the grid as kernels take it, along three axes."""
     chain = snapshot.arm.chain
     solids = snapshot.outer.solids
-    reaches = np.zeros(len(chain.parents))
-    np.maximum.at(reaches, solids.bodies, solids.levers)
-    # How far each joint moves each body per unit.
-    travel = np.where(chain.kinds == REVOLUTE, chain.lengths + reaches[:, np.newaxis], 1.0)
+    body_reaches = np.zeros(len(chain.parents))
+    np.maximum.at(body_reaches, solids.bodies, solids.levers)
+    # The farthest motion of each body (row) by each joint (column), per unit.
+    arms = chain.lengths + body_reaches[:, np.newaxis]
+    travel = np.where(chain.kinds == REVOLUTE, arms, 1.0)
     travel *= np.abs(chain.factors) * chain.between[:, 0]
     levers = np.zeros(len(held))
     np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
-    pad = 3 - grid.dim
+    added_axes = 3 - grid.dim
     return JointCells(
-        lower=np.concatenate([np.zeros(pad), grid.lower]),
+        lower=np.concatenate([np.zeros(added_axes), grid.lower]),
         spacing=grid.spacing,
-        joint_indices=np.concatenate([np.full(pad, -1), joint_indices]),
+        joint_indices=np.concatenate([np.full(added_axes, -1), joint_indices]),
         held=held,
-        levers=np.concatenate([np.zeros(pad), levers[joint_indices]]),
+        levers=np.concatenate([np.zeros(added_axes), levers[joint_indices]]),
         parts=_PARTS_PER_CELL[grid.dim],
     )
 
 
-def _inner_balls(solids: Solids) -> InnerBalls:
+def _find_inner_balls(solids: Solids) -> InnerBalls:
     """Return balls inside solids; their probes are balls of radius zero."""
-    found: list[Floats] = []
-    for (surface, anchor, part), (next_surface, next_anchor, next_part) in pairwise(
-        solids.starts.tolist()
-    ):
-        points = solids.anchors[anchor:next_anchor]
-        roots = solids.tree_roots[part:next_part]
+    groups = [np.empty((0, 4))]
+    counts = [0]
+    for starts, stops in pairwise(solids.starts):
+        surfaces, anchors, parts = (slice(*ends) for ends in zip(starts, stops, strict=True))
+        probes = solids.anchors[anchors]
+        roots = solids.tree_roots[parts]
         spans = solids.trees.spans[roots[roots >= 0]].tolist()
-        rows = [solids.trees.triangles[first : first + count] for first, count in spans]
-        closed = solids.surface_roots[surface:next_surface].tolist()
+        pieces = [solids.trees.triangles[first : first + count] for first, count in spans]
+        roots_of_surfaces = solids.surface_roots[surfaces].tolist()
         balls = [
-            np.column_stack([points, np.zeros(len(points))]),
-            _solid_balls(np.concatenate([np.empty((0, 10)), *rows])),
-            *(_surface_balls(solids.surfaces, root) for root in closed),
+            np.column_stack([probes, np.zeros(len(probes))]),
+            _find_solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
+            *(_find_surface_balls(solids.surfaces, root) for root in roots_of_surfaces),
         ]
-        found.append(np.concatenate(balls))
-    every = np.concatenate([np.empty((0, 4)), *found])
+        groups += balls
+        counts.append(sum(map(len, balls)))
+    every = np.concatenate(groups)
     return InnerBalls(
-        centers=every[:, :3].copy(),
-        radii=every[:, 3].copy(),
-        starts=np.cumsum([0, *map(len, found)]),
+        centers=every[:, :3].copy(), radii=every[:, 3].copy(), starts=np.cumsum(counts)
     )
 
 
-def _surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
+def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     """Return the largest balls around lattice points of a closed surface, shape (n, 4).
 
     Points near larger balls are skipped.
     """
     center, half = surfaces.boxes[root].reshape(2, 3)
-    if not half.all():  # a flat surface has no inside
-        return np.empty((0, 4))
+    balls = np.empty((0, 4))
+    # A flat surface has no inside.
+    if not half.all():
+        return balls
     step = np.cbrt(8.0 * half.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
     counts = np.minimum(2 * np.floor(half / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
-    lattice = np.indices(tuple(counts.astype(np.int64).tolist())).reshape(3, -1).T
+    lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
     points = center - half + (lattice + 0.5) * 2.0 * half / counts
     scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
     depths = np.empty(len(points))
     for k, (x, y, z) in enumerate(points.tolist()):
         depth = nearest_triangle(surfaces, root, (x, y, z), math.inf, scratch)
         is_inside = winding_number(surfaces, root, (x, y, z), scratch) != 0
-        depths[k] = depth if is_inside else -depth
-    balls = np.empty((0, 4))
-    for k in np.argsort(-depths)[: np.count_nonzero(depths > 0.0)].tolist():
+        depths[k] = depth if is_inside else 0.0
+    deepest_first = np.argsort(-depths)
+    for k in deepest_first[depths[deepest_first] > 0.0].tolist():
         distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
         if len(balls) < _MAX_BALLS_PER_SURFACE and (distances > 0.6 * balls[:, 3]).all():
             balls = np.vstack([balls, [*points[k], depths[k]]])
     return balls
 
 
-def _solid_balls(rows: Floats) -> Floats:
-    """Return the largest balls in boxes and balls, shape (n, 4)."""
-    first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
-    radii = np.where(
-        rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9]
-    )
+def _find_solid_balls(pieces: Floats) -> Floats:
+    """Return the largest balls in boxes and balls, shape (n, 4).
+
+    ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the
+    radius of a ball, or the negative third half side of a box.
+    """
+    first_half = np.linalg.norm(pieces[:, 3:6], axis=1)
+    second_half = np.linalg.norm(pieces[:, 6:9], axis=1)
+    smallest_half = np.minimum(np.minimum(first_half, second_half), -pieces[:, 9])
+    radii = np.where(pieces[:, 9] < 0.0, smallest_half, pieces[:, 9])
     largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
     largest = largest[radii[largest] > 0.0]
-    return np.column_stack([rows[largest, :3], radii[largest]])
+    return np.column_stack([pieces[largest, :3], radii[largest]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -595,7 +618,7 @@ class JointGeometry:
     mixed_cells: Ints
     deciding_pairs: NDArray[np.int16]
 
-    def configurations(self, q: Floats) -> Floats:
+    def extend(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
         rows = np.tile(self.held, (len(q), 1))
         rows[:, self.joint_indices] = q
@@ -618,13 +641,16 @@ class JointProofs:
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, d), is proven free."""
+        geometry = self._geometry
         free = np.zeros(len(q0), dtype=np.bool_)
-        low, high = self._geometry.intervals.T  # nothing is proven beyond the limits
-        within = (low <= q0) & (q0 <= high) & (low <= q1) & (q1 <= high)
-        inside = np.flatnonzero(within.all(axis=1))
-        firsts = self._geometry.configurations(q0[inside])
-        lasts = self._geometry.configurations(q1[inside])
-        free[inside] = self._geometry.snapshot.are_free(firsts, lasts)
+        # Nothing is proven beyond the limits.
+        lower, upper = geometry.intervals.T
+        starts_within = (lower <= q0) & (q0 <= upper)
+        ends_within = (lower <= q1) & (q1 <= upper)
+        within = (starts_within & ends_within).all(axis=1)
+        starts = geometry.extend(q0[within])
+        ends = geometry.extend(q1[within])
+        free[within] = geometry.snapshot.are_free(starts, ends)
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:

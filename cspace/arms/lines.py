@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import (
+    POSITION,
     REVOLUTE,
     SPIN,
     VELOCITY,
@@ -252,13 +253,13 @@ def check_corners(poses: ArrayLike) -> Floats:
     Raises InputError if one is no rigid motion or beyond MAX_LINE_COORDINATE.
     """
     given = check_finite(poses, "poses")
-    if given.ndim not in (2, 3) or given.shape[-2:] != (4, 4) or not len(given):
+    has_matrices = given.ndim in (2, 3) and given.shape[-2:] == (4, 4)
+    if not has_matrices or not len(given):
         rule = "it must be one pose, shape (4, 4), or several"
         hint = "pass e.g. [first, second]"
         raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
-    corners = np.stack(
-        [check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(given.reshape(-1, 4, 4))]
-    )
+    rows = given.reshape(-1, 4, 4)
+    corners = np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(rows)])
     largest = float(np.abs(corners[:, :3, 3]).max())
     if largest > MAX_LINE_COORDINATE:
         problem = f"has the coordinate {largest:g} m"
@@ -306,7 +307,6 @@ def follow_lines(
     if rounding exceeds the tolerance.
     """
     arm = snapshot.arm
-    scene = snapshot.outer
     branch, tool = arm.branch_to(frame)
     scratch = make_pose_scratch(branch)
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
@@ -325,19 +325,16 @@ def follow_lines(
     status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
     for number, line in enumerate(lines):
         problem = LineProblem(line, pose, scratch, branch.joints, tolerance, size)
-        outcome, failed = _follow_line(scene, problem, waypoints)
+        outcome, failed = _follow_line(snapshot.outer, problem, waypoints)
         if outcome == REACHED:
             continue
         last = waypoints[-1]
-        left = number + 1 - last.parameter
-        lengths = np.maximum([each.length for each in lines], np.finfo(float).tiny)
-        followed = np.clip(last.parameter - np.arange(len(lines)), 0.0, 1.0)
-        fraction = float(followed @ lengths / lengths.sum())
-        # Only a motion that is certified has all of the line.
-        fraction = min(fraction, math.nextafter(1.0, 0.0))
+        fraction = _measure_fraction(lines, last.parameter)
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, last.joints, failed)
-        ahead = f"{left * np.linalg.norm(line.direction):.3g} m and {left * line.angle:.3g} rad"
-        status = f"stopped after {100.0 * fraction:.3g} %, {ahead} before poses[{number}]: {reason}"
+        left = number + 1 - last.parameter
+        metres = left * float(np.linalg.norm(line.direction))
+        place = f"{metres:.3g} m and {left * line.angle:.3g} rad before poses[{number}]"
+        status = f"stopped after {100.0 * fraction:.3g} %, {place}: {reason}"
         break
     deviation, angle = np.max([each.bounds for each in waypoints], axis=0).tolist()
     return LineMotion(
@@ -355,6 +352,15 @@ def follow_lines(
     )
 
 
+def _measure_fraction(lines: Sequence[Line], parameter: float) -> float:
+    """Return the share of all lines before a parameter, below 1."""
+    lengths = np.maximum([line.length for line in lines], np.finfo(float).tiny)
+    followed = np.clip(parameter - np.arange(len(lines)), 0.0, 1.0)
+    fraction = float(followed @ lengths / lengths.sum())
+    # Only a motion that is certified has all of the line.
+    return min(fraction, math.nextafter(1.0, 0.0))
+
+
 def _follow_line(
     scene: Scene, problem: LineProblem, waypoints: list[Waypoint]
 ) -> tuple[int, Floats]:
@@ -368,31 +374,35 @@ def _follow_line(
     outcome = REACHED
     failed = waypoints[-1].joints
     while now < 1.0:
-        # A step that leaves a small rest is cut in two halves or takes the rest too.
         here = waypoints[-1].joints
         left = 1.0 - now
-        stop = 1.0 if step >= left else now + min(step, max(0.5 * left, MIN_LINE_STEP))
+        stop = 1.0
+        if step < left:
+            # A step that would leave a small rest is at most half of what is left.
+            stop = now + min(step, max(0.5 * left, MIN_LINE_STEP))
         tried = try_step(problem, here[problem.joints], now, stop)
         outcome = tried.outcome
-        share = tried.share
         taken = stop - now
-        failed = here.copy()
-        failed[problem.joints] = tried.last
-        if outcome == REACHED and not are_free(scene, here[np.newaxis], failed[np.newaxis])[0]:
+        ahead = here.copy()
+        ahead[problem.joints] = tried.last
+        if outcome == REACHED and not are_free(scene, here[np.newaxis], ahead[np.newaxis])[0]:
             outcome = COLLISION
-            share = 0.0
+        # The deviation grows with the square of the step.
+        best_ratio = STEP_SAFETY / math.sqrt(max(tried.share, 1e-300))
         if outcome == REACHED:
             now = stop
-            waypoints.append(Waypoint(failed, begin + now, tried.bounds))
-            # The deviation grows with the square of the step. Steps shrink only when one fails, so
-            # that their number stays bounded where the deviation approaches the tolerance slowly.
-            step = taken * min(max(STEP_SAFETY / math.sqrt(max(share, 1e-300)), 1.0), 2.0)
-        elif taken < 1.5 * MIN_LINE_STEP:  # rounding may have made the shortest step longer
+            waypoints.append(Waypoint(ahead, begin + now, tried.bounds))
+            # Steps shrink only when one fails, so that their number stays bounded where the
+            # deviation approaches the tolerance slowly.
+            step = taken * min(max(best_ratio, 1.0), 2.0)
+            continue
+        failed = ahead
+        # Rounding may have made the shortest step longer.
+        if taken < 1.5 * MIN_LINE_STEP:
             break
-        elif share > 1.0 and outcome == JUMP:
-            step = max(taken * min(max(STEP_SAFETY / math.sqrt(share), 0.1), 0.7), MIN_LINE_STEP)
-        else:
-            step = max(0.5 * taken, MIN_LINE_STEP)
+        leaves_line = outcome == JUMP and tried.share > 1.0
+        ratio = min(max(best_ratio, 0.1), 0.7) if leaves_line else 0.5
+        step = max(ratio * taken, MIN_LINE_STEP)
     return outcome, failed
 
 
@@ -411,9 +421,9 @@ def _explain_stop(
     if outcome == JUMP:
         moved = np.abs(failed - last)
         joint = int(moved.argmax())
-        motion = f"{arm.joints[joint]} by {moved[joint]:.3g} {arm.units[joint]}"
-        rule = f"leaves the line by more than the tolerance: it moves {motion}"
-        return "jump", f"the motion to the next configuration, as at a singularity, {rule}"
+        reason = "the motion to the next configuration, as at a singularity, leaves the line by "
+        reason += f"more than the tolerance: it moves {arm.joints[joint]} by {moved[joint]:.3g} "
+        return "jump", reason + arm.units[joint]
     at_limit = [
         f"{arm.joints[k]} is at its limit of {failed[k]:.6g} {arm.units[k]}"
         for k in branch.joints.tolist()
@@ -438,33 +448,36 @@ def bound_deviation(
     line = problem.line
     chain = problem.pose.chain
     tool = problem.pose.tool
-    last = len(chain.parents) - 1
-    rate = stop - start
+    last_body = len(chain.parents) - 1
     half = 0.5 / parts
-    radius = float(np.linalg.norm(tool[:3, 3]))
-    _, curvature, rotation = motion_bounds(chain, last, 0, radius, *ends)
     times = np.linspace(half, 1.0 - half, parts)
-    bodies = np.empty((parts, last + 1, 3, 6))
-    for time, placed in zip(times, bodies, strict=True):
-        forward_kinematics(chain, *ends, time, placed)
-    body = bodies[:, last]
+    poses = np.empty((parts, last_body + 1, 3, 6))
+    for time, moment_poses in zip(times, poses, strict=True):
+        forward_kinematics(chain, *ends, time, moment_poses)
+    body_pose = poses[:, last_body]
+    tip_pose = body_pose[:, :, : POSITION + 1] @ tool
+    tip = tip_pose[:, :, POSITION]
+    spin = body_pose[:, :, SPIN]
+    velocity = np.cross(spin, tip) + body_pose[:, :, VELOCITY]
+    rate = stop - start
     target = line.poses(start + times * rate)
-    tip = body[:, :, :4] @ tool
-    point = tip[:, :, 3]
-    spin = body[:, :, SPIN]
-    error = point - target[:, :3, 3]
-    drift = np.cross(spin, point) + body[:, :, VELOCITY] - rate * line.direction
-    turned = Rotation.from_matrix(tip[:, :, :3] @ target[:, :3, :3].swapaxes(1, 2)).magnitude()
-    turning = np.linalg.norm(spin - rate * line.turn, axis=1)
-    farthest = np.linalg.norm([error + half * drift, error - half * drift], axis=2).max()
+    error = tip - target[:, :3, 3]
+    error_rate = velocity - rate * line.direction
+    farthest = np.linalg.norm([error + half * error_rate, error - half * error_rate], axis=2).max()
+    from_target = tip_pose[:, :, :3] @ target[:, :3, :3].swapaxes(1, 2)
+    angles = Rotation.from_matrix(from_target).magnitude()
+    angle_rates = np.linalg.norm(spin - rate * line.turn, axis=1)
+    # The second order of both, from bounds on the whole motion.
+    radius = float(np.linalg.norm(tool[:3, 3]))
+    _, curvature, rotation = motion_bounds(chain, last_body, 0, radius, *ends)
     bend = half**2 * curvature / ADVANCE_FACTOR
     twist = 0.25 * (half * rotation) ** 2 / ADVANCE_FACTOR
-    values = np.abs(ends).sum(axis=0)[chain.joint_indices]
-    size = (np.abs(chain.factors) * values + np.abs(chain.offsets))[1:].sum()
-    rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * size
+    largest = np.abs(ends).sum(axis=0)[chain.joint_indices]
+    joint_values = (np.abs(chain.factors) * largest + np.abs(chain.offsets))[1:].sum()
+    rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * joint_values
     deviation = farthest + bend + rounding * problem.max_coordinate
-    angle = (turned + half * turning / ADVANCE_FACTOR).max() + twist + rounding
-    seen = np.array([np.linalg.norm(error, axis=1).max(), turned.max()])
+    angle = (angles + half * angle_rates / ADVANCE_FACTOR).max() + twist + rounding
+    seen = np.array([np.linalg.norm(error, axis=1).max(), angles.max()])
     return np.array([deviation, angle]), seen
 
 
@@ -479,7 +492,8 @@ def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> 
     if not (distance <= tolerance[0] and turned <= tolerance[1]):
         return LineStep(OUT_OF_REACH, last, np.inf, unproven)
     moved = np.abs(last - first)[chain.joint_indices]
-    if not (moved[chain.kinds == REVOLUTE] < math.pi).all():
+    turned_less = moved[chain.kinds == REVOLUTE] < math.pi
+    if not turned_less.all():
         return LineStep(JUMP, last, np.inf, unproven)
     parts = MIN_LINE_PARTS
     while True:

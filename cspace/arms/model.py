@@ -7,14 +7,14 @@ import os
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, body_poses
+from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.scenes import make_scene
@@ -303,7 +303,7 @@ class Arm:
         """
         points = self.check_configurations(q, "q")
         body, pose = self.placements[check_known(frame, "frame", self.placements)]
-        return np.asarray(body_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
+        return np.asarray(compute_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
 
     def poses(self, q: ArrayLike) -> dict[str, Floats]:
         """Return the pose of every frame, by name; see :meth:`pose`.
@@ -316,7 +316,7 @@ class Arm:
         -------
         dict of str to ndarray of float64, shape (..., 4, 4)
         """
-        poses = body_poses(self.chain, self.check_configurations(q, "q"))
+        poses = compute_poses(self.chain, self.check_configurations(q, "q"))
         return {
             name: poses[..., body, :, :] @ pose for name, (body, pose) in self.placements.items()
         }
@@ -386,18 +386,21 @@ class Arm:
         branch, tool = self.branch_to(goal.frame)
         q = self.rest if near is None else self.check_configuration(near, "near")
         q = self.clamp(q)
-        count = check_count(max_solutions, "max_solutions", 1)
-        rng = np.random.default_rng(check_count(seed, "seed"))
-        rows = branch.joints
-        lower, upper, lowest, highest = (
-            each[rows] for each in (self.lower, self.upper, *self.ranges(q))
-        )
-        turns = self.whole_turns[rows]
+        joints = branch.joints
+        lowest, highest = self.ranges(q)
         found = solve_pose(
-            branch, tool, goal, (lower, upper), (lowest, highest), q[rows], turns, count, rng
+            branch,
+            tool,
+            goal,
+            limits=(self.lower[joints], self.upper[joints]),
+            ranges=(lowest[joints], highest[joints]),
+            near=q[joints],
+            whole_turns=self.whole_turns[joints],
+            max_solutions=check_count(max_solutions, "max_solutions", 1),
+            rng=np.random.default_rng(check_count(seed, "seed")),
         )
         if not len(found.joints):
-            q[rows] = found.nearest
+            q[joints] = found.nearest
             distance, angle = goal.tolerance
             far = f"{found.distance:.3g} m"
             within = f"{distance:g} m"
@@ -413,8 +416,9 @@ class Arm:
                 nearest=tuple(q.tolist()),
             )
         solutions = np.tile(q, (len(found.joints), 1))
-        solutions[:, rows] = found.joints
-        return solutions[np.argsort(np.linalg.norm(solutions - q, axis=1), kind="stable")]
+        solutions[:, joints] = found.joints
+        distances = np.linalg.norm(solutions - q, axis=1)
+        return solutions[np.argsort(distances, kind="stable")]
 
     def branch_to(self, frame: str) -> tuple[Branch, Floats]:
         """Return a frame's branch, and its pose on the last body."""
@@ -435,10 +439,11 @@ class Arm:
 
         A joint that moves another joint by a fraction of its own angle is none of these.
         """
-        moved = self.chain.kinds != FIXED
+        chain = self.chain
+        turns_wholly = (chain.kinds == REVOLUTE) & (chain.factors % 1.0 == 0.0)
+        differs = (chain.kinds != FIXED) & ~turns_wholly
         repeats = np.ones(self.dof, dtype=np.bool_)
-        differs = moved & ((self.chain.kinds != REVOLUTE) | (self.chain.factors % 1.0 != 0.0))
-        repeats[self.chain.joint_indices[differs]] = False
+        repeats[chain.joint_indices[differs]] = False
         return repeats
 
     @cached_property
@@ -528,16 +533,11 @@ class Arm:
 
     def _move_joints(self, q: Floats, values: Mapping[str, float]) -> Floats:
         """Return a configuration with some joints at given values."""
-        return np.array([values.get(*each) for each in zip(self.joints, q.tolist(), strict=True)])
+        moved = {**dict(zip(self.joints, q.tolist(), strict=True)), **values}
+        return np.array([moved[joint] for joint in self.joints])
 
     def _state(self, name: str, argument: str) -> dict[str, float]:
         """Return the values of the arm's joints in a group state."""
-        own = [
-            key for key, state in self._states.items() if not state.keys().isdisjoint(self.joints)
-        ]
-        named = [key for key in own if key.partition("/")[2] == name]
-        if name in self._states:
-            named = [name]
         if not self._states:
             raise InputError(
                 argument,
@@ -546,11 +546,17 @@ class Arm:
                 "pass srdf= to Arm.from_urdf, or values by joint",
                 value=name,
             )
-        if len(named) != 1:
-            check_known(name, argument, named or self._states)
-        return {
-            joint: value for joint, value in self._states[named[0]].items() if joint in self.joints
-        }
+        full_names = []
+        for key, state in self._states.items():
+            _, _, state_name = key.partition("/")
+            if state_name == name and not state.keys().isdisjoint(self.joints):
+                full_names.append(key)
+        if name in self._states:
+            full_names = [name]
+        if len(full_names) != 1:
+            check_known(name, argument, full_names or self._states)
+        state = self._states[full_names[0]]
+        return {joint: value for joint, value in state.items() if joint in self.joints}
 
     def attach(
         self,
@@ -583,8 +589,8 @@ class Arm:
             If the name is taken, a link is unknown, the shape is invalid or in the plane, or the
             pose is no rigid motion.
         """
-        solid = as_shape(shape)
-        if solid.dim != 3:
+        given = as_shape(shape)
+        if given.dim != 3:
             raise InputError(
                 "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
             )
@@ -594,18 +600,19 @@ class Arm:
             raise InputError(
                 "name", f"is {name!r}", "a link has it", "choose another one", value=name
             )
-        for each in touching:
-            check_known(each, "link", self.placements)
-        body, to_body = self.placements[link]
-        frame = Frame(body, to_body if pose is None else to_body @ check_rigid(pose, "pose"))
-        allowed = {
-            sort_pair(name, each.name): "held" for each in self.links if each.name in touching
-        }
+        for other in touching:
+            check_known(other, "link", self.placements)
+        body, pose_on_body = self.placements[link]
+        if pose is not None:
+            pose_on_body = pose_on_body @ check_rigid(pose, "pose")
+        solid = Solid(name, body, (PosedShape(given, pose_on_body),))
+        with_geometry = [other.name for other in self.links]
+        allowed = {sort_pair(name, other): "held" for other in touching if other in with_geometry}
         return replace(
             self,
-            links=(*self.links, Solid(name, body, (PosedShape(solid, frame.pose),))),
+            links=(*self.links, solid),
             allowed_collisions=self.allowed_collisions | allowed,
-            placements=self.placements | {name: frame},
+            placements=self.placements | {name: Frame(body, pose_on_body)},
             carriers=self.carriers | {name: link},
         )
 
@@ -634,7 +641,7 @@ class Arm:
                 pair: why for pair, why in self.allowed_collisions.items() if name not in pair
             },
             placements={frame: pose for frame, pose in self.placements.items() if frame != name},
-            carriers={each: link for each, link in self.carriers.items() if each != name},
+            carriers={held: link for held, link in self.carriers.items() if held != name},
         )
 
     @cached_property
@@ -648,24 +655,27 @@ class Arm:
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         for pair, scene in self.moving_pairs().items():
             apart = are_free(scene, self.contact_samples, self.contact_samples)
-            reasons[pair] = "never" if apart.all() else "sometimes" if apart.any() else "always"
-        return reasons | {
-            pair: why for pair, why in self.allowed_collisions.items() if pair in reasons
-        }
+            reasons[pair] = "sometimes" if apart.any() else "always"
+            if apart.all():
+                reasons[pair] = "never"
+        for pair, reason in self.allowed_collisions.items():
+            if pair in reasons:
+                reasons[pair] = reason
+        return reasons
 
     def moving_pairs(self) -> dict[Names, Scene]:
         """Return a scene of each two links that move against each other."""
+        links = self.links
         # The second body of a pair comes first in the chain.
         pairs = [
-            (i, j) if a.body > b.body else (j, i)
-            for (i, a), (j, b) in combinations(enumerate(self.links), 2)
-            if a.body != b.body
+            (i, j) for i, j in permutations(range(len(links)), 2) if links[i].body > links[j].body
         ]
-        scene = make_scene(self.chain, self.links, pairs)
-        names = [sort_pair(self.links[i].name, self.links[j].name) for i, j in pairs]
-        return {
-            pair: scene.select_pairs(slice(number, number + 1)) for number, pair in enumerate(names)
-        }
+        scene = make_scene(self.chain, links, pairs)
+        scenes = {}
+        for number, (i, j) in enumerate(pairs):
+            names = sort_pair(links[i].name, links[j].name)
+            scenes[names] = scene.select_pairs(slice(number, number + 1))
+        return scenes
 
     @cached_property
     def contact_samples(self) -> Floats:
@@ -678,20 +688,17 @@ class Arm:
         Joints without limits get half a turn around the configurations, shape (n, dof).
         """
         q = np.atleast_2d(around)
-        low = q.min(axis=0) - math.pi
-        high = q.max(axis=0) + math.pi
-        return np.where(np.isinf(self.lower), low, self.lower), np.where(
-            np.isinf(self.upper), high, self.upper
-        )
+        lowest = np.where(np.isinf(self.lower), q.min(axis=0) - math.pi, self.lower)
+        highest = np.where(np.isinf(self.upper), q.max(axis=0) + math.pi, self.upper)
+        return lowest, highest
 
     def check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
 
         ``q`` are configurations, shape (..., dof).
         """
-        beyond = np.maximum(self.lower - q, q - self.upper)
-        if (beyond > LIMIT_SLACK).any():
-            *row, number = np.argwhere(beyond > LIMIT_SLACK)[0].tolist()
+        excess = np.maximum(self.lower - q, q - self.upper)
+        for *row, number in np.argwhere(excess > LIMIT_SLACK)[:1].tolist():
             value = float(q[*row, number])
             raise ConfigurationError(
                 name,
@@ -837,7 +844,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return the limits of a joint of yourdfpy."""
-    limits: Any = [getattr(joint.limit, end, None) for end in ("lower", "upper")]
+    limits: Any = getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None)
     if None in limits:
         raise InputError(
             where,
@@ -874,25 +881,14 @@ class _Assembly:
         self._joints = joints
         self._base = base
         self._held: dict[str, float] = {}
-        below: dict[str, list[Joint]] = {}
-        # Depth-first order puts every body after its parent, and branches by name, as urdfdom does
-        # for MoveIt.
-        for joint in sorted(joints.values(), key=lambda joint: joint.name, reverse=True):
-            below.setdefault(joint.parent, []).append(joint)
-        self._order: list[Joint] = []
-        pending = list(below.get(base, ()))
-        while pending:
-            self._order.append(pending.pop())
-            pending += below.get(self._order[-1].child, ())
+        self._order = _sort_joints(joints.values(), base)
         above = {joint.child: joint for joint in self._order}
-        branch = set(above) if tip is None else _links_to(tip, base, above)
-        self._moving_names = [
-            joint.name
-            for joint in self._order
-            if is_independent(joint)
-            and joint.child in branch
-            and (chosen is None or joint.name in chosen)
-        ]
+        branch = set(above) if tip is None else _list_links_to(tip, base, above)
+        self._moving_names = []
+        for joint in self._order:
+            is_chosen = chosen is None or joint.name in chosen
+            if is_independent(joint) and joint.child in branch and is_chosen:
+                self._moving_names.append(joint.name)
         for joint in self._order:
             self._check_leader(joint)
         if not self._moving_names:
@@ -906,7 +902,7 @@ class _Assembly:
     def _check_leader(self, joint: Joint) -> None:
         """Raise InputError if a joint mimics one that it cannot."""
         where = f"{self._file}: joint {joint.name!r}"
-        leaders = [each.name for each in self._order if each.leader == each.name]
+        leaders = [other.name for other in self._order if other.leader == other.name]
         leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
         if joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(leader.upper):
             raise InputError(
@@ -932,7 +928,7 @@ class _Assembly:
             check_joint_values(values, "held_joints", self._joints)
             values = {name: values[name] for name in names if name in values}
         given = check_joint_values(values, "held_joints", names)
-        self._held = {name: given.get(name, _rest_value(self._joints[name])) for name in names}
+        self._held = {name: given.get(name, _find_rest_value(self._joints[name])) for name in names}
         for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
@@ -959,7 +955,7 @@ class _Assembly:
                 joints.append(joint)
                 bodies[joint.child] = Frame(len(joints), np.eye(4))
             else:
-                bodies[joint.child] = Frame(body, frame @ self._fixed_pose(joint))
+                bodies[joint.child] = Frame(body, frame @ self._compute_fixed_pose(joint))
         if len(parents) > MAX_BODIES:
             raise InputError(
                 self._file,
@@ -977,6 +973,9 @@ class _Assembly:
                 "add <collision>",
             )
         moving = [self._joints[name] for name in self._moving_names]
+        groups = {}
+        for name, group in srdf.groups.items():
+            groups[name] = tuple(joint for joint in self._moving_names if joint in group)
         return Arm(
             name=str(self._urdf.robot.name),
             joints=tuple(self._moving_names),
@@ -987,10 +986,7 @@ class _Assembly:
             chain=self._chain(parents, frames, joints),
             units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
             max_velocity=np.array([self._max_velocity(name) for name in self._moving_names]),
-            groups={
-                name: tuple(joint for joint in self._moving_names if joint in group)
-                for name, group in srdf.groups.items()
-            },
+            groups=groups,
             end_effectors=srdf.end_effectors,
             held_joints=self._held,
             placements=bodies,
@@ -1006,18 +1002,18 @@ class _Assembly:
         These are neighbours, links of one body, and links that always touch.
         """
         allowed = {
-            sort_pair(one.name, other.name): "one body"
-            for one, other in combinations(arm.links, 2)
-            if one.body == other.body
+            sort_pair(a.name, b.name): "one body"
+            for a, b in combinations(arm.links, 2)
+            if a.body == b.body
         }
-        above = {joint.child: joint.parent for joint in self._order}
-        filled = {link.name for link in arm.links}
+        parents = {joint.child: joint.parent for joint in self._order}
+        with_geometry = {link.name for link in arm.links}
         for link in arm.links:
-            other = above.get(link.name)
-            while other is not None and other not in filled:
-                other = above.get(other)
-            if other is not None:
-                allowed.setdefault(sort_pair(link.name, other), "adjacent")
+            neighbour = parents.get(link.name)
+            while neighbour is not None and neighbour not in with_geometry:
+                neighbour = parents.get(neighbour)
+            if neighbour is not None:
+                allowed.setdefault(sort_pair(link.name, neighbour), "adjacent")
         for pair, scene in arm.moving_pairs().items():
             if pair not in allowed and always_touch(scene, arm.contact_samples[:100]):
                 allowed[pair] = "always"
@@ -1025,18 +1021,15 @@ class _Assembly:
 
     def _max_velocity(self, leader: str) -> float:
         """Return the largest speed of a joint within the limits of itself and its mimics."""
-        return min(
-            joint.max_velocity / abs(joint.factor)
-            for joint in self._order
-            if joint.leader == leader and self._is_moved(joint)
-        )
+        moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
+        return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
-    def _fixed_pose(self, joint: Joint) -> Floats:
+    def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Return the motion of a joint that no configuration moves."""
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
-        position = self._held.get(leader.name, _rest_value(leader))
+        position = self._held.get(leader.name, _find_rest_value(leader))
         value = joint.factor * position + joint.offset
         pose = np.eye(4)
         if joint.kind == REVOLUTE:
@@ -1058,7 +1051,7 @@ class _Assembly:
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
             shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
-            parts = [PosedShape(shape, pose @ place) for shape, place in shapes]
+            parts = [PosedShape(shape, pose @ shape_pose) for shape, shape_pose in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 
@@ -1066,23 +1059,24 @@ class _Assembly:
         """Build the chain of bodies; the base has no joint."""
         frames = np.stack(poses)[:, :3]
         link_lengths = np.linalg.norm(frames[..., 3], axis=1)
-        above = np.zeros((len(parents), len(parents)), dtype=np.bool_)
+        # Which joints (columns) carry which bodies (rows).
+        carries = np.zeros((len(parents), len(parents)), dtype=np.bool_)
         for b, joint in enumerate(joints, start=1):
-            above[b] = above[parents[b]]
-            above[b, b] = True
+            carries[b] = carries[parents[b]]
+            carries[b, b] = True
             if joint.kind == PRISMATIC:
                 leader = self._joints[joint.leader]
-                farthest = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
-                link_lengths[b] += np.abs(joint.factor * farthest + joint.offset).max()
-        between = above[:, np.newaxis] ^ above[np.newaxis]
+                ends = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
+                link_lengths[b] += np.abs(joint.factor * ends + joint.offset).max()
+        # A joint moves two bodies against each other if it carries exactly one of them.
+        between = carries[:, np.newaxis] != carries[np.newaxis]
+        indices = [self._moving_names.index(joint.leader) for joint in joints]
         return Chain(
             parents=np.array(parents, dtype=np.int64),
             frames=frames,
             axes=np.stack([np.zeros(3), *(joint.axis for joint in joints)]),
             kinds=np.array([FIXED, *(joint.kind for joint in joints)]),
-            joint_indices=np.array(
-                [0, *(self._moving_names.index(joint.leader) for joint in joints)]
-            ),
+            joint_indices=np.array([0, *indices]),
             factors=np.array([0.0, *(joint.factor for joint in joints)]),
             offsets=np.array([0.0, *(joint.offset for joint in joints)]),
             between=between,
@@ -1090,7 +1084,24 @@ class _Assembly:
         )
 
 
-def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
+def _sort_joints(joints: Iterable[Joint], base: str) -> list[Joint]:
+    """Return the joints below a link, depth first, and by name where the tree branches.
+
+    So every body comes after its parent, and the order is that of urdfdom for MoveIt.
+    """
+    below: dict[str, list[Joint]] = {}
+    for joint in sorted(joints, key=lambda joint: joint.name, reverse=True):
+        below.setdefault(joint.parent, []).append(joint)
+    order: list[Joint] = []
+    pending = list(below.get(base, ()))
+    while pending:
+        joint = pending.pop()
+        order.append(joint)
+        pending += below.get(joint.child, ())
+    return order
+
+
+def _list_links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     """Return the links from a tip up to the base, without the base."""
     links = set[str]()
     link = tip
@@ -1104,7 +1115,7 @@ def _links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     return links
 
 
-def _rest_value(joint: Joint) -> float:
+def _find_rest_value(joint: Joint) -> float:
     """Return zero, or the limit next to zero."""
     return float(np.clip(0.0, joint.lower, joint.upper))
 
@@ -1112,5 +1123,5 @@ def _rest_value(joint: Joint) -> float:
 def always_touch(scene: Scene, points: Floats) -> bool:
     """Return True if a scene is not proven free at any of several configurations."""
     # Most pairs are apart in one of the first.
-    parts = points[:_FIRST_SAMPLES], points[_FIRST_SAMPLES:]
-    return not any(are_free(scene, part, part).any() for part in parts)
+    first, others = np.split(points, [_FIRST_SAMPLES])
+    return not (are_free(scene, first, first).any() or are_free(scene, others, others).any())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, product
+from itertools import combinations, product
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -108,9 +108,10 @@ class PlanningScene:
         The pair may touch only if they agree. Without a matrix, no pair may.
         """
         contacts = self._contacts or {}
-        one, other = (self._ids.get(name, name) for name in (one, other))
-        found = [contacts.get(key) for key in ((one, other), (other, one), (one,), (other,))]
-        return any(found) and False not in found
+        a = self._ids.get(one, one)
+        b = self._ids.get(other, other)
+        entries = [contacts.get(key) for key in ((a, b), (b, a), (a,), (b,))]
+        return True in entries and False not in entries
 
     def place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
@@ -121,22 +122,23 @@ class PlanningScene:
         self._check_arm(arm)
         bare = arm
         links = [frame for frame in arm.frames if frame not in arm.carriers]
-        for name, each in self.attached.items():
-            check_known(each.link, f"{self.source}: link_name of {name!r}", links)
-            touching = [link for link in each.touch_links if link in links]
-            pose = self._pose_on_link(bare, each, base_pose)
-            arm = arm.attach(name, each.shape.shape, each.link, pose, touching)
+        for name, carried in self.attached.items():
+            check_known(carried.link, f"{self.source}: link_name of {name!r}", links)
+            touching = [link for link in carried.touch_links if link in links]
+            pose = self._pose_on_link(bare, carried, base_pose)
+            arm = arm.attach(name, carried.shape.shape, carried.link, pose, touching)
         if self._contacts is None:
             return arm, set()
         names = [link.name for link in arm.links]
-        kept = {
-            pair: why for pair, why in arm.allowed_collisions.items() if why in ("held", "one body")
+        allowed = {
+            sort_pair(a, b): "scene" for a, b in combinations(names, 2) if self.may_touch(a, b)
         }
-        pairs = (sort_pair(*pair) for pair in combinations(names, 2) if self.may_touch(*pair))
-        arm = replace(arm, allowed_collisions=dict.fromkeys(pairs, "scene") | kept)
-        return arm, {
-            sort_pair(*pair) for pair in product(names, self.obstacles) if self.may_touch(*pair)
+        before = arm.allowed_collisions.items()
+        allowed |= {pair: reason for pair, reason in before if reason in ("held", "one body")}
+        with_obstacles = {
+            sort_pair(a, b) for a, b in product(names, self.obstacles) if self.may_touch(a, b)
         }
+        return replace(arm, allowed_collisions=allowed), with_obstacles
 
     def _check_arm(self, arm: Arm) -> None:
         """Raise InputError if names collide or the arm holds a joint elsewhere.
@@ -163,15 +165,17 @@ class PlanningScene:
                     value=value,
                 )
 
-    def _pose_on_link(self, arm: Arm, each: AttachedObject, base_pose: Floats) -> Floats:
+    def _pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame."""
-        pose = each.shape.pose
-        if each.frame == each.link:
+        pose = carried.shape.pose
+        if carried.frame == carried.link:
             return pose
         # Only links that joints move need the robot's state.
-        q = arm.configuration(self.robot_state) if arm.placements[each.link].body else arm.rest
+        is_moved = arm.placements[carried.link].body > 0
+        q = arm.configuration(self.robot_state) if is_moved else arm.rest
+        link_pose = arm.pose(q, carried.link)
         on_base = np.linalg.solve(base_pose, pose)
-        return np.asarray(np.linalg.solve(arm.pose(q, each.link), on_base), dtype=np.float64)
+        return np.asarray(np.linalg.solve(link_pose, on_base), dtype=np.float64)
 
 
 def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
@@ -227,20 +231,20 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
     content = read_scene(path, package_dirs)
     if not content.shapes and not content.attached:
         raise empty_error(path)
-    ids = {each.name: each.object_id for each in content.shapes}
+    ids = {named.name: named.object_id for named in content.shapes}
     attached = {}
     for link, frame, touch_links, shapes in content.attached:
-        for each in shapes:
-            ids[each.name] = each.object_id
-            shape = PosedShape(each.shape, each.pose)
-            attached[each.name] = AttachedObject(shape, link, frame, tuple(touch_links))
+        for named in shapes:
+            ids[named.name] = named.object_id
+            shape = PosedShape(named.shape, named.pose)
+            attached[named.name] = AttachedObject(shape, link, frame, tuple(touch_links))
     with decoding(path, SCENE_KIND):
         values = joint_values(content.fields["robot_state"], "robot_state")
         contacts = _read_contacts(content.fields["allowed_collision_matrix"])
     return PlanningScene(
         source=str(path),
         frame=content.frame,
-        obstacles={each.name: PosedShape(each.shape, each.pose) for each in content.shapes},
+        obstacles={named.name: PosedShape(named.shape, named.pose) for named in content.shapes},
         attached=attached,
         robot_state=JointValues(values),
         _contacts=contacts,
@@ -252,18 +256,24 @@ def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
     """Return an allowed collision matrix; None if it is empty."""
     names = fields["entry_names"]
     rows = fields["entry_values"]
-    others = fields["default_entry_names"]
+    default_names = fields["default_entry_names"]
     defaults = fields["default_entry_values"]
-    if {len(names)} != {len(rows), *map(len, rows), len(names)} or len(others) != len(defaults):
+    is_square = len(rows) == len(names) and all(len(row) == len(names) for row in rows)
+    if not is_square or len(default_names) != len(defaults):
         raise ContentError(
             "has an allowed_collision_matrix of another size than its names",
             "it is square, with a default for each name",
             "correct it",
         )
-    if not names and not others:
+    if not names and not default_names:
         return None
-    entries = dict(zip(product(names, names), chain.from_iterable(rows), strict=True))
-    return entries | {(name,): may for name, may in zip(others, defaults, strict=True)}
+    contacts: Contacts = {}
+    for name, row in zip(names, rows, strict=True):
+        for other, may_touch in zip(names, row, strict=True):
+            contacts[name, other] = may_touch
+    for name, may_touch in zip(default_names, defaults, strict=True):
+        contacts[(name,)] = may_touch
+    return contacts
 
 
 class JointGoal(NamedTuple):
@@ -338,20 +348,21 @@ class MotionPlanRequest:
         ConfigurationError
             If a value is beyond the limits of its joint by more than its tolerance.
         """
-        return [
-            self._configuration(arm, goal, f"goal_constraints[{number}]")
-            if isinstance(goal, JointGoal)
-            else self._pose_goal(arm, goal, base_pose)
-            for number, goal in enumerate(self.goals)
-        ]
+        goals: list[Floats | PoseGoal] = []
+        for number, goal in enumerate(self.goals):
+            if isinstance(goal, JointGoal):
+                argument = f"{self.source}: goal_constraints[{number}]"
+                goals.append(self._make_configuration(arm, goal, argument))
+            else:
+                goals.append(self._place_pose_goal(arm, goal, base_pose))
+        return goals
 
-    def _configuration(self, arm: Arm, goal: JointGoal, place: str) -> Floats:
+    def _make_configuration(self, arm: Arm, goal: JointGoal, argument: str) -> Floats:
         """Return the configuration of a joint goal."""
         values = {}
         for joint, value in goal.values.items():
             lower = goal.lower[joint]
             upper = goal.upper[joint]
-            argument = f"{self.source}: {place}"
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
                 if not lower - LIMIT_SLACK <= held <= upper + LIMIT_SLACK:
@@ -364,12 +375,12 @@ class MotionPlanRequest:
                     )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))
-            limit = float(np.clip(value, arm.lower[index], arm.upper[index]))
-            values[joint] = limit if lower <= limit <= upper else value
+            clamped = float(np.clip(value, arm.lower[index], arm.upper[index]))
+            values[joint] = clamped if lower <= clamped <= upper else value
         base = None if len(values) == arm.dof else arm.configuration(self.start_state)
         return arm.configuration(values, base)
 
-    def _pose_goal(self, arm: Arm, goal: PoseGoal, base_pose: ArrayLike | None) -> PoseGoal:
+    def _place_pose_goal(self, arm: Arm, goal: PoseGoal, base_pose: ArrayLike | None) -> PoseGoal:
         """Return a pose goal in the frame of the arm's base."""
         check_known(goal.frame, f"{self.source}: link_name", arm.frames)
         if base_pose is None:
@@ -451,16 +462,16 @@ def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> Joint
 def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> JointGoal:
     """Return the goal of joint constraints."""
     goal = JointGoal({}, {}, {})
-    for each in constraints:
-        name = each["joint_name"]
-        value = each["position"]
+    for constraint in constraints:
+        name = constraint["joint_name"]
+        value = constraint["position"]
         if name in goal.values:
             raise ContentError(
                 f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
             )
         goal.values[name] = value
-        goal.lower[name] = value - each["tolerance_below"]
-        goal.upper[name] = value + each["tolerance_above"]
+        goal.lower[name] = value - constraint["tolerance_below"]
+        goal.upper[name] = value + constraint["tolerance_above"]
     return goal
 
 
@@ -469,22 +480,23 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
     positions = fields["position_constraints"]
     orientations = fields["orientation_constraints"]
     constraints = positions + orientations
-    links = sorted({each["link_name"] for each in constraints})
+    links = sorted({constraint["link_name"] for constraint in constraints})
     if len(links) > 1 or max(len(positions), len(orientations)) > 1:
         raise ContentError(
             f"has {len(constraints)} constraints of {', '.join(links)} at {place}",
             "a goal has at most one of each, for one link",
             "remove some",
         )
-    frames |= {each["header"]["frame_id"] or WORLD for each in constraints}
+    frames |= {constraint["header"]["frame_id"] or WORLD for constraint in constraints}
     pose = np.eye(4)
     radius = math.inf
     angle = math.inf
-    for each in positions:
-        pose[:3, 3], radius = _read_region(each["constraint_region"], f"region of {place}")
-    for each in orientations:
-        pose[:3, :3] = each["orientation"]
-        angle = _read_angle(each, place)
+    for constraint in positions:
+        region = constraint["constraint_region"]
+        pose[:3, 3], radius = _read_region(region, f"region of {place}")
+    for constraint in orientations:
+        pose[:3, :3] = constraint["orientation"]
+        angle = _read_angle(constraint, place)
     if math.isinf(radius) and math.isinf(angle):
         raise ContentError(
             f"has tolerances beyond half a turn at {place}",
@@ -497,7 +509,8 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
 def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
     """Return the largest angle that an orientation constraint allows around any axis."""
     # MoveIt takes the tolerances as absolute.
-    tolerance = min(abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz")
+    tolerances = [abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz"]
+    tolerance = min(tolerances)
     if tolerance == 0.0:
         raise ContentError(
             f"has a tolerance of zero at {place}",
@@ -511,11 +524,9 @@ def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
     """Return the center and the radius of the largest ball around a region's center, metres."""
     shapes = region["primitives"]
     poses = check_poses(region, "primitives", "primitive_poses", place)
-    if len(shapes) != 1 or shapes[0][0] not in _BALL_RADII:
-        raise wrong_value(
-            ", ".join(kind for kind, _ in shapes) or "nothing",
-            place,
-            f"it must be one of {', '.join(_BALL_RADII)}",
-        )
-    kind, sizes = shapes[0]
+    kinds = [kind for kind, _ in shapes]
+    if len(kinds) != 1 or kinds[0] not in _BALL_RADII:
+        rule = f"it must be one of {', '.join(_BALL_RADII)}"
+        raise wrong_value(", ".join(kinds) or "nothing", place, rule)
+    ((kind, sizes),) = shapes
     return poses[0][:3, 3], _BALL_RADII[kind](*sizes)

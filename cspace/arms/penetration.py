@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import REVOLUTE, body_poses
+from cspace.arms.chain import REVOLUTE, compute_poses
 from cspace.arms.model import Arm
 from cspace.errors import InputError
 from cspace.spectral import BallPenetration, Bump
@@ -82,24 +82,22 @@ class ArmPenetration:
         """
         points = self.arm.check_configurations(q, "q")
         chain = self.arm.chain
-        poses = body_poses(chain, points)
-        placed = poses[..., self._bodies, :, :]
-        centers = (
-            np.einsum("...kij,kj->...ki", placed[..., :3, :3], self._points) + placed[..., :3, 3]
-        )
+        poses = compute_poses(chain, points)
+        ball_poses = poses[..., self._bodies, :, :]
+        centers = np.einsum("...kij,kj->...ki", ball_poses[..., :3, :3], self._points)
+        centers += ball_poses[..., :3, 3]
         values, forces = self._field.value_and_gradient(centers)
         moments = np.cross(centers, forces)
         gradient = np.zeros(points.shape)
         for body in np.flatnonzero(chain.kinds):
             # A joint moves the balls of all bodies that hang on its body.
             moved = chain.between[self._bodies, 0, body]
-            force = forces[..., moved, :].sum(axis=-2)
             axis = poses[..., body, :3, :3] @ chain.axes[body]
+            force = forces[..., moved, :].sum(axis=-2)
             if chain.kinds[body] == REVOLUTE:
-                force = moments[..., moved, :].sum(axis=-2) - np.cross(
-                    poses[..., body, :3, 3], force
-                )
-            gradient[..., chain.joint_indices[body]] += chain.factors[body] * (axis * force).sum(
-                axis=-1
-            )
+                # A joint that turns feels the moment about its axis.
+                origin = poses[..., body, :3, 3]
+                force = moments[..., moved, :].sum(axis=-2) - np.cross(origin, force)
+            slope = (axis * force).sum(axis=-1)
+            gradient[..., chain.joint_indices[body]] += chain.factors[body] * slope
         return values, gradient

@@ -24,11 +24,11 @@ from cspace.arms.chain import (
     SPIN,
     VELOCITY,
     Chain,
-    column,
-    columns,
+    column_at,
     forward_kinematics,
     motion_bounds,
     relative_pose,
+    rotation_columns,
 )
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.hulls import Hulls, RelativeMotion, tree_slack
@@ -119,10 +119,11 @@ class Solids(NamedTuple):
     def part_at(self, solid: int, node: int) -> int:
         """Return the part of a node of hulls; -1 for the root."""
         first, stop = self.starts[solid : solid + 2, 2].tolist()
-        # It is the part whose root is the last not beyond the node.
         roots = self.part_roots[first:stop]
-        reached = node if node >= 0 else int(self.roots[solid])
-        return int(first + np.where(roots <= reached, roots, -1).argmax())
+        found_node = node if node >= 0 else int(self.roots[solid])
+        # The nodes of a part follow its root, so the part is that of the last root up to the node.
+        roots_before = np.where(roots <= found_node, roots, -1)
+        return int(first + roots_before.argmax())
 
 
 class Scene(NamedTuple):
@@ -189,13 +190,13 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
     bodies = len(scene.chain.parents)
     pairs = len(scene.pairs)
     return SceneScratch(
-        np.empty((MAX_MOTION_PARTS, 2)),
-        np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
-        np.empty((bodies, 3, 6)),
-        np.empty((pairs, 3)),
-        np.empty(pairs, dtype=np.bool_),
-        np.empty((bodies, 8)),
-        np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
+        parts=np.empty((MAX_MOTION_PARTS, 2)),
+        open_pairs=np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
+        poses=np.empty((bodies, 3, 6)),
+        bounds=np.empty((pairs, 3)),
+        not_nested=np.empty(pairs, dtype=np.bool_),
+        axes=np.empty((bodies, 8)),
+        nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
 
 
@@ -223,73 +224,87 @@ def motions_are_free(
 
 
 @kernel
-def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
+def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
     """Return the distance that proves a pair apart on a motion.
 
     It includes the rounding of joint values.
     """
     chain = scene.chain
-    size = 0.0
+    joint_values = 0.0
     for b in range(1, len(chain.parents)):
-        q, r = q0[chain.joint_indices[b]], q1[chain.joint_indices[b]]
-        size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
-    return scene.required + DISTANCE_ROUNDING * 2.0**-9 * size * scene.max_coordinate
+        index = chain.joint_indices[b]
+        largest = abs(q0[index]) + abs(q1[index])
+        joint_values += abs(chain.factors[b]) * largest + abs(chain.offsets[b])
+    return scene.required + DISTANCE_ROUNDING * 2.0**-9 * joint_values * scene.max_coordinate
 
 
 @kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
     """Return True if a motion is proven free; equal endpoints mean a point."""
-    chain = scene.chain
     parts = scratch.parts
     open_pairs = scratch.open_pairs
-    required = required_distance(scene, q0, q1)
-    if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
+    required = find_required_distance(scene, q0, q1)
+    # NaN in a configuration makes it NaN, which proves nothing.
+    if not required < np.inf:
         return False
-    solids = scene.solids
-    longest = 0.0
-    for n in range(len(scene.pairs)):
-        i, j = scene.pairs[n]
-        bounds = motion_bounds(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
-        for k in range(3):
-            scratch.bounds[n, k] = bounds[k]
-        open_pairs[0, n] = open_pairs[1, n] = True
-        scratch.not_nested[n] = False
-        longest = max(longest, bounds[0])
+    longest = bound_pairs(scene, q0, q1, scratch)
     # Most colliding motions end in a collision, so the endpoint is tested first.
-    forward_kinematics(chain, q1, q1, 0.0, scratch.poses)
-    if part_state(scene, open_pairs[1], 0.0, required, scratch) != FREE:
+    open_pairs[0, :] = True
+    forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
+    if test_part(scene, open_pairs[0], 0.0, required, scratch) != FREE:
         return False
     if longest == 0.0:
         return True
     # The queue of unproven parts begins with the whole motion.
+    open_pairs[0, :] = True
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
     count = 1
     for row in range(MAX_DISTANCES_PER_EDGE):
         if row == count:
             return True
-        first = parts[row, 0]
-        last = parts[row, 1]
-        half = 0.5 * (last - first)
-        center = 0.5 * (first + last)
+        start = parts[row, 0]
+        stop = parts[row, 1]
+        half = 0.5 * (stop - start)
+        center = 0.5 * (start + stop)
         if half < MIN_ADVANCE:
             return False
-        forward_kinematics(chain, q0, q1, center, scratch.poses)
-        state = part_state(scene, open_pairs[row], half, required, scratch)
+        forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
+        state = test_part(scene, open_pairs[row], half, required, scratch)
         if state == BLOCKED:
             return False
         if state == MIXED:
-            for start, stop in ((first, center), (center, last)):
-                parts[count, 0] = start
-                parts[count, 1] = stop
-                for n in range(len(scene.pairs)):
-                    open_pairs[count, n] = open_pairs[row, n]
-                count += 1
+            parts[count, 0] = start
+            parts[count, 1] = center
+            parts[count + 1, 0] = center
+            parts[count + 1, 1] = stop
+            for n in range(len(scene.pairs)):
+                open_pairs[count, n] = open_pairs[row, n]
+                open_pairs[count + 1, n] = open_pairs[row, n]
+            count += 2
     return False
 
 
 @kernel
-def part_state(
+def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
+    """Write the bounds of all pairs on a motion; return the largest displacement."""
+    solids = scene.solids
+    longest = 0.0
+    for n in range(len(scene.pairs)):
+        i, j = scene.pairs[n]
+        displacement, curvature, rotation = motion_bounds(
+            scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
+        )
+        scratch.bounds[n, 0] = displacement
+        scratch.bounds[n, 1] = curvature
+        scratch.bounds[n, 2] = rotation
+        scratch.not_nested[n] = False
+        longest = max(longest, displacement)
+    return longest
+
+
+@kernel
+def test_part(
     scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch
 ) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
@@ -301,19 +316,20 @@ def part_state(
     for n in range(len(scene.pairs)):
         if not is_open[n]:
             continue
-        most = scratch.bounds[n, 0]
-        curve = scratch.bounds[n, 1]
-        turned = scratch.bounds[n, 2]
+        displacement = half * scratch.bounds[n, 0]
+        curvature = half * scratch.bounds[n, 1]
+        rotation = scratch.bounds[n, 2]
         # The second term bounds the motion of the rounding, a small part of the whole motion.
-        curvature_bound = half * (half * curve + required * turned) / ADVANCE_FACTOR
-        bounds = half / ADVANCE_FACTOR, curvature_bound, half * most / ADVANCE_FACTOR
-        slack = pair_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
+        deviation = half * (curvature + required * rotation)
+        bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
+        slack = bound_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
         is_open[n] = slack < 0.0
         if slack == -np.inf:
             return BLOCKED
         if slack < 0.0:
             state = MIXED
-        if scratch.nodes[1, 0] and not scratch.not_nested[n]:
+        hulls_meet = scratch.nodes[1, 0] != 0
+        if hulls_meet and not scratch.not_nested[n]:
             # While no boundaries meet, containment cannot change, so it is tested once.
             if is_nested(scene, n, scratch, 0.0):
                 return BLOCKED
@@ -322,7 +338,7 @@ def part_state(
 
 
 @kernel
-def pair_slack(
+def bound_slack(
     scene: Scene,
     n: int,
     bounds: tuple[float, float, float],
@@ -338,26 +354,27 @@ def pair_slack(
     of configurations, none for a motion.
     """
     solids = scene.solids
-    half, curvature_bound, most = bounds
+    half, deviation, displacement = bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         scratch.nodes[1, 0] = 0
         return np.inf
     pose = scratch.poses[solids.bodies[i]]
-    base = scratch.poses[solids.bodies[j]]
-    to_base = columns(base)
-    matrix, position = relative_pose(pose, base)
-    spin = minus(column(pose, SPIN), column(base, SPIN))
-    swept = cross(spin, column(base, POSITION))
-    drift = add_scaled(swept, minus(column(pose, VELOCITY), column(base, VELOCITY)), 1.0)
+    base_pose = scratch.poses[solids.bodies[j]]
+    to_base = rotation_columns(base_pose)
+    matrix, position = relative_pose(pose, base_pose)
+    spin = minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
+    velocity = minus(column_at(pose, VELOCITY), column_at(base_pose, VELOCITY))
+    # The velocity is that of the point at the origin of the arm's base; move it to that of body j.
+    velocity_at_base = add_scaled(cross(spin, column_at(base_pose, POSITION)), velocity, 1.0)
     motion = RelativeMotion(
         matrix,
         position,
         rotate(to_base, spin),
-        rotate(to_base, drift),
+        rotate(to_base, velocity_at_base),
         half,
-        curvature_bound,
-        most,
+        deviation,
+        displacement,
         required + scene.padding[n],
     )
     return tree_slack(
@@ -376,12 +393,12 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
     solids = scene.solids
     poses = scratch.poses
     nodes = scratch.nodes
-    for one, other in ((i, j), (j, i)):
-        matrix, shift = relative_pose(poses[solids.bodies[one]], poses[solids.bodies[other]])
-        for surface in range(solids.starts[other, 0], solids.starts[other + 1, 0]):
+    for inner, outer in ((i, j), (j, i)):
+        matrix, shift = relative_pose(poses[solids.bodies[inner]], poses[solids.bodies[outer]])
+        for surface in range(solids.starts[outer, 0], solids.starts[outer + 1, 0]):
             root = solids.surface_roots[surface]
-            for k in range(solids.starts[one, 1], solids.starts[one + 1, 1]):
-                point = apply_pose(matrix, shift, row_at(solids.anchors[k], 0))
+            for anchor in range(solids.starts[inner, 1], solids.starts[inner + 1, 1]):
+                point = apply_pose(matrix, shift, row_at(solids.anchors[anchor], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
     return bool(solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
@@ -396,36 +413,47 @@ def piece_lies_in(
     Tests only boxes and balls small enough to lie inside.
     """
     trees = solids.trees
-    one = poses[solids.bodies[i]]
-    other = poses[solids.bodies[j]]
-    matrix, shift = relative_pose(one, other)
-    back, shift_back = relative_pose(other, one)
+    pose = poses[solids.bodies[i]]
+    outer_pose = poses[solids.bodies[j]]
+    matrix, shift = relative_pose(pose, outer_pose)
+    back, shift_back = relative_pose(outer_pose, pose)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         root = solids.surface_roots[surface]
-        whole = solids.surfaces.boxes[root]
+        surface_box = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        near = apply_pose(back, shift_back, row_at(whole, 0))
-        reach = box_extent(back, row_at(whole, 3))
+        center = apply_pose(back, shift_back, row_at(surface_box, 0))
+        extent = box_extent(back, row_at(surface_box, 3))
         for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
             nodes[1, 0] = solids.tree_roots[part]
             top = 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
                 top -= 1
-                b = nodes[top, 0]
-                box = trees.boxes[b]
-                row, m = trees.spans[b]
-                offset = minus(near, row_at(box, 0))
-                if box[6] == 0.0 or boxes_are_apart(offset, reach, row_at(box, 3)):
+                node = nodes[top, 0]
+                box = trees.boxes[node]
+                row, count = trees.spans[node]
+                is_too_large = box[6] == 0.0
+                offset = minus(center, row_at(box, 0))
+                if is_too_large or boxes_are_apart(offset, extent, row_at(box, 3)):
                     continue
-                if m == 1:
-                    point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
-                    if lies_deep(solids.surfaces, root, point, min_depth, nodes):
-                        return True
+                if count > 1:
+                    top = push_children(nodes, 0, top, node, count)
                     continue
-                nodes[top, 0] = b + 1
-                nodes[top + 1, 0] = b + 2 * (m // 2)
-                top += 2
+                point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
+                if lies_deep(solids.surfaces, root, point, min_depth, nodes):
+                    return True
     return False
+
+
+@kernel
+def push_children(nodes: Ints, column: int, top: int, node: int, count: int) -> int:
+    """Push the two children of a tree's node onto a stack; return its new top.
+
+    The stack is a column of ``nodes``. The node has ``count`` leaves; its first child follows it,
+    and the second child follows the nodes of the first.
+    """
+    nodes[top, column] = node + 1
+    nodes[top + 1, column] = node + 2 * (count // 2)
+    return top + 2
 
 
 @kernel
@@ -448,11 +476,10 @@ def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, no
 
 @kernel
 def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) -> int:
-    """Return how often a closed surface winds around a point.
+    """Count how often a closed surface winds around a point.
 
-    It counts the signed crossings of an upward ray.
-
-    The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    It counts the signed crossings of an upward ray. The second column of ``nodes`` is scratch,
+    shape (MAX_PENDING_PAIRS, 2).
     """
     x, y, z = point
     box = surfaces.boxes[root]
@@ -462,21 +489,18 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
     top = 2
     while top > 1:
         top -= 1
-        b = nodes[top, 1]
-        around = surfaces.boxes[b]
-        start, count = surfaces.spans[b]
+        node = nodes[top, 1]
+        node_box = surfaces.boxes[node]
+        start, count = surfaces.spans[node]
         # The ray crosses no triangle beside it or below its start.
-        offset = x - around[0], y - around[1], max(z - around[2], 0.0)
-        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(around, 3)):
+        offset = x - node_box[0], y - node_box[1], max(z - node_box[2], 0.0)
+        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(node_box, 3)):
             continue
-        if count == 1:
-            winding += (
-                signed_crossing(surfaces.triangles[start], x, y, z) * surfaces.windings[start]
-            )
-            continue
-        nodes[top, 1] = b + 1
-        nodes[top + 1, 1] = b + 2 * (count // 2)
-        top += 2
+        if count > 1:
+            top = push_children(nodes, 1, top, node, count)
+        else:
+            crossing = signed_crossing(surfaces.triangles[start], x, y, z)
+            winding += crossing * surfaces.windings[start]
     return winding
 
 
@@ -494,24 +518,24 @@ def nearest_triangle(
     nearest = np.inf
     while top > 1:
         top -= 1
-        b = nodes[top, 1]
-        # The larger boxes cover the rounding of boxes and distances.
-        if box_distance(surfaces.boxes[b], point) > min(enough, nearest) * (1.0 + TREE_ROUNDING):
+        node = nodes[top, 1]
+        # The larger bound covers the rounding of boxes and distances.
+        farthest = min(enough, nearest) * (1.0 + TREE_ROUNDING)
+        if box_distance(surfaces.boxes[node], point) > farthest:
             continue
-        start, count = surfaces.spans[b]
+        start, count = surfaces.spans[node]
         if count == 1:
             nearest = min(nearest, point_triangle(point, surfaces.triangles[start]))
             if nearest < enough < np.inf:
                 break
             continue
-        first = b + 1
-        second = b + 2 * (count // 2)
-        if box_distance(surfaces.boxes[first], point) < box_distance(surfaces.boxes[second], point):
-            first, second = second, first
-        # the nearer child comes first
-        nodes[top, 1] = first
-        nodes[top + 1, 1] = second
-        top += 2
+        first = top
+        second = top + 1
+        top = push_children(nodes, 1, top, node, count)
+        # The nearer child lies on top of the stack, so that it is searched first.
+        first_distance = box_distance(surfaces.boxes[nodes[first, 1]], point)
+        if first_distance < box_distance(surfaces.boxes[nodes[second, 1]], point):
+            nodes[first, 1], nodes[second, 1] = nodes[second, 1], nodes[first, 1]
     return nearest
 
 
@@ -529,12 +553,15 @@ def boundaries_cross(
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     motion = Motion(matrix, shift, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    for one in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
-        for other in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
-            a, b = solids.tree_roots[one], solids.tree_roots[other]
-            scratch.nodes[1, 0] = a
-            scratch.nodes[1, 1] = b
-            if min(a, b) >= 0 and parts_cross(solids.trees, motion, axes, required, scratch.nodes):
+    for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
+        for other_part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
+            root = solids.tree_roots[part]
+            other_root = solids.tree_roots[other_part]
+            if root < 0 or other_root < 0:
+                continue
+            scratch.nodes[1, 0] = root
+            scratch.nodes[1, 1] = other_root
+            if parts_cross(solids.trees, motion, axes, required, scratch.nodes):
                 return True
     return False
 
@@ -551,30 +578,32 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
     moved = 0.0
     top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
     while top > 0:
-        a, b = nodes[top, 0], nodes[top, 1]
-        p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
+        leaf = nodes[top, 0]
+        other_leaf = nodes[top, 1]
+        piece = trees.triangles[trees.spans[leaf, 0]]
+        other = trees.triangles[trees.spans[other_leaf, 0]]
         top = next_leaves(trees, motion, 0.0, axes, nodes, top)
         if len(axes) > 0:
-            half = row_at(trees.boxes[a], 3)
-            center = apply_pose(matrix, shift, row_at(trees.boxes[a], 0))
+            half = row_at(trees.boxes[leaf], 3)
+            center = apply_pose(matrix, shift, row_at(trees.boxes[leaf], 0))
             moved = joint_displacement(axes, center, math.sqrt(dot(half, half)))
         corners = (
-            apply_pose(matrix, shift, row_at(p, 0)),
-            apply_pose(matrix, shift, row_at(p, 3)),
-            apply_pose(matrix, shift, row_at(p, 6)),
+            apply_pose(matrix, shift, row_at(piece, 0)),
+            apply_pose(matrix, shift, row_at(piece, 3)),
+            apply_pose(matrix, shift, row_at(piece, 6)),
         )
-        if q[9] != 0.0:
-            if pierces(corners, q, required + moved):
-                return True
-        elif p[9] == 0.0:
-            other = row_at(q, 0), row_at(q, 3), row_at(q, 6)
-            if crosses(corners, other, required, moved):
+        is_solid = other[9] != 0.0
+        if is_solid and pierces(corners, other, required + moved):
+            return True
+        if not is_solid and piece[9] == 0.0:
+            other_corners = row_at(other, 0), row_at(other, 3), row_at(other, 6)
+            if crosses(corners, other_corners, required, moved):
                 return True
     return False
 
 
 @kernel
-def pair_distances(
+def bound_distances(
     scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
 ) -> None:
     """Bound the distance over all pairs from below.
@@ -585,19 +614,21 @@ def pair_distances(
     """
     nodes = scratch.nodes
     for k in range(len(points)):
-        required = required_distance(scene, points[k], points[k])
+        required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             # A pair that is too near counts, even if its distance exceeds that of a pair with less
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
-            slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
+            slack = bound_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, 0.0):
                 slack = -1.0
             # Compare without the padding: (out - padding) + padding may round to less than out.
             if slack < enough:
-                out[k] = slack + scene.padding[n] if slack >= 0.0 else slack
+                out[k] = slack
+                if slack >= 0.0:
+                    out[k] += scene.padding[n]
                 nearest[k, 0] = n
                 nearest[k, 1] = nodes[0, 0]
                 nearest[k, 2] = nodes[0, 1]
@@ -611,15 +642,15 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
     other.
     """
     for k in range(len(points)):
-        required = required_distance(scene, points[k], points[k])
+        required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = False
+        no_axes = scratch.axes[:0]
         for n in range(len(scene.pairs)):
+            if out[k]:
+                break
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
-            slack = 0.0
-            if not out[k]:
-                slack = pair_slack(scene, n, NO_MOTION, scratch.axes[:0], required, 0.0, scratch)
-            if slack < 0.0:
-                out[k] = boundaries_cross(scene, n, scratch.axes[:0], required, scratch)
+            slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
+            out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

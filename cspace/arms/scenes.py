@@ -34,7 +34,7 @@ def make_scene(
     """
     parts = [part.bounds_pair[0] for solid in solids for part in solid.parts]
     packed = _pack(solids, parts, [part.anchors for part in parts], *_pack_hulls(solids))
-    max_coordinate = _max_coordinate(chain, packed)
+    max_coordinate = _find_max_coordinate(chain, packed)
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
     numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     extra = np.zeros(len(numbers)) if padding is None else padding
@@ -57,7 +57,7 @@ def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
         packed = outer._replace(anchors=anchors, starts=starts)
     else:
         packed = _pack(solids, parts, points, outer.hulls, outer.roots, outer.part_roots)
-    max_coordinate = _max_coordinate(scene.chain, packed)
+    max_coordinate = _find_max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
     return Scene(
         scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required
@@ -76,9 +76,11 @@ def _pack(
     trees, tree_roots = join_trees([part.tree for part in parts], NO_TREE)
     closed = [part.surface_tree for part in parts if len(part.surface[0])]
     surfaces, surface_roots = join_trees(closed, _NO_SURFACE)
-    filled = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
     anchors, starts = _pack_points(solids, parts, points)
-    boxes = hulls.boxes[roots] * (roots >= 0)[:, np.newaxis]
+    filled = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
+    filled_before = np.cumsum([0, *filled])
+    # An empty solid has no root, and reaches nowhere.
+    boxes = np.where(roots[:, np.newaxis] >= 0, hulls.boxes[roots], 0.0)
     return Solids(
         bodies=np.array([solid.body for solid in solids], dtype=np.int64),
         hulls=hulls,
@@ -90,7 +92,7 @@ def _pack(
         surfaces=surfaces,
         surface_roots=surface_roots,
         anchors=anchors,
-        has_solids=np.diff(np.cumsum([0, *filled])[starts[:, 2]]) > 0,
+        has_solids=np.diff(filled_before[starts[:, 2]]) > 0,
         starts=starts,
     )
 
@@ -102,10 +104,11 @@ def _pack_points(
 
     These are its first surface, point and part, shape (s + 1, 3).
     """
-    counts = [
-        (len(part.surface[0]) > 0, len(each), 1) for part, each in zip(parts, points, strict=True)
-    ]
-    before_parts = np.cumsum([(0, 0, 0), *counts], axis=0, dtype=np.int64)
+    counts = [(0, 0, 0)]
+    for part, part_points in zip(parts, points, strict=True):
+        corners, _ = part.surface
+        counts.append((len(corners) > 0, len(part_points), 1))
+    before_parts = np.cumsum(counts, axis=0, dtype=np.int64)
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
 
@@ -124,8 +127,8 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
     count = 1
     corner = 0
     for solid in solids:
-        own = list[int]()
-        own_boxes = list[Floats]()
+        solid_roots = list[int]()
+        solid_boxes = list[Floats]()
         for part in solid.parts:
             hulls = part.bounds_pair[0].hulls
             size = len(hulls.nodes)
@@ -134,26 +137,29 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
                 continue
             shifts = np.where(hulls.nodes > 0, (count, corner, corner, 0, count), 0)
             shifts[:, 1] = shifts[:, 2]  # the range of a hull's corners may start at 0
-            own.append(count)
-            own_boxes.append(hulls.boxes[0])
+            solid_roots.append(count)
+            solid_boxes.append(hulls.boxes[0])
             boxes.append(hulls.boxes)
             nodes.append(hulls.nodes + shifts)
             corners.append(hulls.corners)
             count += size
             corner += hulls.corners.shape[1]
-        roots.append(-1 if not own else own[0] if len(own) == 1 else count)
-        if len(own) > 1:
-            above, links = join_roots(np.array(own_boxes), np.array(own), count)
-            boxes.append(above)
-            nodes.append(links)
-            count += len(links)
+        root = solid_roots[0] if solid_roots else -1
+        if len(solid_roots) > 1:
+            root = count
+            upper_boxes, upper_nodes = join_roots(
+                np.array(solid_boxes), np.array(solid_roots), count
+            )
+            boxes.append(upper_boxes)
+            nodes.append(upper_nodes)
+            count += len(upper_nodes)
+        roots.append(root)
     joined = Hulls(np.concatenate(boxes), np.concatenate(nodes), np.concatenate(corners, axis=1))
     return joined, np.array(roots, dtype=np.int64), np.array(part_roots, dtype=np.int64)
 
 
-def _max_coordinate(chain: Chain, solids: Solids) -> float:
+def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
     """Return the largest coordinate at any configuration, metres."""
-    roots = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
-    return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(
-        chain.lengths.max()
-    )
+    boxes = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
+    in_bodies = (np.abs(boxes[:, :3]) + boxes[:, 3:6]).max(initial=0.0)
+    return float(in_bodies + chain.lengths.max())

@@ -91,28 +91,37 @@ def extend(
     """
     nodes = forest.nodes[side]
     new = forest.counts[side]
-    nearest = np.inf
-    near = 0
-    for n in range(new):
+    nearest, distance = find_nearest(nodes, new, q)
+    if within and distance > forest.reaches[side, nearest]:
+        return -1, False
+    is_reached = distance <= MAX_STRIDE
+    for d in range(len(q)):
+        nodes[new, d] = q[d]
+        if not is_reached:
+            start = nodes[nearest, d]
+            nodes[new, d] = start + MAX_STRIDE / distance * (q[d] - start)
+    if not motion_is_free(scene, nodes[nearest], nodes[new], scratch):
+        forest.reaches[side, nearest] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
+        return -1, False
+    forest.parents[side, new] = nearest
+    forest.reaches[side, new] = np.inf
+    forest.counts[side] = new + 1
+    return new, is_reached
+
+
+@kernel
+def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
+    """Return the nearest of the first ``count`` nodes, and its distance."""
+    least_square = np.inf
+    nearest = 0
+    for n in range(count):
         square = 0.0
         for d in range(len(q)):
             square += (nodes[n, d] - q[d]) ** 2
-        if square < nearest:
-            nearest = square
-            near = n
-    if within and math.sqrt(nearest) > forest.reaches[side, near]:
-        return -1, False
-    is_near = nearest <= MAX_STRIDE**2
-    share = 1.0 if is_near else MAX_STRIDE / math.sqrt(nearest)
-    for d in range(len(q)):
-        nodes[new, d] = q[d] if is_near else nodes[near, d] + share * (q[d] - nodes[near, d])
-    if not motion_is_free(scene, nodes[near], nodes[new], scratch):
-        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
-        return -1, False
-    forest.parents[side, new] = near
-    forest.reaches[side, new] = np.inf
-    forest.counts[side] = new + 1
-    return new, is_near
+        if square < least_square:
+            least_square = square
+            nearest = n
+    return nearest, math.sqrt(least_square)
 
 
 @kernel
@@ -127,17 +136,21 @@ def grow_trees(
     counts = forest.counts
     capacity = forest.nodes.shape[1]
     for k in range(len(samples)):
-        side = 0 if counts[0] <= counts[1] else 1
         if max(counts[0], counts[1]) + 2 >= capacity:
             break
+        side = 0 if counts[0] <= counts[1] else 1
+        other_side = 1 - side
         new, _ = extend(scene, forest, side, samples[k], True, scratch)
         # Grow the other tree towards the new node as far as possible.
-        at = new
+        other = new
         meets = False
-        while at >= 0 and not meets and counts[1 - side] + 1 < capacity:
-            at, meets = extend(scene, forest, 1 - side, forest.nodes[side, new], False, scratch)
+        while other >= 0 and not meets and counts[other_side] + 1 < capacity:
+            target = forest.nodes[side, new]
+            other, meets = extend(scene, forest, other_side, target, False, scratch)
+        if meets and side == 0:
+            return new, other
         if meets:
-            return (new, at) if side == 0 else (at, new)
+            return other, new
     return -1, -1
 
 
@@ -177,11 +190,11 @@ class PathSearch:
         self._spans = spans
         self._rng = rng
         distances = np.linalg.norm(goals - start, axis=1)
-        order = np.argsort(distances)
-        # the nearest first
-        self._goals = goals[order]
-        self._distances = distances[order]
-        self._batches: list[int] = []  # of attempts, used by each search
+        nearest_first = np.argsort(distances)
+        self._goals = goals[nearest_first]
+        self._distances = distances[nearest_first]
+        # Batches of samples that each search used.
+        self._batches: list[int] = []
 
     def find(self, straight: bool) -> Floats:
         """Find a path, shape (n, dof); empty if time ends.
@@ -200,23 +213,23 @@ class PathSearch:
         gained less than that.
         """
         path = self._pull(path)
-        lengths = [_length(path)]
+        lengths = [_measure_length(path)]
         while searches is None or len(lengths) <= searches:
-            goals = self._goals[self._distances < (1.0 - MIN_GAIN) * lengths[-1]]
-            before = (
-                lengths[-1 - MAX_VAIN_SEARCHES] if len(lengths) > MAX_VAIN_SEARCHES else math.inf
-            )
-            is_vain = (1.0 - MIN_GAIN) * before < lengths[-1]
+            length = lengths[-1]
+            goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
+            is_vain = False
+            if len(lengths) > MAX_VAIN_SEARCHES:
+                is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
             if not len(goals) or is_vain or clock() >= self._end:
                 break
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
-            batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
-            other = self._connect(goals, goals[:0], lengths[-1], batches, True)
-            if len(other):
-                path = min(path, self._pull(other), key=_length)
+            max_batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
+            other_path = self._connect(goals, _make_empty(goals), length, max_batches, True)
+            if len(other_path):
+                path = min(path, self._pull(other_path), key=_measure_length)
             path = self._pull(path)
-            lengths.append(_length(path))
+            lengths.append(_measure_length(path))
         return path
 
     def _connect(
@@ -229,19 +242,22 @@ class PathSearch:
     ) -> Floats:
         """Grow two trees until they meet on a path below ``length``, or until time ends."""
         forest = _plant_trees(self._start, goals)
-        first = -1
+        meeting = -1
         batches = 0
-        while first < 0 and batches < max_batches and clock() < self._end:
+        while meeting < 0 and batches < max_batches and clock() < self._end:
             samples = np.concatenate([samples, self._sample(goals, length)])
-            first, second = grow_trees(self._scene, forest, samples, self._scratch)
-            samples = samples[:0]
-            batches = batches + 1
+            meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
+            samples = _make_empty(samples)
+            batches += 1
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
         self._batches.append(batches)
-        if first < 0:
-            return goals[:0]
-        path = np.array([*_branch(forest, 0, first)[::-1], *_branch(forest, 1, second)[1:]])
+        if meeting < 0:
+            return _make_empty(goals)
+        from_start = reversed(_trace_branch(forest, 0, meeting))
+        # Both trees have the configuration at which they meet.
+        to_goal = _trace_branch(forest, 1, meeting_at_goal)[1:]
+        path = np.array([*from_start, *to_goal])
         return self._skip_waypoints(path) if straight else path
 
     def _skip_waypoints(self, path: Floats) -> Floats:
@@ -278,34 +294,34 @@ class PathSearch:
         axes = ends - self._start
         distances = np.linalg.norm(axes, axis=1, keepdims=True)
         axes /= distances
-        balls = rng.normal(size=uniform.shape)
-        balls *= rng.random((len(balls), 1)) ** (1.0 / size) / np.linalg.norm(
-            balls, axis=1, keepdims=True
-        )
+        directions = rng.normal(size=uniform.shape)
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        in_ball = directions * rng.random((SAMPLES_PER_BATCH, 1)) ** (1.0 / size)
+        # Stretch the unit ball to the ellipsoid: by `minor` across the axis, by `length` along it.
         minor = np.sqrt(length**2 - distances**2)
-        along = (balls * axes).sum(axis=1, keepdims=True)
-        samples = 0.5 * (self._start + ends + minor * balls + (length - minor) * along * axes)
-        inside = ((samples >= self._bounds[0]) & (samples <= self._bounds[1])).all(
-            axis=1, keepdims=True
-        )
+        along = (in_ball * axes).sum(axis=1, keepdims=True)
+        stretched = minor * in_ball + (length - minor) * along * axes
+        samples = 0.5 * (self._start + ends + stretched)
+        lowest, highest = self._bounds
+        inside = ((samples >= lowest) & (samples <= highest)).all(axis=1, keepdims=True)
         return np.where(inside, samples, uniform)
 
     def _pull(self, path: Floats) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
-        length = _length(path)
+        length = _measure_length(path)
         last = math.inf
         while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
             for _ in range(PULLS_PER_BATCH):
                 path = self._pull_part(path)
-            length, last = _length(path), length
+            last = length
+            length = _measure_length(path)
         return path
 
     def _pull_part(self, path: Floats) -> Floats:
         """Pull a random part of a path towards its straight motion.
 
-        The result is shorter and proven free.
-
-        All joints of the part move, or a single one.
+        All joints of the part move, or a single one. The result is shorter and proven free, or the
+        given path.
         """
         first, last = np.sort(self._rng.uniform(0, len(path) - 1, 2))
         if self._rng.random() < WAYPOINT_SHARE:
@@ -313,31 +329,36 @@ class PathSearch:
         start = math.floor(first)
         stop = math.ceil(last)
         part = np.concatenate(
-            [_point_at(path, first), path[start + 1 : stop], _point_at(path, last)]
+            [_interpolate(path, first), path[start + 1 : stop], _interpolate(path, last)]
         )
         if len(part) < 3:
             return path
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
-        straight = part[0] + along[:, np.newaxis] / max(along[-1], MIN_PULL) * (part[-1] - part[0])
-        joint = self._rng.integers(2 * path.shape[1])
+        shares = along / max(along[-1], MIN_PULL)
+        straight = part[0] + shares[:, np.newaxis] * (part[-1] - part[0])
+        towards_straight = straight - part
+        joints = path.shape[1]
+        joint = self._rng.integers(2 * joints)
         weight = min(2.0 * self._rng.random(), 1.0)
-        if joint < path.shape[1]:
-            part[1:-1, joint] += weight * (straight - part)[1:-1, joint]
+        if joint < joints:
+            part[1:-1, joint] += weight * towards_straight[1:-1, joint]
         elif weight < 1.0:
-            part[1:-1] += weight * (straight - part)[1:-1]
+            part[1:-1] += weight * towards_straight[1:-1]
         else:
             part = part[[0, -1]]
-        framed = _drop_repeated(
-            np.concatenate([path[start : start + 1], part, path[stop : stop + 1]])
-        )
-        if _length(framed) > _length(path[start : stop + 1]) - MIN_PULL or not self._is_free(
-            framed
-        ):
+        pulled = _drop_repeated(np.vstack([path[start], part, path[stop]]))
+        gain = _measure_length(path[start : stop + 1]) - _measure_length(pulled)
+        if gain < MIN_PULL or not self._is_free(pulled):
             return path
-        return np.concatenate([path[:start], framed, path[stop + 1 :]])
+        return np.concatenate([path[:start], pulled, path[stop + 1 :]])
 
 
-def _point_at(path: Floats, position: float) -> Floats:
+def _make_empty(path: Floats) -> Floats:
+    """Return an empty path of the same arm."""
+    return path[:0]
+
+
+def _interpolate(path: Floats, position: float) -> Floats:
     """Return the configuration at a position that is counted in rows, shape (1, dof)."""
     row = min(int(position), len(path) - 2)
     share = position - row
@@ -350,7 +371,7 @@ def _drop_repeated(path: Floats) -> Floats:
     return np.asarray(path[differs])
 
 
-def _branch(forest: Forest, side: int, node: int) -> list[Floats]:
+def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
     """Return the configurations from a node to its root."""
     rows = []
     while node >= 0:
@@ -359,7 +380,7 @@ def _branch(forest: Forest, side: int, node: int) -> list[Floats]:
     return rows
 
 
-def _length(path: Floats) -> float:
+def _measure_length(path: Floats) -> float:
     """Return the length of a path in the joints."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 

@@ -5,24 +5,28 @@ A living :class:`cspace.ArmSpace` replaces its own.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are read when they are first used
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+<<<<<<< HEAD
 from cspace.arms.chain import FIXED, REVOLUTE, body_poses
+=======
+from cspace.arms.chain import FIXED, compute_poses
+>>>>>>> main
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import (
     Scene,
     are_blocked,
+    bound_distances,
     make_scene_scratch,
     motions_are_free,
-    pair_distances,
 )
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
@@ -182,7 +186,7 @@ class Snapshot:
         """
         out = np.empty(len(points))
         nearest = np.zeros((len(points), 3), dtype=np.int64)
-        _run_in_threads(pair_distances, scene or self.outer, as_contiguous(points), out, nearest)
+        _run_in_threads(bound_distances, scene or self.outer, as_contiguous(points), out, nearest)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
@@ -193,33 +197,37 @@ class Snapshot:
         """
         distances, nearest = self.distances(points, scene)
         solids = scene.solids
-        pair, *nodes = nearest[0].tolist()
+        number, *nodes = nearest[0].tolist()
+        pair = scene.pairs[number]
+        poses = compute_poses(self.arm.chain, points[0])
         hulls = []
         radii = []
-        poses = body_poses(self.arm.chain, points[0])
-        for number, nearest_node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
-            node = nearest_node if nearest_node >= 0 else int(solids.roots[number])
+        for solid, nearest_node in zip(pair.tolist(), nodes, strict=True):
+            node = nearest_node if nearest_node >= 0 else int(solids.roots[solid])
             corners, radius = node_corners(solids.hulls, node)
-            pose = poses[solids.bodies[number]]
+            pose = poses[solids.bodies[solid]]
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
-            radii.append([radius])
-        link, other = self._name_parts(scene.pairs[pair], nodes)
-        return Contact(link, other, float(distances[0]), _nearest_points(hulls[0], hulls[1], radii))
+            radii.append(radius)
+        link, other = self._name_parts(pair, nodes)
+        return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
 
     def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
         """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
         _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
-        nodes, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
-        found = Counter[tuple[str, str]]()
-        for each, count in zip(nodes.tolist(), counts.tolist(), strict=True):
-            found[self._name_parts(self.outer.pairs[pair], each)] += count
-        return found
+        node_pairs, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
+        counter = Counter[tuple[str, str]]()
+        for nodes, count in zip(node_pairs.tolist(), counts.tolist(), strict=True):
+            counter[self._name_parts(self.outer.pairs[pair], nodes)] += count
+        return counter
 
     def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
         """Return the names of the links or obstacles at nodes of a pair of solids."""
-        names = [each.name for group in self.groups for each in group.members for _ in each.parts]
-        link, other = map(self.outer.solids.part_at, pair.tolist(), nodes)
-        return names[link], names[other]
+        names = list[str]()
+        for group in self.groups:
+            for member in group.members:
+                names += [member.name] * len(member.parts)
+        link_part, other_part = map(self.outer.solids.part_at, pair.tolist(), nodes)
+        return names[link_part], names[other_part]
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the pairs that touch in all random configurations.
@@ -228,9 +236,10 @@ class Snapshot:
         """
         points = self.arm.contact_samples
         for number in range(len(scene.pairs)):
-            pair = scene.select_pairs(slice(number, number + 1))
-            if always_touch(pair, points):
-                yield self.contact(pair, points[:1])[:2]
+            pair_scene = scene.select_pairs(slice(number, number + 1))
+            if always_touch(pair_scene, points):
+                contact = self.contact(pair_scene, points[:1])
+                yield contact.link, contact.other
 
 
 def make_snapshot(
@@ -253,21 +262,20 @@ def make_snapshot(
     """
     reach = _measure_reach(arm)
     static = {
-        name: _place_static(name, each, reach, before)
-        for name, each in obstacles.items()
-        if each is not None
+        name: _place_static(name, placed, reach, before)
+        for name, placed in obstacles.items()
+        if placed is not None
     }
     may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
-    groups = _group(arm.links, may_touch, padding, False) + _group(
-        list(static.values()), may_touch, padding, True
-    )
-    pairs, fixed = _pair_groups(groups, may_touch)
+    link_groups = _group_solids(arm.links, may_touch, padding, False)
+    groups = link_groups + _group_solids(list(static.values()), may_touch, padding, True)
+    moved_pairs, fixed_pairs = _pair_groups(groups, may_touch)
+    pairs = moved_pairs + fixed_pairs
     solids = [group.solid for group in groups]
-    extra = _pad_pairs(groups, pairs + fixed)
-    every = make_scene(arm.chain, solids, pairs + fixed, extra, margin)
-    outer = every.select_pairs(slice(len(pairs)))
-    inner = make_inner_scene(outer, solids)
-    made = Snapshot(
+    scene = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    outer = scene.select_pairs(slice(len(moved_pairs)))
+    fixed = scene.select_pairs(slice(len(moved_pairs), None))
+    snapshot = Snapshot(
         arm,
         obstacles,
         frozenset(allowed),
@@ -277,17 +285,21 @@ def make_snapshot(
         static,
         tuple(groups),
         outer,
-        inner,
+        inner=make_inner_scene(outer, solids),
     )
-    _refuse_fixed(made, every.select_pairs(slice(len(pairs), None)))
-    _refuse_always(made)
-    return made
+    _refuse_fixed(snapshot, fixed)
+    _refuse_always(snapshot)
+    return snapshot
 
 
 def _measure_reach(arm: Arm) -> float:
     """Return the size of the largest part of a link, metres."""
-    sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
-    return max(float(np.linalg.norm(size)) for size in sizes)
+    reach = 0.0
+    for link in arm.links:
+        for part in link.parts:
+            lower, upper = part.shape.outer.bounds
+            reach = max(reach, float(np.linalg.norm(upper - lower)))
+    return reach
 
 
 def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot | None) -> Solid:
@@ -302,14 +314,14 @@ def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot 
 
 def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
     """Return the names that each name may touch."""
-    partners: dict[str, set[str]] = {}
-    for one, other in may_touch:
-        partners.setdefault(one, set()).add(other)
-        partners.setdefault(other, set()).add(one)
+    partners = defaultdict[str, set[str]](set)
+    for a, b in may_touch:
+        partners[a].add(b)
+        partners[b].add(a)
     return partners
 
 
-def _group(
+def _group_solids(
     solids: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], is_obstacle: bool
 ) -> list[Group]:
     """Group links, or obstacles, of one body.
@@ -318,55 +330,58 @@ def _group(
     apart.
     """
     partners = _find_partners(may_touch)
-    fellows = dict[int, set[str]]()
+    names_of_body = defaultdict[int, set[str]](set)
     for solid in solids:
-        fellows.setdefault(solid.body, set()).add(solid.name)
-    found = dict[tuple[int, frozenset[str], float], list[Solid]]()
+        names_of_body[solid.body].add(solid.name)
+    members_of_key = defaultdict[tuple[int, frozenset[str], float], list[Solid]](list)
     for solid in solids:
-        others = frozenset(partners.get(solid.name, set()) - fellows[solid.body])
-        found.setdefault((solid.body, others, padding.get(solid.name, 0.0)), []).append(solid)
+        others = frozenset(partners[solid.name] - names_of_body[solid.body])
+        members_of_key[solid.body, others, padding.get(solid.name, 0.0)].append(solid)
     groups = []
-    for (body, _, extra), members in found.items():
-        parts = tuple(part for member in members for part in member.parts)
+    for (body, _, group_padding), members in members_of_key.items():
+        parts = tuple(chain.from_iterable(member.parts for member in members))
         joined = Solid(", ".join(member.name for member in members), body, parts)
-        groups.append(Group(joined, tuple(members), extra, is_obstacle))
+        groups.append(Group(joined, tuple(members), group_padding, is_obstacle))
     return groups
 
 
 def _pair_groups(
     groups: Sequence[Group], may_touch: Set[Names]
 ) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return the pairs of groups that may not touch.
+    """Return the pairs of groups that may not touch, as indices.
 
-    Joints move the first pairs; the others are fixed links and obstacles.
-
-    The second of a pair is an obstacle, or the body nearer to the base.
+    Joints move the first pairs; the others are fixed links and obstacles. The second of a pair is
+    an obstacle, or the body nearer to the base.
     """
-    pairs = list[tuple[int, int]]()
-    fixed = list[tuple[int, int]]()
-    for (i, one), (j, other) in combinations(enumerate(groups), 2):
-        if one.is_obstacle or sort_pair(one.members[0].name, other.members[0].name) in may_touch:
+    moved_pairs = list[tuple[int, int]]()
+    fixed_pairs = list[tuple[int, int]]()
+    for (i, a), (j, b) in combinations(enumerate(groups), 2):
+        if a.is_obstacle or sort_pair(a.members[0].name, b.members[0].name) in may_touch:
             continue
-        if one.solid.body != other.solid.body:
-            pairs.append(
-                (i, j) if other.is_obstacle or one.solid.body > other.solid.body else (j, i)
-            )
-        elif other.is_obstacle:
-            fixed.append((i, j))
-    # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
-    pairs.sort(key=lambda pair: (groups[pair[1]].solid.body != 0, -groups[pair[0]].solid.body))
-    return pairs, fixed
+        if a.solid.body == b.solid.body:
+            if b.is_obstacle:
+                fixed_pairs.append((i, j))
+        elif b.is_obstacle or a.solid.body > b.solid.body:
+            moved_pairs.append((i, j))
+        else:
+            moved_pairs.append((j, i))
+
+    def rank(pair: tuple[int, int]) -> tuple[bool, int]:
+        """Put an obstacle and a link near the tip first, because most collisions are these."""
+        first, second = (groups[number].solid.body for number in pair)
+        return second != 0, -first
+
+    moved_pairs.sort(key=rank)
+    return moved_pairs, fixed_pairs
 
 
 def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
-    """Return the padding of pairs.
-
-    It has shape (p,): that of both, or zero between links.
-    """
-    extra = [
-        groups[i].padding + groups[j].padding if groups[j].is_obstacle else 0.0 for i, j in pairs
-    ]
-    return np.array(extra, dtype=np.float64)
+    """Return the padding of pairs, shape (p,): that of both, or zero between links."""
+    total = np.zeros(len(pairs))
+    for number, (i, j) in enumerate(pairs):
+        if groups[j].is_obstacle:
+            total[number] = groups[i].padding + groups[j].padding
+    return total
 
 
 def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
@@ -392,11 +407,14 @@ def _refuse_always(snapshot: Snapshot) -> None:
 
     Tests pairs that at most two joints move.
     """
-    chain = snapshot.arm.chain
+    arm_chain = snapshot.arm.chain
     scene = snapshot.outer
-    between = chain.between[tuple(scene.solids.bodies[scene.pairs].T)] & (chain.kinds != FIXED)
-    few = [len(set(chain.joint_indices[row].tolist())) <= 2 for row in between]
-    for link, other in snapshot.always_touching(scene.select_pairs(np.array(few, dtype=np.bool_))):
+    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
+    between = arm_chain.between[first_bodies, second_bodies] & (arm_chain.kinds != FIXED)
+    few = np.zeros(len(scene.pairs), dtype=np.bool_)
+    for number, moving_bodies in enumerate(between):
+        few[number] = len(np.unique(arm_chain.joint_indices[moving_bodies])) <= 2
+    for link, other in snapshot.always_touching(scene.select_pairs(few)):
         raise ConfigurationError(
             link,
             f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
@@ -417,13 +435,12 @@ def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[
     in_chunks(run, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
-def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Floats:
-    """Return the nearest points of two convex hulls.
+def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
+    """Return the nearest points of two convex hulls, shape (2, 3).
 
-    The result has shape (2, 3). The hulls are those of two point sets, shapes (n, 3) and (m, 3),
-    each grown by a radius; ``radii`` has shape (2, 1); all in metres. The nearest points follow
-    from the point nearest to zero in the hull of all differences (C. L. Lawson and R. J. Hanson,
-    "Solving Least Squares Problems", 1974, chapter 23).
+    The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in
+    metres. The nearest points follow from the point nearest to zero in the hull of all differences
+    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
     differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
     equations = np.vstack([differences.T, np.ones(len(differences))])
@@ -433,11 +450,8 @@ def _nearest_points(points_a: Floats, points_b: Floats, radii: ArrayLike) -> Flo
     )
     weights = solution.x
     shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
-    points = np.stack([shares.sum(axis=1) @ points_a, shares.sum(axis=0) @ points_b])
-    offset = points[1] - points[0]
-    return np.asarray(
-        points
-        + np.multiply(radii, [[1.0], [-1.0]])
-        * offset
-        / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
-    )
+    nearest_a = shares.sum(axis=1) @ points_a
+    nearest_b = shares.sum(axis=0) @ points_b
+    offset = nearest_b - nearest_a
+    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])

@@ -5,6 +5,7 @@ They are trees of boundaries, closed surfaces, and anchors of parts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,7 +37,7 @@ from cspace.shapes import (
     as_shape,
 )
 from cspace.shapes.shape import unique_rows
-from cspace.support.arrays import Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.check import check_finite
 from cspace.workspace import Workspace, load_workspace
 
@@ -87,10 +88,10 @@ class PosedShape:
 
         Both are the same object if the shape is exact.
         """
-        outer = self.shape.outer
-        inner = self.shape.inner
-        placed = replace(self, shape=outer)
-        return placed, placed if inner is outer else replace(self, shape=inner)
+        outer = replace(self, shape=self.shape.outer)
+        if self.shape.inner is self.shape.outer:
+            return outer, outer
+        return outer, replace(self, shape=self.shape.inner)
 
     @cached_property
     def is_filled(self) -> bool:
@@ -126,12 +127,10 @@ class PosedShape:
     def hulls(self) -> Hulls:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
-        if not len(corners):
-            return build_hulls(self.tree, 0.0)
-        volume = (
-            np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings
-        ) / 6.0
-        return build_hulls(self.tree, float(volume))
+        normals = np.cross(corners[:, 0], corners[:, 1])
+        # Six times the signed volume between each triangle and the origin.
+        volumes = (normals * corners[:, 2]).sum(axis=1)
+        return build_hulls(self.tree, float(volumes @ windings) / 6.0)
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -140,14 +139,16 @@ class PosedShape:
         There are none if the rows are solids.
         """
         exact = self._exact
-        if self.is_filled or not exact.encloses or exact.boundary().simplices.shape[1] < 3:
+        has_triangles = exact.boundary().simplices.shape[1] == 3
+        if self.is_filled or not exact.encloses or not has_triangles:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
         mesh = exact if isinstance(exact, Mesh) else Mesh(*exact.surface)
         # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
         # last bit.
-        corners, index = unique_rows(mesh.vertices)
-        counted = np.flatnonzero(mesh.windings)
-        return self.transform(corners)[index[mesh.faces[counted]]], mesh.windings[counted]
+        vertices, numbers = unique_rows(mesh.vertices)
+        closed = mesh.windings != 0
+        corners = self.transform(vertices)[numbers[mesh.faces[closed]]]
+        return corners, mesh.windings[closed]
 
     @cached_property
     def surface_tree(self) -> SurfaceTree:
@@ -170,19 +171,19 @@ class PosedShape:
         if self.is_filled:
             return np.empty((0, 3))
         corners = np.unique(self.boundary.simplices.reshape(-1, 3), axis=0)
-        corners = corners[:: -(-len(corners) // PROBES_PER_PART)]
+        stride = math.ceil(len(corners) / PROBES_PER_PART)
+        some_corners = corners[::stride]
         if not self._exact.encloses:
-            return corners
+            return some_corners
         lower, upper = self._exact.bounds
         size = upper - lower
-        step = max(
-            float(np.cbrt(size.prod() / PROBES_PER_PART)), float(size.max()) / PROBES_PER_PART
-        )
+        # A long box would have far too many points along it.
+        step = max(np.cbrt(size.prod() / PROBES_PER_PART), size.max() / PROBES_PER_PART)
         counts = np.maximum(1, np.rint(size / step)).astype(np.int64)
-        lattice = (
-            lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * size / counts
-        )
-        return np.concatenate([corners, self.transform(lattice[self._exact.contains(lattice)])])
+        indices = np.array(list(np.ndindex(*counts.tolist())))
+        lattice = lower + (indices + 0.5) * size / counts
+        inside = lattice[self._exact.contains(lattice)]
+        return np.concatenate([some_corners, self.transform(inside)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +214,8 @@ class StaticShape(PosedShape):
         """
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
-            return build_tree(
-                pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
-            )
+            fits_inside = (sizes <= self.reach).astype(np.float64)
+            return build_tree(pack_boxes(lows, highs, self.pose), fits_inside)
         rows = pack_triangles(self.boundary)
         return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
@@ -253,7 +253,8 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         rigid = np.eye(4)
         rigid[:3, :3] = left @ right
         rigid[:3, 3] = matrix[:3, 3]
-        if np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR and np.linalg.det(rigid) > 0.0:
+        is_near = np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR
+        if is_near and np.linalg.det(rigid) > 0.0:
             return rigid
     raise InputError(
         name,
@@ -339,22 +340,29 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
         )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
-    held = load_workspace(obstacle)
-    if not held.outer.any():
+    loaded = load_workspace(obstacle)
+    outer = loaded.outer
+    inner = loaded.inner if loaded.unknown is None else loaded.inner & ~loaded.unknown
+    if not outer.any():
         return None
-    bitmaps = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown
-    # A run of cells becomes one box at most.
-    rows = sum(
-        int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum())
-        for side in bitmaps
-    )
-    rows //= 1 + (bitmaps[0] is bitmaps[1])
-    needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * rows
-    check_memory(
-        needed, name, grid, hint=f"cut it to what the arm reaches: its cells are {rows} boxes"
-    )
-    outer, inner = (
-        Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower))
-        for side in bitmaps
-    )
-    return PosedShape(outer if bitmaps[0] is bitmaps[1] else BoundedShape(outer, inner), base)
+    runs = _count_runs(outer)
+    if inner is not outer:
+        runs += _count_runs(inner)
+    needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * runs
+    hint = f"cut it to what the arm reaches: its cells are {runs} boxes"
+    check_memory(needed, name, grid, hint=hint)
+
+    def make_voxels(cells: Bools) -> Voxels:
+        """Return cells as a shape that no update changes."""
+        kept = cells.copy() if loaded.live else cells
+        return Voxels(kept, grid.spacing, np.asarray(grid.lower))
+
+    if inner is outer:
+        return PosedShape(make_voxels(outer), base)
+    return PosedShape(BoundedShape(make_voxels(outer), make_voxels(inner)), base)
+
+
+def _count_runs(cells: Bools) -> int:
+    """Count the runs of cells along the last axis; each becomes one box at most."""
+    begins = cells[..., 1:] > cells[..., :-1]
+    return int(np.count_nonzero(begins) + np.count_nonzero(cells[..., 0]))

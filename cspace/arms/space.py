@@ -7,6 +7,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 from typing import Any, Final, cast
 
 import numpy as np
@@ -120,9 +121,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     @property
     def obstacles(self) -> dict[str, PosedShape]:
         """The obstacles in the frame of the arm's base; a copy."""
-        return {
-            name: placed for name, placed in self.snapshot.obstacles.items() if placed is not None
-        }
+        obstacles = self.snapshot.obstacles
+        return {name: placed for name, placed in obstacles.items() if placed is not None}
 
     @property
     def margin(self) -> float:
@@ -278,9 +278,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         with self._lock:
             now = self.snapshot
             check_known(name, "name", now.obstacles)
-            left = {each: placed for each, placed in now.obstacles.items() if each != name}
+            others = dict(now.obstacles)
+            del others[name]
             padding = _set_entry(now.padding, name, 0.0)
-            self._replace(now, left, _without(now.allowed, name), padding)
+            self._replace(now, others, _drop_name(now.allowed, name), padding)
 
     def attach(
         self,
@@ -322,7 +323,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
             now = self.snapshot
-            left = dict(now.obstacles)
+            obstacles = dict(now.obstacles)
             carrier = check_known(link, "link", now.arm.frames)
             if shape is None:
                 if pose is not None:
@@ -333,9 +334,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                         "leave it out, or pass a shape",
                         value=pose,
                     )
-                filled = {each: placed for each, placed in left.items() if placed is not None}
+                filled = self.obstacles
                 placed = filled[check_known(name, "name", filled)]
-                del left[name]
+                del obstacles[name]
                 on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
                 shape = placed.shape
                 pose = np.linalg.inv(on_base) @ placed.pose
@@ -347,7 +348,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     "leave out q, or the shape",
                     value=q,
                 )
-            elif name in left:
+            elif name in obstacles:
                 raise InputError(
                     "name",
                     f"is {name!r}",
@@ -356,7 +357,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     value=name,
                 )
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
-            self._replace(now, left, now.allowed, _set_entry(now.padding, name, extra), arm)
+            padding_now = _set_entry(now.padding, name, extra)
+            self._replace(now, obstacles, now.allowed, padding_now, arm)
 
     def detach(
         self, name: str, q: ArrayLike | None = None, *, touch_links: str | Iterable[str] = ()
@@ -392,9 +394,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 (part,) = next(link.parts for link in now.arm.links if link.name == name)
                 pose = now.arm.pose(self.arm.check_configuration(q, "q"), name)
                 obstacles[name] = place_shape(part.shape, name, pose)
-                allowed = now.allowed | _pair_with_links(
-                    name, touch_links, [each.name for each in arm.links]
-                )
+                links = [link.name for link in arm.links]
+                allowed = now.allowed | _pair_with_links(name, touch_links, links)
             elif touch_links:
                 raise InputError(
                     "touch_links",
@@ -404,7 +405,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     value=touch_links,
                 )
             else:
-                allowed = _without(allowed, name)
+                allowed = _drop_name(allowed, name)
                 padding = _set_entry(padding, name, 0.0)
             self._replace(now, obstacles, allowed, padding, arm)
 
@@ -508,12 +509,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
         """Return FREE if one motion is proven free, else MIXED; see the base class."""
+        # Another number of entries, or entries that are no numbers, need the general route.
         try:
             free = self._prove_motion(*q0, *q1)
-        except (TypeError, ValueError):  # another number of entries, or none that are numbers
+        except (TypeError, ValueError):
             return None
         # An angle that seems to be in degrees needs a warning.
-        is_suspect = any(abs(q[k]) > MAX_EXPECTED_ANGLE for q in (q0, q1) for k in self._angles)
+        is_suspect = False
+        for k in self._angles:
+            is_suspect |= max(abs(q0[k]), abs(q1[k])) > MAX_EXPECTED_ANGLE
         if free is None or is_suspect or len(q0) != len(q1):
             return None
         return FREE if free else MIXED
@@ -563,8 +567,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             As :meth:`is_free`.
         """
         points = self._check_configurations(q, "q")
-        out, _ = self.snapshot.distances(points.reshape(-1, self.size))
-        return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
+        distances, _ = self.snapshot.distances(points.reshape(-1, self.size))
+        if points.ndim == 1:
+            return float(distances[0])
+        return distances.reshape(points.shape[:-1])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
         """Compute a lower bound of the distance along a path.
@@ -586,7 +592,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self._check_spans(path[:-1], path[1:])
         midpoints = 0.5 * (path[:-1] + path[1:])
         snapshot = self.snapshot
-        limit = float(snapshot.distances(np.concatenate([path, midpoints]))[0].min())
+        distances, _ = snapshot.distances(np.concatenate([path, midpoints]))
+        limit = float(distances.min())
         if len(path) < 2 or math.isinf(limit) or limit == 0.0:
             return limit
         for share in _DISTANCE_SHARES:
@@ -610,7 +617,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         point = self.arm.clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
-            raise _collision_error(self.snapshot, point, name)
+            raise _make_collision_error(self.snapshot, point, name)
         return tuple(wrapped(point, self.periodic_axes).tolist())
 
     def find_goals(
@@ -620,13 +627,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         alternatives = _list_alternatives(goal)
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
-        for number, each in enumerate(alternatives):
+        for number, alternative in enumerate(alternatives):
             name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
             try:
-                if isinstance(each, PoseGoal):
-                    goals += self._solve_pose(each, name, start, seed)
+                if isinstance(alternative, PoseGoal):
+                    goals += self._solve_pose(alternative, name, start, seed)
                 else:
-                    goals.append(self.check_endpoint(cast("ArrayLike", each), name))
+                    goals.append(self.check_endpoint(cast("ArrayLike", alternative), name))
             except ConfigurationError as error:
                 errors.append(error)
         if not goals and len(alternatives) == 1:
@@ -652,8 +659,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         free = points[np.asarray(self.is_free(points))]
         if len(free):
             return [tuple(q) for q in free.tolist()]
-        contacts = Counter(self.closest(q)[:2] for q in points)
-        ((link, other), number), *_ = contacts.most_common(1)
+        closest = [self.closest(q) for q in points]
+        pairs = Counter((contact.link, contact.other) for contact in closest)
+        (((link, other), number),) = pairs.most_common(1)
         problem = (
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
@@ -734,8 +742,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             drawn = min(max(2 * (count - found), 16), 10_000)
             points = generator.uniform(*snapshot.arm.ranges(), (drawn, self.size))
             batches.append(points[snapshot.are_free(points, points)])
-            found = found + len(batches[-1])
-            tried = tried + drawn
+            found += len(batches[-1])
+            tried += drawn
             if tried >= _MAX_FAILED_SAMPLES and not found:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
@@ -817,13 +825,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         snapshot = self.snapshot
         start = snapshot.arm.clamp(start)
         goals = snapshot.arm.clamp(goals)
-        images = self._images(start, goals)
+        images = self._list_images(start, goals)
         endpoints = np.vstack([start, images])
         free = snapshot.are_free(endpoints, endpoints)
-        for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
-            if not good:
-                raise _collision_error(snapshot, q, name)
+        if not free[0]:
+            raise _make_collision_error(snapshot, start, "q0")
         images = images[free[1:]]
+        if not len(images):
+            raise _make_collision_error(snapshot, goals[0], "q1")
         rng = np.random.default_rng(seed)
         ranges = snapshot.arm.ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
@@ -907,7 +916,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
         lines = make_lines(corners)
         if not snapshot.are_free(start[np.newaxis], start[np.newaxis])[0]:
-            raise _collision_error(snapshot, start, "q0")
+            raise _make_collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, largest)
 
     @property
@@ -927,7 +936,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
-            first, last = (edge, edge + 1) if pairs is None else pairs[edge].tolist()
+            first = edge
+            last = edge + 1
+            if pairs is not None:
+                first, last = pairs[edge].tolist()
             turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
             raise InputError(
                 "path",
@@ -1007,7 +1019,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         curves = zip(*rows, strict=True)
         return np.array([snapshot.parabola_is_free(*curve) for curve in curves], dtype=np.bool_)
 
-    def _images(self, start: Floats, goals: Floats) -> Floats:
+    def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
         ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
@@ -1015,9 +1027,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
-            others = images.copy()
-            others[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)
-            images = np.concatenate([images, others])
+            other_way = images.copy()
+            other_way[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)
+            images = np.concatenate([images, other_way])
         return images
 
     def _write_states(self, rows: Floats, out: States) -> int:
@@ -1026,8 +1038,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         free = snapshot.are_free(rows, rows)
         out[:] = np.where(free, FREE, MIXED)
         # BLOCKED is sought only where FREE is not proven.
-        left = np.flatnonzero(~free)
-        out[left[snapshot.are_blocked(rows[left])]] = BLOCKED
+        unproven = np.flatnonzero(~free)
+        blocked = snapshot.are_blocked(rows[unproven])
+        out[unproven[blocked]] = BLOCKED
         return -1
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
@@ -1055,13 +1068,13 @@ def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
     """Return the goals of an arm, one by one."""
     if isinstance(goal, Goal):
         return [goal]
-    if isinstance(goal, Sequence) and any(isinstance(each, Goal) for each in goal):
+    if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
         return list(goal)
     rows = check_finite(cast("ArrayLike", goal), "goal")
     return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
-def _collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
+def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
     """Return the error for a start or goal in collision.
 
     ``q`` has shape (dof,); ``name`` is the argument. The message names the link and the obstacle
@@ -1145,14 +1158,12 @@ def build_arm_space(
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
-    extra = {
-        check_known(name, "padding", known, "names"): check_not_negative(
-            metres, f"padding of {name}"
-        )
-        for name, metres in (padding or {}).items()
-    }
+    extra = {}
+    for name, metres in (padding or {}).items():
+        check_known(name, "padding", known, "names")
+        extra[name] = check_not_negative(metres, f"padding of {name}")
     base = np.linalg.inv(pose).astype(np.float64)
-    placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
+    placed = {name: place_obstacle(obstacle, name, base) for name, obstacle in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
 
 
@@ -1161,7 +1172,7 @@ def _check_allowed(
 ) -> set[Names]:
     """Return alphabetical pairs of known names; raise InputError if they are none."""
     try:
-        found = [(one, other) for one, other in pairs]
+        given = [(one, other) for one, other in pairs]
     except (TypeError, ValueError) as error:
         raise InputError(
             argument,
@@ -1170,9 +1181,9 @@ def _check_allowed(
             "pass e.g. [('hand', 'table')]",
             value=pairs,
         ) from error
-    return {
-        sort_pair(*(check_known(name, argument, known, "names") for name in pair)) for pair in found
-    }
+    for name in chain.from_iterable(given):
+        check_known(name, argument, known, "names")
+    return {sort_pair(one, other) for one, other in given}
 
 
 def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[str]) -> set[Names]:
@@ -1181,12 +1192,14 @@ def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[st
     return {sort_pair(name, check_known(link, "touch_links", known, "names")) for link in names}
 
 
-def _without(pairs: Iterable[Names], name: str) -> set[Names]:
-    """Return the pairs that do not have a name."""
+def _drop_name(pairs: Iterable[Names], name: str) -> set[Names]:
+    """Return the pairs without a name."""
     return {pair for pair in pairs if name not in pair}
 
 
 def _set_entry(padding: Mapping[str, float], name: str, metres: float | None) -> dict[str, float]:
-    """Return the padding with one name's changed, unless None."""
-    changed = dict(padding) if metres is None else {**padding, name: metres}
-    return {each: value for each, value in changed.items() if value}
+    """Return the padding with that of one name changed, unless None."""
+    changed = dict(padding)
+    if metres is not None:
+        changed[name] = metres
+    return {padded: value for padded, value in changed.items() if value}

@@ -64,6 +64,10 @@ HULL_BRANCHING: Final = 16
 """Largest ratio of the triangles of a hull to those of the hulls below it."""
 
 
+_MAX_TRIANGLES_OF_RANKS: Final = MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12)
+"""Largest number of triangles of a node of each rank; a tile has the rank 0."""
+
+
 MAX_HULL_CORNERS: Final = 192
 """Largest number of corners of a hull; nodes with larger hulls are tested by their children."""
 
@@ -81,8 +85,8 @@ MAX_GJK_STEPS: Final = 40
 """Largest number of steps of the search for the nearest points of two hulls."""
 
 
-_SIGNS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-"""Corners of a cube, shape (8, 3)."""
+_CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Corners of the cube [-1, 1]^3, shape (8, 3)."""
 
 
 class Hulls(NamedTuple):
@@ -143,44 +147,38 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
 
     ``volume`` is the volume that the triangles enclose.
     """
-    box = tree.boxes[:, :6]
     rows = tree.triangles
     spans = tree.spans
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
     starts, counts = spans.T
-    balls = np.linalg.norm(box[:, 3:], axis=1)
-    radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
-    boxes = np.column_stack([box, balls, radii, np.zeros(len(box))])
-    nodes = np.zeros((len(box), 5), dtype=np.int64)
-    leaf = counts == 1
-    inside = np.flatnonzero(~leaf)
-    nodes[inside, 0] = inside + 2 * (counts[inside] // 2)
-    nodes[inside, 4] = inside + 1
-    corners, firsts = _row_corners(rows)
-    nodes[leaf, 1] = firsts[starts[leaf]]
-    nodes[leaf, 2] = firsts[starts[leaf] + 1]
+    half_sides = tree.boxes[:, 3:6]
+    ball_radii = np.linalg.norm(half_sides, axis=1)
+    hull_radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
+    looseness = np.zeros(len(counts))
+    boxes = np.column_stack([tree.boxes[:, :6], ball_radii, hull_radii, looseness])
+    corners, first_corners = _row_corners(rows)
+    nodes = _link_nodes(spans, first_corners)
+    is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
     nodes[:, 3] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
     nodes[0, 3] = 1
     if nodes[:, 3].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
-    parents = np.zeros(len(box), dtype=np.int64)
-    parents[inside + 1] = parents[nodes[inside, 0]] = inside
-    ranks = np.searchsorted(MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12), counts)
-    has_hull = ranks < ranks[parents]
-    has_hull[0] = True
-    points, which = np.unique(corners, axis=0, return_inverse=True)
+    points, point_of_corner = np.unique(corners, axis=0, return_inverse=True)
+    point_of_corner = point_of_corner.ravel()
     is_rounded = bool(rows[:, 9].any())
-    parts = [corners]
+    ranks = np.searchsorted(_MAX_TRIANGLES_OF_RANKS, counts)
+    corners_of_hulls = [corners]
     stop = len(corners)
-    for node in np.flatnonzero(has_hull & ~leaf).tolist():
-        first, last = firsts[[starts[node], starts[node] + counts[node]]].tolist()
-        hull = points[np.unique(which.ravel()[first:last])]
+    for node in np.flatnonzero(_choose_hulls(nodes, ranks) & ~is_leaf).tolist():
         is_tile = ranks[node] == 0
         if is_rounded and not is_tile:
             continue
-        depth = boxes[node, 3:6].min()
+        first_corner = first_corners[starts[node]]
+        stop_corner = first_corners[starts[node] + counts[node]]
+        hull = points[np.unique(point_of_corner[first_corner:stop_corner])]
+        depth = half_sides[node].min()
         if not is_rounded and (node == 0 or not is_tile):
             fit = _fit_hull(hull)
             hull = fit.corners
@@ -190,14 +188,41 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             if len(hull) > MAX_HULL_CORNERS:
                 continue
             if is_convex:
-                links = np.array([[0, 0, len(hull), 1, 0]])
-                return Hulls(boxes[:1], links, np.ascontiguousarray(hull.T))
+                only_node = np.array([[0, 0, len(hull), 1, 0]])
+                return Hulls(boxes[:1], only_node, np.ascontiguousarray(hull.T))
         boxes[node, 8] = depth
         nodes[node, 1] = stop
         nodes[node, 2] = stop + len(hull)
-        parts.append(hull)
+        corners_of_hulls.append(hull)
         stop += len(hull)
-    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(parts).T))
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(corners_of_hulls).T))
+
+
+def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
+    """Return rows of :attr:`Hulls.nodes` with children, and with the corners of leaves."""
+    starts, counts = spans.T
+    nodes = np.zeros((len(counts), 5), dtype=np.int64)
+    is_leaf = counts == 1
+    parents = np.flatnonzero(~is_leaf)
+    nodes[parents, 0] = parents + 2 * (counts[parents] // 2)
+    nodes[parents, 4] = parents + 1
+    nodes[is_leaf, 1] = first_corners[starts[is_leaf]]
+    nodes[is_leaf, 2] = first_corners[starts[is_leaf] + 1]
+    return nodes
+
+
+def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
+    """Return a mask of the nodes to test as hulls.
+
+    These are the root, and nodes whose parent has a larger rank.
+    """
+    inner = np.flatnonzero(nodes[:, 0])
+    parents = np.zeros(len(nodes), dtype=np.int64)
+    parents[nodes[inner, 0]] = inner
+    parents[nodes[inner, 4]] = inner
+    is_chosen = ranks < ranks[parents]
+    is_chosen[0] = True
+    return np.asarray(is_chosen)
 
 
 def _are_balls(rows: Floats) -> Bools:
@@ -212,14 +237,18 @@ def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """
     is_box = rows[:, 9] < 0.0
     is_ball = _are_balls(rows)
-    is_aligned = ~rows[:, [4, 5, 6, 8]].any(axis=1)
+    off_axis = rows[:, [4, 5, 6, 8]]  # zero if the first half axes are along x and y
+    is_aligned = ~off_axis.any(axis=1)
     counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
+    # Give every row as many corners as the largest has, then drop those in excess.
     corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
-    tilted = rows[counts == 8]
-    if len(tilted):
-        corners[counts == 8] = tilted[:, None, :3] + _SIGNS @ half_axes(tilted)
-    return corners[places < counts[:, None]], np.append(0, np.cumsum(counts))
+    is_tilted = counts == 8
+    if is_tilted.any():
+        tilted = rows[is_tilted]
+        corners[is_tilted] = tilted[:, None, :3] + _CUBE_CORNERS @ half_axes(tilted)
+    is_used = places < counts[:, None]
+    return corners[is_used], np.append(0, np.cumsum(counts))
 
 
 class HullFit(NamedTuple):
@@ -236,7 +265,10 @@ class HullFit(NamedTuple):
 
 
 def _fit_hull(points: Floats) -> HullFit:
-    """Fit a convex hull to points; a flat set keeps all points and has infinite volume."""
+    """Fit a convex hull to points.
+
+    A flat set keeps all points, and has infinite volume.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -245,9 +277,8 @@ def _fit_hull(points: Floats) -> HullFit:
         return HullFit(points, math.inf, 0.0, 0.0)
     normals = hull.equations[:, :3]
     offsets = hull.equations[:, 3]
-    heights = np.concatenate(
-        [(part @ normals.T + offsets).max(axis=1) for part in _in_blocks(points, len(normals))]
-    )
+    blocks = _split_into_blocks(points, len(normals))
+    heights = np.concatenate([(block @ normals.T + offsets).max(axis=1) for block in blocks])
     # Qhull leaves out points on faces and edges; by rounding, they may lie beside the hull.
     left_out = np.ones(len(points), dtype=np.bool_)
     left_out[hull.vertices] = False
@@ -267,20 +298,25 @@ def _largest_gap(points: Floats, triangles: Floats) -> float:
     origins = triangles[:, 0]
     inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
     largest = 0.0
-    for part in _in_blocks(points, len(triangles)):
-        coordinates = np.einsum("pni,nij->pnj", part[:, np.newaxis] - origins, inverses)
-        first = 1.0 - coordinates.sum(axis=2, keepdims=True)
-        weights = np.maximum(np.concatenate([first, coordinates], axis=2), 0.0)
+    for block in _split_into_blocks(points, len(triangles)):
+        offsets = block[:, np.newaxis] - origins
+        other_weights = np.einsum("pni,nij->pnj", offsets, inverses)
+        first_weight = 1.0 - other_weights.sum(axis=2, keepdims=True)
+        weights = np.maximum(np.concatenate([first_weight, other_weights], axis=2), 0.0)
         weights /= weights.sum(axis=2, keepdims=True)
         members = np.einsum("pnk,nki->pni", weights, triangles)
-        gaps = np.linalg.norm(members - part[:, np.newaxis], axis=2)
+        gaps = np.linalg.norm(members - block[:, np.newaxis], axis=2)
         largest = max(largest, float(gaps.min(axis=1).max(initial=0.0)))
     return largest
 
 
-def _in_blocks(points: Floats, others: int) -> list[Floats]:
-    """Split points so that each block has few pairs with ``others`` planes or triangles."""
-    return np.array_split(points, len(points) * others // MAX_PAIRS_PER_BLOCK + 1)
+def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
+    """Split points into blocks that have few pairs with others.
+
+    ``others`` is the number of planes or triangles with which each point is compared.
+    """
+    blocks = len(points) * others // MAX_PAIRS_PER_BLOCK + 1
+    return np.array_split(points, blocks)
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
@@ -289,18 +325,21 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     Returns rows of :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the
     first is the root.
     """
-    box, order, spans = build_boxes(boxes[:, :3] - boxes[:, 3:6], boxes[:, :3] + boxes[:, 3:6])
+    centers = boxes[:, :3]
+    half_sides = boxes[:, 3:6]
+    tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
     inner = np.flatnonzero(spans[:, 1] > 1)
-    numbers = roots[order[spans[:, 0]]]  # of leaves; the first root of other nodes is replaced
+    # A leaf is a root; the nodes above are new.
+    numbers = roots[order[spans[:, 0]]]
     numbers[inner] = start + np.arange(len(inner))
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
     nodes[:, 0] = numbers[inner + 2 * (spans[inner, 1] // 2)]
     nodes[:, 3] = 1
     nodes[:, 4] = numbers[inner + 1]
-    rows = np.zeros((len(inner), 9))
-    rows[:, :6] = box[inner]
-    rows[:, 6] = np.linalg.norm(box[inner, 3:], axis=1)
-    return rows, nodes
+    new_boxes = np.zeros((len(inner), 9))
+    new_boxes[:, :6] = tree_boxes[inner]
+    new_boxes[:, 6] = np.linalg.norm(tree_boxes[inner, 3:], axis=1)
+    return new_boxes, nodes
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
@@ -312,7 +351,7 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
     box = hulls.boxes[node]
-    return box[:3] + _SIGNS * box[3:6], 0.0
+    return box[:3] + _CUBE_CORNERS * box[3:6], 0.0
 
 
 @kernel
@@ -363,10 +402,7 @@ def tree_slack(
         if apart and motion.half_time > 0.0:
             # The caller halves the motion next unless its central moment is blocked, so test only
             # that now.
-            matrix, position, spin, velocity = motion[:4]
-            motion = RelativeMotion(
-                matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required
-            )
+            motion = stop_motion(motion)
             moves = True
             continue
         best = min(slack, best - 1e-300) if apart else -math.inf
@@ -377,8 +413,18 @@ def tree_slack(
 
 
 @kernel
+def stop_motion(motion: RelativeMotion) -> RelativeMotion:
+    """Return the central moment of a motion."""
+    matrix, position, spin, velocity = motion[:4]
+    return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
+
+
+@kernel
 def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
-    """Return True if the children of two nodes are no better: leaves, or too long a motion."""
+    """Return True if the children of two nodes prove no more.
+
+    The nodes are leaves, or the motion is too long for any of their children.
+    """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False
     if hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0:
@@ -394,50 +440,59 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
-    """Return the slack of two nodes by their boxes, or by the first one's ball.
+    """Return the slack of two nodes by their boxes.
 
-    The ball counts if its slack is below ``enough``.
+    The ball of the first node decides if the boxes' slack is at most ``enough``.
 
     Also returns a bound of the displacement of the first node, and its center.
     """
     half_time = motion.half_time
-    most = motion.max_displacement
-    x, y, z = center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-    hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
-    u, v, w = drift = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
-    swing = half_time * math.sqrt(dot(motion.spin, motion.spin)) * box[6] + motion.curvature_bound
-    swing += joint_displacement(axes, center, box[6])
-    dx = abs(x - fixed[0]) - fixed[3]
-    dy = abs(y - fixed[1]) - fixed[4]
-    dz = abs(z - fixed[2]) - fixed[5]
-    along_x = dx - hx - min(half_time * abs(u) + swing, most)
-    along_y = dy - hy - min(half_time * abs(v) + swing, most)
-    along_z = dz - hz - min(half_time * abs(w) + swing, most)
-    slack = max(along_x, along_y, along_z) - motion.required
-    speed = min(half_time * math.sqrt(dot(drift, drift)) + swing, most)
+    limit = motion.max_displacement
+    ball_radius = box[6]
+    center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
+    half = box_extent(motion.matrix, row_at(box, 3))
+    velocity = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
+    # Points move around the center, too.
+    spin_speed = math.sqrt(dot(motion.spin, motion.spin)) * ball_radius
+    around = half_time * spin_speed + motion.curvature_bound
+    around += joint_displacement(axes, center, ball_radius)
+    slack = -math.inf
+    squared_distance = 0.0  # of the center from the fixed box
+    for axis in range(3):
+        outside = abs(center[axis] - fixed[axis]) - fixed[3 + axis]
+        displacement = min(half_time * abs(velocity[axis]) + around, limit)
+        slack = max(slack, outside - half[axis] - displacement)
+        squared_distance += max(outside, 0.0) ** 2
+    slack -= motion.required
+    speed = min(half_time * math.sqrt(dot(velocity, velocity)) + around, limit)
     if slack <= enough:
-        outside = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-        slack = math.sqrt(dot(outside, outside)) - box[6] - motion.required - speed
+        slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed
     return slack, speed, center
 
 
 @kernel
 def has_hull(hulls: Hulls, node: int) -> bool:
-    """Return True if a node has a convex hull; leaves without corners fill their box."""
+    """Return True if a node has a convex hull.
+
+    A leaf without corners fills its box.
+    """
     return bool(hulls.nodes[node, 0] == 0 or hulls.nodes[node, 2] > 0)
 
 
 @kernel
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
-    """Write the two pairs of a node and the children of the other node to ``scratch``.
+    """Replace a pair of nodes by two pairs with children.
 
-    A node without a hull is split first, then the larger node. ``center`` is that of node a, as
-    seen from node b.
+    Writes them to two rows of ``scratch``, from ``row`` on. A node without a hull is split first,
+    then the larger node. ``center`` is that of node a, as seen from node b.
     """
-    a_is_plain = not has_hull(hulls, a)
-    b_is_plain = not has_hull(hulls, b)
-    splits_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6] if a_is_plain == b_is_plain else a_is_plain
-    if hulls.nodes[b, 0] == 0 or (hulls.nodes[a, 0] > 0 and splits_a):
+    a_has_hull = has_hull(hulls, a)
+    prefers_a = not a_has_hull
+    if a_has_hull == has_hull(hulls, b):
+        prefers_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6]
+    a_is_leaf = hulls.nodes[a, 0] == 0
+    b_is_leaf = hulls.nodes[b, 0] == 0
+    if b_is_leaf or (prefers_a and not a_is_leaf):
         scratch[row, 0] = hulls.nodes[a, 0]
         scratch[row, 1] = b
         scratch[row + 1, 0] = hulls.nodes[a, 4]
@@ -446,9 +501,9 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     # The nearer child comes last, so that it is tested first and its bound prunes the other.
     nearer = hulls.nodes[b, 4]
     farther = hulls.nodes[b, 0]
-    to_one = minus(center, row_at(hulls.boxes[nearer], 0))
-    to_other = minus(center, row_at(hulls.boxes[farther], 0))
-    if dot(to_one, to_one) > dot(to_other, to_other):
+    to_nearer = minus(center, row_at(hulls.boxes[nearer], 0))
+    to_farther = minus(center, row_at(hulls.boxes[farther], 0))
+    if dot(to_nearer, to_nearer) > dot(to_farther, to_farther):
         nearer, farther = farther, nearer
     scratch[row, 0] = a
     scratch[row, 1] = farther
@@ -460,17 +515,18 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool]:
-    """Return :func:`tree_slack` of two hulls, and whether they are apart at the central moment.
+    """Return the slack of two hulls, as :func:`tree_slack` does.
 
-    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first
-    direction tried.
+    Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
+    the first hull. ``n``, of any length or zero, is the first direction tried.
     """
     required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
     best = -math.inf
     gap = -math.inf
     length = math.inf
-    count = 0
+    # The simplex of differences of corners that is nearest to the origin, with ``count`` corners.
     p = q = r = (0.0, 0.0, 0.0)
+    count = 0
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
@@ -479,14 +535,13 @@ def hull_slack(
             n = (1.0, 0.0, 0.0)
             square = 1.0
         n = scale_vector(n, 1.0 / math.sqrt(square))
-        one, high = support_point(hulls, a, rotate_back(motion.matrix, n))
-        other, low = support_point(hulls, b, scale_vector(n, -1.0))
+        a_point, high = support_point(hulls, a, rotate_back(motion.matrix, n))
+        b_point, low = support_point(hulls, b, scale_vector(n, -1.0))
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
-            best = max(
-                best, slack_along(hulls, a, motion, n, low, (gap_along, required, speed, enough))
-            )
+            limits = gap_along, required, speed, enough
+            best = max(best, slack_along(hulls, a, motion, n, low, limits))
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector
@@ -499,9 +554,8 @@ def hull_slack(
             break
         if count and length - gap_along <= 1e-10 * length:
             break
-        n, p, q, r, count = nearest_in_simplex(
-            minus(other, apply_pose(motion.matrix, motion.position, one)), p, q, r, count
-        )
+        posed_point = apply_pose(motion.matrix, motion.position, a_point)
+        n, p, q, r, count = nearest_in_simplex(minus(b_point, posed_point), p, q, r, count)
         before = length
         length = math.sqrt(dot(n, n))
         if count == 4 or not length < before:
@@ -518,22 +572,24 @@ def slack_along(
     low: float,
     limits: tuple[float, float, float, float],
 ) -> float:
-    """Return the slack along n: of any motion up to a speed, or of the linear motion if larger.
+    """Return the slack of two hulls along n.
 
-    ``low`` is the coordinate of the second hull along -n. ``limits`` are the central gap, the
-    required distance, the speed, and the slack that is enough.
+    It is that of any motion up to a speed, or that of the linear motion if larger. ``low`` is the
+    coordinate of the second hull along -n. ``limits`` are the central gap, the required distance,
+    the speed, and the slack that is enough.
     """
     gap, required, speed, enough = limits
     slack = gap - required - speed
-    bend = motion.curvature_bound
+    allowance = required + motion.curvature_bound
     # Along n the motion may be shorter than ``speed``.
-    if slack <= enough and gap - required - bend > enough and motion.half_time > 0.0:
-        for step in (-motion.half_time, motion.half_time):
-            m = add_scaled(n, cross(n, motion.spin), step)
-            _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
-            end = -low - top - dot(m, motion.position) - step * dot(n, motion.velocity)
-            gap = min(gap, end)
-        slack = max(slack, gap - required - bend)
+    if slack <= enough and gap - allowance > enough and motion.half_time > 0.0:
+        for time in (-motion.half_time, motion.half_time):
+            # The projection along n of the body moved for that time is one along m now.
+            m = add_scaled(n, cross(n, motion.spin), time)
+            _, high = support_point(hulls, a, rotate_back(motion.matrix, m))
+            gap_then = -low - high - dot(m, motion.position) - time * dot(n, motion.velocity)
+            gap = min(gap, gap_then)
+        slack = max(slack, gap - allowance)
     return slack
 
 
@@ -545,8 +601,6 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     """
     first = hulls.nodes[node, 1]
     stop = hulls.nodes[node, 2]
-    best = -math.inf
-    at = 0
     x, y, z = n
     if first == stop:
         # A leaf that fills its axis-aligned box has no stored corners.
@@ -558,12 +612,14 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
         )
         return corner, dot(corner, n)
     xs, ys, zs = hulls.corners[0], hulls.corners[1], hulls.corners[2]
+    highest = -math.inf
+    farthest = 0
     for k in range(first, stop):
-        far = x * xs[k] + y * ys[k] + z * zs[k]
-        if far > best:
-            best = far
-            at = k
-    return (xs[at], ys[at], zs[at]), best
+        height = x * xs[k] + y * ys[k] + z * zs[k]
+        if height > highest:
+            highest = height
+            farthest = k
+    return (xs[farthest], ys[farthest], zs[farthest]), highest
 
 
 @kernel
@@ -577,8 +633,10 @@ def nearest_in_simplex(
     their number. The number is 4 if the tetrahedron contains the origin; the point then has no
     meaning. E. G. Gilbert, D. W. Johnson and S. S. Keerthi, 1988 (GJK).
     """
-    if count < 2:
-        return nearest_in_triangle(new, a if count else new, a if count else new)
+    if count == 0:
+        return nearest_in_triangle(new, new, new)
+    if count == 1:
+        return nearest_in_triangle(new, a, a)
     if count == 2:
         return nearest_in_triangle(new, a, c)  # b repeats a or c
     # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining

@@ -20,7 +20,8 @@ def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
     radii = [np.empty(0)]
     for part in parts:
         _, corners, dim = part.simplices.shape
-        triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
+        repeating_last = np.minimum(range(3), corners - 1)
+        triangles = part.simplices[:, repeating_last]
         simplices.append(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - dim))))
         radii.append(part.radii)
     return RoundedSimplices(np.concatenate(simplices), np.concatenate(radii))
@@ -32,13 +33,14 @@ def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     Returns the vertices, shape (n, d), and the index of the first vertex of each part.
     """
     corners, dim = border.simplices.shape[1:]
-    points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
-    rows = which.reshape(-1, corners)
-    start = rows[:, :-1].ravel()
-    end = rows[:, 1:].ravel()
-    labels = component_labels(start, end, len(points))
+    points, indices = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
+    simplices = indices.reshape(-1, corners)
+    edge_starts = simplices[:, :-1].ravel()
+    edge_ends = simplices[:, 1:].ravel()
+    labels = component_labels(edge_starts, edge_ends, len(points))
     order = np.argsort(labels, kind="stable")
-    return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
+    is_first = np.diff(labels[order], prepend=-1) != 0
+    return np.ascontiguousarray(points[order]), np.flatnonzero(is_first)
 
 
 def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:

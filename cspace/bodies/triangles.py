@@ -146,31 +146,39 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
     Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from
     the origin.
     """
-    levers = [
-        np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1)
-        for b in borders
-    ]
-    trees = [build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)]
+    trees = []
+    for border in borders:
+        arms = border.simplices[..., : 2 if about_z else 3]
+        levers = np.linalg.norm(arms, axis=-1).max(axis=1)
+        trees.append(build_tree(pack_triangles(border), levers))
     joined, roots = join_trees(trees, NO_TREE)
     return joined, roots.tolist()
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
     """Build a tree from rows of :attr:`Trees.triangles` and their levers."""
-    box, order, spans = build_boxes(*bound_rows(rows))
-    return Trees(np.column_stack([box, node_maxima(levers[order], spans)]), spans, rows[order])
+    boxes, order, spans = build_boxes(*bound_rows(rows))
+    longest_levers = node_maxima(levers[order], spans)
+    return Trees(np.column_stack([boxes, longest_levers]), spans, rows[order])
 
 
 def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record; return the root of each tree too, -1 if it is empty."""
-    nodes = np.cumsum([0, *(len(tree.boxes) for tree in trees)])
-    rows = np.cumsum([0, *(len(tree.triangles) for tree in trees)]).tolist()
-    moved = [
-        tree._replace(spans=tree.spans + np.array([row, 0]))
-        for tree, row in zip(trees, rows, strict=False)
-    ]
-    joined = type(empty)(*map(np.concatenate, zip(empty, *moved, strict=True)))
-    return joined, np.where(np.diff(nodes) > 0, nodes[:-1], -1)
+    """Join trees in one record.
+
+    Also returns the root of each tree, -1 if it is empty.
+    """
+    shifted = []
+    roots = []
+    node = 0
+    triangle = 0
+    for tree in trees:
+        is_empty = len(tree.boxes) == 0
+        roots.append(-1 if is_empty else node)
+        shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
+        node += len(tree.boxes)
+        triangle += len(tree.triangles)
+    columns = zip(empty, *shifted, strict=True)
+    return type(empty)(*map(np.concatenate, columns)), np.array(roots, dtype=np.int64)
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
@@ -217,32 +225,39 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
 
 def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
-    """Build the boxes of a tree by halving along the longest side, level by level.
+    """Build the boxes of a tree around items in boxes.
 
-    Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and
-    number of items of each node, shape (m, 2).
+    Each level halves the items of its nodes along the longest side. Returns the boxes, shape (m,
+    6), the order of the items in the tree, and the first item and number of items of each node,
+    shape (m, 2).
     """
     number_of_nodes = max(2 * len(low) - 1, 0)
     boxes = np.empty((number_of_nodes, 6))
     spans = np.empty((number_of_nodes, 2), dtype=np.int64)
     order = np.arange(len(low))
     centers = low + high
-    # The nodes of a level: index, first item and number of items.
-    node, start, count = np.array([[0], [0], [len(low)]])[:, : len(low)]
+    # The nodes of a level, one entry each: index, first item and number of items.
+    has_root = len(low) > 0
+    node = np.zeros(int(has_root), dtype=np.int64)
+    start = np.zeros_like(node)
+    count = np.full_like(node, len(low))
     while len(node):
         lower = -_maxima_between(-low[order], start, start + count)
         upper = _maxima_between(high[order], start, start + count)
         boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
         spans[node] = np.column_stack([start, count])
-        axis = (upper - lower).argmax(axis=1)[count > 1]
-        node = node[count > 1]
-        start = start[count > 1]
-        count = count[count > 1]
+        has_children = count > 1
+        longest_axis = (upper - lower).argmax(axis=1)[has_children]
+        node = node[has_children]
+        start = start[has_children]
+        count = count[has_children]
         # Sort the items of each node by their centers along its longest side.
         owner = np.repeat(np.arange(len(node)), count)
-        places = np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]
+        items_before = np.cumsum(count) - count
+        places = np.arange(len(owner)) + (start - items_before)[owner]
         items = order[places]
-        order[places] = items[np.lexsort((centers[items, axis[owner]], owner))]
+        keys = centers[items, longest_axis[owner]]
+        order[places] = items[np.lexsort((keys, owner))]
         half = count // 2
         node = np.concatenate([node + 1, node + 2 * half])
         start = np.concatenate([start, start + half])
@@ -252,6 +267,7 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
 
 def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
     """Return the maxima of rows ``starts[i]`` to ``stops[i] - 1``, for each i."""
+    # ``reduceat`` also gives the maxima between a stop and the next start, which are left out.
     bounds = np.stack([starts, stops], axis=1).ravel()
     padded = np.append(rows, rows[:1], axis=0)  # a stop may be the number of rows
     return np.asarray(np.maximum.reduceat(padded, bounds)[::2])
@@ -283,16 +299,19 @@ def free_fraction(
             nodes[top, 1] = other
             top += 1
     if nodes[0, 0] >= 0:
-        nodes[top, 0], nodes[top, 1] = nodes[0, 0], nodes[0, 1]
+        nodes[top, 0] = nodes[0, 0]
+        nodes[top, 1] = nodes[0, 1]
         top += 1
+    no_axes = trees.boxes[:0]
     while best >= 0.0:
-        top = next_leaves(trees, motion, best, trees.boxes[:0], nodes, top)
+        top = next_leaves(trees, motion, best, no_axes, nodes, top)
         if top == 0:
             break
         a, b = nodes[top, 0], nodes[top, 1]
-        p, q = trees.triangles[trees.spans[a, 0]], trees.triangles[trees.spans[b, 0]]
+        a_row = trees.triangles[trees.spans[a, 0]]
+        b_row = trees.triangles[trees.spans[b, 0]]
         drift = trees.boxes[a, 6] * motion.angle + motion.drift
-        fraction = pair_free_fraction(p, q, motion, drift, best)
+        fraction = pair_free_fraction(a_row, b_row, motion, drift, best)
         if fraction < best:
             best = fraction
             nodes[0, 0] = a
@@ -304,48 +323,52 @@ def free_fraction(
 def next_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
-    """Find two leaves that may come too near on a fraction of a motion.
+    """Find two leaves that may come too near during a motion.
 
-    With the ``axes`` of a box of configurations, skip nodes that may move past each other there.
-    ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes in the rows from 1 to
-    ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if there are none.
+    Only the given ``fraction`` of the motion counts. With the ``axes`` of a box of configurations,
+    skip nodes that may move past each other there. ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a
+    stack of pairs of nodes in the rows from 1 to ``top - 1``. Returns the row of the leaves, above
+    the remaining pairs; 0 if there are none.
     """
     step = motion.step
     required = motion.required
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
-        box = trees.boxes[a]
-        other = trees.boxes[b]
-        drift = box[6] * motion.angle + motion.drift
-        x, y, z = box_extent(motion.matrix, row_at(box, 3))
-        half = (
-            x + required + fraction * (abs(step[0]) + drift),
-            y + required + fraction * (abs(step[1]) + drift),
-            z + required + fraction * (abs(step[2]) + drift),
+        a_box = trees.boxes[a]
+        b_box = trees.boxes[b]
+        a_center = apply_pose(motion.matrix, motion.position, row_at(a_box, 0))
+        a_half = box_extent(motion.matrix, row_at(a_box, 3))
+        b_half = row_at(b_box, 3)
+        drift = a_box[6] * motion.angle + motion.drift
+        swept_half = (
+            a_half[0] + required + fraction * (abs(step[0]) + drift),
+            a_half[1] + required + fraction * (abs(step[1]) + drift),
+            a_half[2] + required + fraction * (abs(step[2]) + drift),
         )
-        center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-        if boxes_are_apart(minus(center, row_at(other, 0)), half, row_at(other, 3)):
+        if boxes_are_apart(minus(a_center, row_at(b_box, 0)), swept_half, b_half):
             continue
-        n, m = trees.spans[a, 1], trees.spans[b, 1]
+        a_count, b_count = trees.spans[a, 1], trees.spans[b, 1]
+        b_size = b_half[0] + b_half[1] + b_half[2]
         if len(axes) > 0:
             # Triangles stay crossed only if both are larger than twice the displacement.
-            side = row_at(box, 3)
-            size = math.sqrt(dot(side, side))
-            moved = joint_displacement(axes, center, size if n == 1 else -size)
-            is_filled = trees.triangles[trees.spans[b, 0], 9] != 0.0
-            if other[3] + other[4] + other[5] <= moved or (size <= moved and not is_filled):
+            unposed_half = row_at(a_box, 3)
+            a_size = math.sqrt(dot(unposed_half, unposed_half))
+            radius = a_size if a_count == 1 else -a_size
+            moved = joint_displacement(axes, a_center, radius)
+            b_is_filled = trees.triangles[trees.spans[b, 0], 9] != 0.0
+            if b_size <= moved or (a_size <= moved and not b_is_filled):
                 continue
-        if n == 1 and m == 1:
+        if a_count == 1 and b_count == 1:
             return top
-        # Split the node with the larger box.
+        # Split the node with the larger box; its second child goes below the first.
         nodes[top + 1, 0] = a
         nodes[top + 1, 1] = b
-        if n == 1 or (m > 1 and other[3] + other[4] + other[5] > x + y + z):
-            nodes[top, 1] = b + 2 * (m // 2)
+        if a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2]):
+            nodes[top, 1] = b + 2 * (b_count // 2)
             nodes[top + 1, 1] = b + 1
         else:
-            nodes[top, 0] = a + 2 * (n // 2)
+            nodes[top, 0] = a + 2 * (a_count // 2)
             nodes[top + 1, 0] = a + 1
         top += 2
     return 0
@@ -370,11 +393,15 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
 
 @kernel
 def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
-    """Return True if two axis-aligned boxes at an offset are apart along an axis."""
-    gap = 0.0
-    for k in range(3):
-        gap = max(gap, abs(offset[k]) - (half[k] + other_half[k]))
-    return gap > 0.0
+    """Return True if two axis-aligned boxes are apart.
+
+    ``offset`` leads between their centers; their half sides are ``half`` and ``other_half``.
+    """
+    largest_gap = 0.0
+    for axis in range(3):
+        gap = abs(offset[axis]) - (half[axis] + other_half[axis])
+        largest_gap = max(largest_gap, gap)
+    return largest_gap > 0.0
 
 
 @kernel
@@ -387,33 +414,43 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     first = row_at(p, 0)
     matrix = motion.matrix
     origin = apply_pose(matrix, motion.position, first)
-    a = (
-        (0.0, 0.0, 0.0),
-        rotate(matrix, minus(row_at(p, 3), first)),
-        rotate(matrix, minus(row_at(p, 6), first)),
-    )
+    a1 = rotate(matrix, minus(row_at(p, 3), first))
+    a2 = rotate(matrix, minus(row_at(p, 6), first))
+    a = (0.0, 0.0, 0.0), a1, a2
     b = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin), minus(row_at(q, 6), origin)
-    u, v = edge_vectors(a), edge_vectors(b)
+    a_edges, b_edges = edge_vectors(a), edge_vectors(b)
     step = motion.step
     required = motion.required + p[9] + q[9]
+    a_normal = cross(a_edges[0], a_edges[1])
+    b_normal = cross(b_edges[0], b_edges[1])
+    best = free_fraction_along(a_normal, a, b, step, drift, required)
+    best = max(best, free_fraction_along(b_normal, a, b, step, drift, required))
+    # Try the shortest vector between edges each time that it becomes shorter, and in the end the
+    # normal of the nearest edges.
     nearest = math.inf
-    normal = cross(v[0], v[1])
-    best = max(
-        free_fraction_along(cross(u[0], u[1]), a, b, step, drift, required),
-        free_fraction_along(normal, a, b, step, drift, required),
-    )
-    # A segment or point repeats its last corner, so its first edge is its only one.
-    for k in range(3 if dot(u[1], u[1]) > 0.0 else 1):
-        for m in range(3 if dot(v[1], v[1]) > 0.0 else 1):
+    edges_normal = b_normal
+    for k in range(count_edges(a_edges)):
+        for m in range(count_edges(b_edges)):
             if best >= enough:
                 return enough
-            gap = gap_between(a[k], u[k], b[m], v[m])
-            square = dot(gap, gap)
-            if square < nearest:
-                nearest = square
-                normal = cross(u[k], v[m])
+            gap = gap_between(a[k], a_edges[k], b[m], b_edges[m])
+            squared_length = dot(gap, gap)
+            if squared_length < nearest:
+                nearest = squared_length
+                edges_normal = cross(a_edges[k], b_edges[m])
                 best = max(best, free_fraction_along(gap, a, b, step, drift, required))
-    return min(max(best, free_fraction_along(normal, a, b, step, drift, required)), enough)
+    best = max(best, free_fraction_along(edges_normal, a, b, step, drift, required))
+    return min(best, enough)
+
+
+@kernel
+def count_edges(edges: Corners) -> int:
+    """Return the number of edges to test.
+
+    There are 3, or 1 for a segment or point: these repeat their last corner, so that the first edge
+    is the only one.
+    """
+    return 3 if dot(edges[1], edges[1]) > 0.0 else 1
 
 
 @kernel
@@ -431,14 +468,16 @@ def free_fraction_along(
     The result is -1 if too near or n is too short. Corners are relative to the first corner of a,
     which moves by ``step``, forwards or backwards, and by up to ``drift`` in any direction.
     """
-    _, a1, a2 = a
-    b0, b1, b2 = b
-    square = dot(n, n)
-    if not MIN_SQUARED_LENGTH < square < math.inf:
+    squared_length = dot(n, n)
+    if not MIN_SQUARED_LENGTH < squared_length < math.inf:
         return -1.0
-    length = math.sqrt(square)
-    s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
-    gap = max(min(x, y, z) - max(s, t, 0.0), min(s, t, 0.0) - max(x, y, z))
+    length = math.sqrt(squared_length)
+    # Heights along n; that of the first corner of a is zero.
+    a1, a2 = dot(n, a[1]), dot(n, a[2])
+    b0, b1, b2 = dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
+    gap_above = min(b0, b1, b2) - max(a1, a2, 0.0)
+    gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)
+    gap = max(gap_above, gap_below)
     slack = gap / length - required
     if not slack > 0.0:
         return -1.0
@@ -459,18 +498,23 @@ def piece_depth(row: Floats, point: Row) -> float:
 
     It is negative outside and for other rows.
     """
-    away = minus(point, row_at(row, 0))
-    if row[9] >= 0.0:
-        return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
-    _, one, other, third = read_box(row)
+    radius = float(row[9])
+    from_center = minus(point, row_at(row, 0))
+    if radius == 0.0:
+        return -np.inf
+    if radius > 0.0:
+        return radius - math.sqrt(dot(from_center, from_center))
+    _, first, second, third = read_box(row)
     depth = np.inf
-    square = 0.0
-    for axis in (one, other, third):
+    squared_distance = 0.0
+    for axis in (first, second, third):
         half = math.sqrt(dot(axis, axis))
-        inward = half - abs(dot(away, axis)) / half
+        inward = half - abs(dot(from_center, axis)) / half
         depth = min(depth, inward)
-        square += min(inward, 0.0) ** 2
-    return -math.sqrt(square) if square > 0.0 else depth
+        squared_distance += min(inward, 0.0) ** 2
+    if squared_distance > 0.0:
+        return -math.sqrt(squared_distance)
+    return depth
 
 
 @kernel
@@ -480,22 +524,24 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     A point of the triangle is found deeper than ``depth``.
     """
     first = corners[0]
+    to_second, to_third = minus(corners[1], first), minus(corners[2], first)
+    is_ball = q[9] > 0.0
     target = row_at(q, 0)
     scale = 0.5
-    u, v = minus(corners[1], first), minus(corners[2], first)
     for _ in range(16):
-        near = add_scaled(first, nearest_of_triangle(minus(target, first), u, v), 1.0)
-        if piece_depth(q, near) > depth:
+        from_first = nearest_of_triangle(minus(target, first), to_second, to_third)
+        nearest = add_scaled(first, from_first, 1.0)
+        if piece_depth(q, nearest) > depth:
             return True
-        if q[9] > 0.0:  # no point of the triangle is deeper in a ball
+        if is_ball:  # no point of the triangle is nearer to its center
             return False
         # Alternate projections between the triangle and a shrunken box, so that they can end inside
         # the box. The shrunken box grows towards the full box.
-        target, one, two, three = read_box(q)
-        offset = minus(near, target)
-        for axis in (one, two, three):
-            t = min(max(dot(offset, axis) / dot(axis, axis), -scale), scale)
-            target = add_scaled(target, axis, t)
+        target, first_axis, second_axis, third_axis = read_box(q)
+        from_center = minus(nearest, target)
+        for axis in (first_axis, second_axis, third_axis):
+            coordinate = dot(from_center, axis) / dot(axis, axis)
+            target = add_scaled(target, axis, min(max(coordinate, -scale), scale))
         scale = 0.5 + 0.5 * scale
     return False
 
@@ -508,12 +554,12 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
     off by a quarter of ``tolerance``. They still cross if all points of one triangle move by at
     most ``displacement``.
     """
-    for one, other in ((a, b), (b, a)):
+    for triangle, other in ((a, b), (b, a)):
         for k in range(3):
-            p, q = one[k], one[(k + 1) % 3]
-            if _passes_through(p, q, other, tolerance) and (
-                displacement == 0.0 or _stays_through(p, q, other, displacement + tolerance)
-            ):
+            p, q = triangle[k], triangle[(k + 1) % 3]
+            if not _passes_through(p, q, other, tolerance):
+                continue
+            if displacement == 0.0 or _stays_through(p, q, other, displacement + tolerance):
                 return True
     return False
 
@@ -538,25 +584,27 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 @kernel
 def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
-    """Return True if a segment that passes through a triangle still does after a motion.
+    """Return True if a segment stays through a triangle in a motion.
 
-    All points of the one or the other move by at most ``displacement``. While the ends of the
-    segment do not meet the triangle, and the segment does not meet its edges, the number of signed
-    intersections cannot change. So it suffices that these distances exceed ``displacement``. Each
-    is bounded by projections onto a line along the nearest points.
+    The segment from p to q passes through b. All points of the one or the other move by at most
+    ``displacement``. While the ends of the segment do not meet the triangle, and the segment does
+    not meet its edges, the number of signed intersections cannot change. So it suffices that these
+    distances exceed ``displacement``. Each is bounded by projections onto a line along the nearest
+    points.
     """
     for end in (p, q):
         u, v, w = minus(b[0], end), minus(b[1], end), minus(b[2], end)
-        n = add_scaled(u, nearest_of_triangle(scale_vector(u, -1.0), minus(v, u), minus(w, u)), 1.0)
-        if not min(dot(n, u), dot(n, v), dot(n, w)) > displacement * math.sqrt(dot(n, n)):
+        from_u = nearest_of_triangle(scale_vector(u, -1.0), minus(v, u), minus(w, u))
+        n = add_scaled(u, from_u, 1.0)
+        gap = min(dot(n, u), dot(n, v), dot(n, w))
+        if not gap > displacement * math.sqrt(dot(n, n)):
             return False
     for k in range(3):
         c, d = b[k], b[(k + 1) % 3]
         n = gap_between(p, minus(q, p), c, minus(d, c))
-        apart = min(
-            dot(n, minus(p, c)), dot(n, minus(p, d)), dot(n, minus(q, c)), dot(n, minus(q, d))
-        )
-        if not apart > displacement * math.sqrt(dot(n, n)):
+        gap_of_p = min(dot(n, minus(p, c)), dot(n, minus(p, d)))
+        gap_of_q = min(dot(n, minus(q, c)), dot(n, minus(q, d)))
+        if not min(gap_of_p, gap_of_q) > displacement * math.sqrt(dot(n, n)):
             return False
     return True
 
@@ -573,4 +621,8 @@ def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))
     volume = dot(u, cross(v, w))
     error = (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance)
-    return 1 if volume > error else -1 if volume < -error else 0
+    if volume > error:
+        return 1
+    if volume < -error:
+        return -1
+    return 0

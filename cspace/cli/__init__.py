@@ -30,24 +30,24 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command; print errors and exit with code 2 or 130."""
 
-        def warn(message: Warning | str, *_: Any, **__: Any) -> None:
+        def print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
             typer.echo(f"cspace: warning: {join_lines(str(message))}", err=True)
 
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
                 warnings.simplefilter("ignore", AngleWarning)  # options state the unit of an angle
-                warnings.showwarning = warn
+                warnings.showwarning = print_warning
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise
         except CspaceError as error:
-            options = option_names(self.commands.get(ctx.invoked_subcommand or ""))
-            problem = format_error(error, options)
+            command = self.commands.get(ctx.invoked_subcommand or "")
+            problem = format_error(error, option_names(command))
         except _USAGE_ERRORS as error:  # e.g. an option without its value
-            command = error.ctx.command_path if error.ctx else "cspace"
+            path = error.ctx.command_path if error.ctx else "cspace"
             message = join_lines(error.format_message()).removesuffix(".")
-            problem = f"{message}; see {command} --help"
+            problem = f"{message}; see {path} --help"
         except OSError as error:
             problem = join_lines(str(error))
         except MemoryError as error:
@@ -71,7 +71,8 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
+    """Print the version and stop, if ``--version`` is given."""
     if wanted:
         from cspace import __version__
 
@@ -84,7 +85,7 @@ def _options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_version, is_eager=True, help="Print the version and stop."
+            "--version", callback=_print_version, is_eager=True, help="Print the version and stop."
         ),
     ] = False,
 ) -> None:

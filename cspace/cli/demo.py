@@ -26,20 +26,14 @@ SPACING_METRES: Final = 0.02
 
 
 def demo_robot() -> Robot:
-    """Return a cart of 0.7 m by 0.5 m.
-
-    Its reference point is its center.
-    """
+    """Return a cart of 0.7 m by 0.5 m around its reference point."""
     from cspace.robot import Robot
 
     return Robot.rectangle(0.7, 0.5)
 
 
 def demo_workspace(spacing: float = SPACING_METRES) -> Workspace:
-    """Rasterize the floor plan, 16 m by 10 m.
-
-    Raise InputError if the spacing is not above zero.
-    """
+    """Rasterize the floor plan, 16 m by 10 m; raise InputError unless the spacing is positive."""
     from cspace.workspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
@@ -51,7 +45,7 @@ def floor_plan() -> list[BaseGeometry]:
 
     outside = box(0.0, 0.0, 16.0, 10.0) - box(0.2, 0.2, 15.8, 9.8)
     walls = [
-        # x, y, width, height; a gap between two walls is a door
+        # x, y, width, height; a gap between two walls is a door.
         (0.2, 5.0, 3.0, 0.15),
         (4.3, 5.0, 0.9, 0.15),
         (5.05, 0.2, 0.15, 1.4),
@@ -87,24 +81,21 @@ def write_inputs(folder: Path) -> dict[str, Path]:
     import trimesh
 
     files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
-    files["floor_plan"].write_text(
-        shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8"
-    )
+    shapes = shapely.GeometryCollection(floor_plan())
+    files["floor_plan"].write_text(shapely.to_geojson(shapes), encoding="utf-8")
     boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE_BOXES]
     trimesh.util.concatenate(boxes).export(files["house"])  # type: ignore[no-untyped-call]
     return files
 
 
 _HOUSE_BOXES: Final = (
-    (
-        (0.0, 0.0, 0.0),
-        (6.0, 4.0, 0.15),
-    ),  # the floor; there is no roof, so that pictures show the inside
+    # The floor; there is no roof, so that pictures show the inside.
+    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.15)),
     ((0.0, 0.0, 0.15), (0.25, 4.0, 2.5)),
     ((5.75, 0.0, 0.15), (6.0, 4.0, 2.5)),
     ((0.25, 0.0, 0.15), (5.75, 0.25, 2.5)),
     ((0.25, 3.75, 0.15), (5.75, 4.0, 2.5)),
-    # the wall between the rooms, around its window
+    # The wall between the rooms, around its window.
     ((2.85, 0.25, 0.15), (3.15, 3.75, 1.05)),
     ((2.85, 0.25, 2.15), (3.15, 3.75, 2.5)),
     ((2.85, 0.25, 1.05), (3.15, 1.25, 2.15)),

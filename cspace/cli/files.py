@@ -6,12 +6,9 @@ import csv
 import shutil
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cspace.errors import FileError, InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
@@ -41,14 +38,13 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a folder is writable, or can be created.
-
-    Raise FileError otherwise.
-    """
+    """Check that a folder is writable, or can be created; raise FileError otherwise."""
     from cspace.files.access import check_output
 
-    existing = next(each for each in (folder, *folder.parents) if each.exists())
-    check_output(existing / folder.name, overwrite=True)
+    nearest_existing = folder
+    while not nearest_existing.exists():
+        nearest_existing = nearest_existing.parent
+    check_output(nearest_existing / folder.name, overwrite=True)
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
@@ -60,24 +56,21 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     """
     import numpy as np
 
+    columns = ", ".join(axes)
+    rule = f"the map's axes are {columns}"
     hint = "write a path on this map with cspace plan"
     try:
         names, rows = _read_table(file, axes)
         points = np.array(rows, dtype=np.float64)
     except (ValueError, TypeError, KeyError, AttributeError, csv.Error) as error:
-        columns = ", ".join(axes)
         rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
         raise FileError(str(file), "has no path", rule, hint) from error
     if names != list(axes):
-        problem = f"has {', '.join(names)}"
-        rule = f"the map's axes are {', '.join(axes)}"
-        raise FileError(str(file), problem, rule, hint)
+        raise FileError(str(file), f"has {', '.join(names)}", rule, hint)
     if not len(points):
         raise FileError(str(file), "has no configuration", "a path has at least one", hint)
     if points.shape[1:] != (len(axes),):
-        problem = f"has an array {points.shape}"
-        rule = f"the map's axes are {', '.join(axes)}"
-        raise FileError(str(file), problem, rule, hint)
+        raise FileError(str(file), f"has an array {points.shape}", rule, hint)
     return [list(row) for row in points.tolist()]
 
 
@@ -87,18 +80,19 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
     from cspace.files.plain import read_json
 
     if file.suffix.lower() == ".json":
-        record = read_json(file, "path")
-        return list(record.get("axes", axes)), record["path"]
+        document = read_json(file, "path")
+        return list(document.get("axes", axes)), document["path"]
     reader = csv.DictReader(read_text(file, "path").splitlines(), restval="")
     # The path of a car has an additional column: its direction of driving.
     names = [name for name in reader.fieldnames or () if name != "direction"]
-    return names, [[row[name] for name in names] for row in reader]
+    rows = [[record[name] for name in names] for record in reader]
+    return names, rows
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
-    """Check that a store can be created or resumed at a path.
+    """Check that a store can be created or resumed; remove an old one if ``overwrite`` is set.
 
-    Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and
+    Raises InputError if the suffix is not .zarr, and
     FileError if something else exists or the path is not writable.
     """
     from cspace.record.save import read_format
@@ -129,4 +123,7 @@ def select_window(space: Any, box: Sequence[float] | None) -> Any:
         problem = "is missing" if box is None else "is given"
         rule = "export writes parts of tiled maps, and whole maps in memory"
         raise InputError("window", problem, rule, value=box)
-    return space if box is None else space.window(box[: len(box) // 2], box[len(box) // 2 :])
+    if box is None:
+        return space
+    dim = len(box) // 2
+    return space.window(box[:dim], box[dim:])

@@ -86,13 +86,15 @@ def info(
 def _guess_kind(file: str) -> FileKind:
     """Guess the kind of object from a file's name, or from a URDF's joints."""
     path = Path(file)
-    if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
+    suffix = path.suffix.lower()
+    if suffix in (".zarr", ".npz") or path.is_dir():
         return "map"
-    if path.suffix.lower() == ".urdf" and _has_moving_joints(path):
-        return "arm"
-    is_robot_urdf = Path(file.partition("#")[0]).suffix.lower() == ".urdf"
+    if suffix == ".urdf":
+        return "arm" if _has_moving_joints(path) else "robot"
+    link_free, _, _ = file.partition("#")  # file.urdf#link is a link of a robot
+    is_link = Path(link_free).suffix.lower() == ".urdf"
     is_robot_text = ":" in file and not path.exists()
-    if is_robot_urdf or is_robot_text:
+    if is_link or is_robot_text:
         return "robot"
     return "workspace"
 
@@ -106,17 +108,19 @@ def _has_moving_joints(path: Path) -> bool:
 
 def describe_arm(arm: Arm) -> dict[str, Any]:
     """Describe an arm: its joints, links and pairs of links."""
+    import numpy as np
+
     joints = ByName()
-    for joint, unit, low, high in zip(
-        arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True
-    ):
+    limits = np.stack([arm.lower, arm.upper], axis=1).tolist()
+    for joint, unit, (low, high) in zip(arm.joints, arm.units, limits, strict=True):
         if math.isinf(high):
             joints[joint] = "continuous"
         else:
             joints[with_unit(joint, unit)] = [low, high]
     triangles = ByName()
     for link in arm.links:
-        triangles[link.name] = sum(len(part.shape.outer.surface[1]) for part in link.parts)
+        surfaces = [part.shape.outer.surface for part in link.parts]
+        triangles[link.name] = sum(len(faces) for _, faces in surfaces)
     allowed = sum(triangles.keys() >= set(pair) for pair in arm.allowed_collisions)
     forbidden = math.comb(len(triangles), 2) - allowed
     document = {
@@ -161,16 +165,16 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
     from cspace.workspace import covering_shape
 
-    shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
-    described = {
-        name: {**describe_box(np.array(shape.bounds)), **shape.facts}
-        for name, shape in shapes.items()
-    }
-    if robot.shape.inner is robot.shape.outer:
-        described = described["outer"]
+    outer = robot.shape.outer
+    inner = robot.shape.inner
+    box = np.array(outer.bounds)
+    described = {**describe_box(box), **outer.facts}
+    if inner is not outer:
+        inner_described = {**describe_box(np.array(inner.bounds)), **inner.facts}
+        described = {"outer": described, "inner": inner_described}
     document: dict[str, Any] = {"robot": robot.name, **described}
     if spacing is not None:
-        document["cells_across"] = covering_shape(np.array(robot.shape.outer.bounds), spacing)
+        document["cells_across"] = covering_shape(box, spacing)
     return document
 
 
@@ -227,22 +231,21 @@ def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, 
 
 
 def _describe_cells(workspace: Workspace) -> dict[str, Any]:
-    """Describe a workspace of cells.
-
-    In sensor maps, unknown cells are counted separately.
-    """
+    """Describe a workspace of cells; unknown cells of sensor maps are counted separately."""
     import numpy as np
 
     grid = workspace.grid
     occupied = workspace.outer
-    cells = {}
+    counts = {}
     if workspace.unknown is not None:
-        cells["unknown"] = int(np.count_nonzero(workspace.unknown))
+        counts["unknown"] = int(np.count_nonzero(workspace.unknown))
         occupied = occupied & ~workspace.unknown
-    cells["occupied"] = int(np.count_nonzero(occupied))
+    counts["occupied"] = int(np.count_nonzero(occupied))
+    counts["free"] = grid.size - sum(counts.values())
+    counts["total"] = grid.size
     return {
         **describe_box(np.array([grid.lower, grid.upper])),
         "spacing_m": grid.spacing,
         "shape": list(grid.shape),
-        "cells": {**cells, "free": grid.size - sum(cells.values()), "total": grid.size},
+        "cells": counts,
     }

@@ -74,25 +74,31 @@ def plan_for_arm(folder: Path) -> planners.Plan:
 
 
 def ask_maps(folder: Path) -> None:
-    """Ask each kind of map each common question, and change the map."""
-    for name, space, first, last in (
-        ("plane", map_flat(folder), (3.0, 4.0), (5.0, 4.5)),
-        ("turning", map_flat(folder, 72), (3.0, 4.0, 0.0), (5.0, 4.5, 0.5)),
-        ("space", map_house(folder), (1.0, 2.0, 0.5), (2.0, 2.0, 0.5)),
-    ):
-        for q in (first, [first, last]):
-            space.is_free(q)
-            space.clearance(q)
-            space.is_connected(q, last)
-            space.is_disconnected(q, last)
-            for exact in (False, True):
-                space.motion_is_free(q, last, exact=exact)
-        space.certify_path([first, last])
-        space.sample_free(10)
-        space.save(folder / f"{name}.zarr", overwrite=True)
-        open_map(folder / f"{name}.zarr").is_free(first)
-        crate = Robot.box((0.5, 0.5, 0.5)).shape if name == "space" else shapely.box(6, 4, 6.5, 4.5)
-        space.add_obstacle("crate", crate)
+    """Query a map in the plane, one with a yaw and one in space, and change them."""
+    square = shapely.box(6, 4, 6.5, 4.5)
+    cube = Robot.box((0.5, 0.5, 0.5)).shape
+    file = folder / "map.zarr"
+    _ask_map(map_flat(folder), (3.0, 4.0), (5.0, 4.5), square, file)
+    _ask_map(map_flat(folder, 72), (3.0, 4.0, 0.0), (5.0, 4.5, 0.5), square, file)
+    _ask_map(map_house(folder), (1.0, 2.0, 0.5), (2.0, 2.0, 0.5), cube, file)
+
+
+def _ask_map(
+    space: CSpace, first: tuple[float, ...], last: tuple[float, ...], crate: Any, file: Path
+) -> None:
+    """Query a map at and between two configurations, save it, and add an obstacle."""
+    for q in (first, [first, last]):
+        space.is_free(q)
+        space.clearance(q)
+        space.is_connected(q, last)
+        space.is_disconnected(q, last)
+        for exact in (False, True):
+            space.motion_is_free(q, last, exact=exact)
+    space.certify_path([first, last])
+    space.sample_free(10)
+    space.save(file, overwrite=True)
+    open_map(file).is_free(first)
+    space.add_obstacle("crate", crate)
 
 
 JOBS: Final[dict[str, Callable[[Path], object]]] = {

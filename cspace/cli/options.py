@@ -75,7 +75,7 @@ Srdf = Annotated[
 
 
 def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
-    """Return the robot of a short text or a file, or, of ``footprint:`` and a file, its projection.
+    """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
 
     Raises CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a
     short text has options.
@@ -84,9 +84,9 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     from cspace.shapes.primitives import is_short_text
 
     options = drop_none(solid=solid, package_dirs=package_dirs or None)
-    file = text.removeprefix("footprint:")
-    is_projection = file not in ("", text) and not file.lstrip().startswith("[")
-    if is_projection and not is_short_text(file):
+    prefix, _, file = text.partition("footprint:")
+    has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
+    if prefix == "" and has_file:
         return Robot.open(file, **options).footprint()
     if not is_short_text(text):
         return Robot.open(text, **options)
@@ -105,41 +105,33 @@ def read_arm(
     """
     from cspace.arms import Arm
 
-    options: dict[str, Any] = drop_none(
-        solid=solid
-    )  # which may be "fill": the arm refuses that by name
+    # The arm refuses "fill" by name.
+    options: dict[str, Any] = drop_none(solid=solid)
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
-    """Raise InputError for the first option not in ``taken``.
-
-    ``about`` describes the file.
-    """
+    """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
     for name, value in options.items():
         if name not in taken:
             raise InputError(name, f"is given, but {about}", hint="omit it", value=value)
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
-    """Parse ``--rotations``, e.g. ``72`` or ``quaternions:8``.
-
-    Raise InputError otherwise.
-    """
+    """Parse ``--rotations``, e.g. ``72`` or ``quaternions:8``; raise InputError otherwise."""
     from cspace.rotations import Rotations
 
     if text is None:
         return Rotations.of(None)
-    kind, _, count = text.rpartition(":")
-    kinds = {
-        "": Rotations.of,
-        **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names},
-    }
-    if kind not in kinds or not count.isdecimal() or not int(count):
-        hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
+    kinds = {name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}
+    makers = {"": Rotations.of, **kinds}
+    name, _, count = text.rpartition(":")
+    if name not in makers or not count.isdecimal() or int(count) == 0:
         rule = "it must be a count above zero, or a kind and a count"
+        examples = " or ".join(f"{kind}:8" for kind in kinds)
+        hint = f"write e.g. 72, {examples}"
         raise InputError("rotations", f"is {text!r}", rule, hint, value=text)
-    return kinds[kind](int(count))
+    return makers[name](int(count))
 
 
 def parse_configuration(
@@ -150,24 +142,20 @@ def parse_configuration(
     ``units`` has "m", "rad" or "1" for each axis. Angles may be in degrees: ``90deg``. Raises
     InputError if the text does not have one number for each axis, separated by commas.
     """
-    rule = f"the map's configurations are {','.join(axes)}, in "
+    measures = "radians or degrees"
     if "m" in units:
         angles = [axis for axis, unit in zip(axes, units, strict=True) if unit == "rad"]
-        rule += "".join(["metres", *(f", {axis} an angle" for axis in angles)])
-    else:
-        rule += "radians or degrees"
+        measures = ", ".join(["metres", *(f"{axis} an angle" for axis in angles)])
+    rule = f"the map's configurations are {','.join(axes)}, in {measures}"
     return _parse_numbers(text, argument, axes, units, rule)
 
 
 def read_marks(
     start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
 ) -> dict[str, tuple[float, ...]]:
-    """Parse ``--start`` and ``--goal``, if given.
-
-    Raise InputError like :func:`parse_configuration`.
-    """
-    ends = drop_none(start=start, goal=goal)
-    return {name: parse_configuration(text, name, axes, units) for name, text in ends.items()}
+    """Parse ``--start`` and ``--goal``, if given, by :func:`parse_configuration`."""
+    given = drop_none(start=start, goal=goal)
+    return {name: parse_configuration(text, name, axes, units) for name, text in given.items()}
 
 
 def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
@@ -190,8 +178,10 @@ def _parse_numbers(
     numbers = []
     try:
         for field, axis, unit in zip(text.split(","), axes, units, strict=True):
-            is_angle = unit == "rad"
-            numbers.append(parse_angle(field, argument, axis) if is_angle else float(field))
+            if unit == "rad":
+                numbers.append(parse_angle(field, argument, axis))
+            else:
+                numbers.append(float(field))
     except InputError:
         raise
     except ValueError:

@@ -129,8 +129,8 @@ def plan(
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = name_options(planned.hint, option_names(context.command))
-        try_it = f"; try {hint}" if hint else ""
-        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{try_it}", err=True)
+        advice = f"; try {hint}" if hint else ""
+        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
         raise typer.Exit(1)
 
 
@@ -191,7 +191,7 @@ def demo(
 
 
 def _describe(plan: Plan) -> dict[str, Any]:
-    """Describe a plan."""
+    """Describe a plan: its outcome, its proofs and its path."""
     names = ["planner", "solved", "status", "is_connected", "is_disconnected"]
     described = {name: getattr(plan, name) for name in names}
     if plan.solved:

@@ -33,10 +33,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str) -> Iterator[Callable[[int, int], None] | None]:
-        """Time the block and show its progress on a terminal.
-
-        Yield what :func:`progress_line` yields.
-        """
+        """Time the block, and yield the callback of :func:`progress_line`."""
         began = time.perf_counter()
         with progress_line(name.replace("_", " ")) as progress:
             yield progress
@@ -45,10 +42,7 @@ class Clock:
 
 @contextmanager
 def progress_line(label: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar on standard error.
-
-    Yield the library's progress callback, or None without a terminal.
-    """
+    """Show a progress bar on a terminal, and yield a callback that moves it, or None."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -88,11 +82,14 @@ class ByName(dict[str, Any]):
 
 
 def _finite(value: Any) -> Any:
+    """Replace numbers that are not finite by None, in nested values too."""
     if isinstance(value, dict):
         return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, list):
         return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
@@ -105,13 +102,15 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
         label = name[: unit.start()] if unit else name
         if not isinstance(document, ByName):
             label = label.replace("_", " ")
+        has_rows = isinstance(value, list) and value and isinstance(value[0], list)
         if isinstance(value, dict):
             yield indent + label, ""
             yield from _rows(value, indent + "  ")
         elif label in _LOWER_BOUND_LABELS and value == 0.0:
             yield indent + label, "not proven to be more than 0"
-        elif not (isinstance(value, list) and value and isinstance(value[0], list)):
-            yield indent + label, _text(value) + (_unit_text(unit[1]) if unit else "")
+        elif not has_rows:
+            unit_text = _unit_text(unit[1]) if unit else ""
+            yield indent + label, _text(value) + unit_text
 
 
 def _unit_text(unit: str) -> str:
@@ -122,6 +121,7 @@ def _unit_text(unit: str) -> str:
 
 
 def _text(value: Any) -> str:
+    """Return a value as people read it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
@@ -130,7 +130,9 @@ def _text(value: Any) -> str:
         return f"({', '.join(map(_text, value))})"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return f"{value:,}" if isinstance(value, int) else str(value)
+    if isinstance(value, int):
+        return f"{value:,}"
+    return str(value)
 
 
 Options = Mapping[str, str]
@@ -140,30 +142,36 @@ Options = Mapping[str, str]
 
 def option_names(command: Any) -> Options:
     """Return the options of a command by the library's arguments."""
-    parameters = command.params if command else []
-    names = {
-        str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters
-    }
-    return {name: options[0] for name, options in names.items() if options}
+    names = {}
+    for parameter in command.params if command else []:
+        long_names = [name for name in parameter.opts if name.startswith("--")]
+        if long_names:
+            names[str(parameter.name)] = long_names[0]
+    return names
 
 
 def format_error(error: CspaceError, options: Options) -> str:
     """Return an error as one line that begins with the option, not the argument."""
     if error.problem is None:
         return join_lines(str(error))
-    name, bracket, index = error.argument.partition("[")  # goal[0]
-    subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.problem}"
-    parts = subject, error.rule, name_options(error.hint, options)
-    return join_lines("; ".join(part for part in parts if part))
+    name, bracket, index = error.argument.partition("[")  # e.g. goal[0]
+    option = options.get(name, name)
+    subject = f"{option}{bracket}{index}{error.gap}{error.problem}"
+    clauses = subject, error.rule, name_options(error.hint, options)
+    return join_lines("; ".join(filter(None, clauses)))
 
 
 def name_options(hint: str, options: Options) -> str:
     """Replace arguments such as ``spacing=0.05`` in a hint by options."""
+    if not options:
+        return hint
 
-    def option(found: re.Match[str]) -> str:
-        return options[found[1]] + ("" if found[2] else "=")
+    def name_option(argument: re.Match[str]) -> str:
+        option = options[argument["name"]]
+        return option if argument["true"] else f"{option}="
 
-    return re.sub(rf"\b({'|'.join(options)})=(True\b)?", option, hint) if options else hint
+    names = "|".join(options)
+    return re.sub(rf"\b(?P<name>{names})=(?P<true>True\b)?", name_option, hint)
 
 
 def join_lines(text: str) -> str:

@@ -81,9 +81,11 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
     if counts:
         return "fft"
     # Rotations of one robot are similar, so about eight of them represent all.
-    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]
+    stride = max(1, len(rasters) // 8)
+    sample = [raster.cells for raster in rasters[::stride]]
+    rows = sum(_count_rows(cells) for cells in sample)
     max_rows = sum(MAX_ROWS_PER_CELL[cells.ndim] * max(cells.shape) for cells in sample)
-    return "direct" if sum(map(_count_rows, sample)) <= max_rows else "fft"
+    return "direct" if rows <= max_rows else "fft"
 
 
 def _count_rows(cells: Bools) -> int:

@@ -15,6 +15,7 @@ The lowest bit of a word is the first cell.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -95,28 +96,29 @@ def collide(
     """
     shape = to_three_axes(occupied.shape)
     results = to_three_axes(out[0].shape)
-    used: list[tuple[Raster, Ints, Cells]] = []
+    used_rasters = []
+    used_runs = []
+    used_outputs = []
     for raster, runs, result in zip(rasters, ClippedRuns.of(rasters, shape), out, strict=True):
         is_blocked = outside and runs.clipped  # everywhere, by obstacles outside
         if len(runs.table) and not is_blocked:
-            used.append((raster, runs.table, result.reshape(results).view(np.uint8)))
+            used_rasters.append(raster)
+            used_runs.append(runs.table)
+            used_outputs.append(result.reshape(results).view(np.uint8))
         elif add:
             result += np.uint8(is_blocked)
         else:
             result[...] = is_blocked
-    if not used:
+    if not used_rasters:
         return
-    bits = PaddedBits(occupied.reshape(shape), results, [raster for raster, _, _ in used], outside)
+    bits = PaddedBits(occupied.reshape(shape), results, used_rasters, outside)
     tasks: list[Task] = []
-    for _, runs_of_raster, result in used:
-        tasks += bits.make_tasks(runs_of_raster, result)
-    word_runs = bits.words.size * sum(len(runs_of_raster) for _, runs_of_raster, _ in used)
+    for table, result in zip(used_runs, used_outputs, strict=True):
+        tasks += bits.make_tasks(table, result)
+    word_runs = bits.words.size * sum(map(len, used_runs))
     threads = (workers or cores()) if word_runs >= MIN_WORD_RUNS_FOR_THREADS else 1
-    groups = [
-        tasks[first :: BLOCK_TASKS_PER_THREAD * threads]
-        for first in range(BLOCK_TASKS_PER_THREAD * threads)
-    ]
-    groups = [group for group in groups if group]
+    count = min(len(tasks), BLOCK_TASKS_PER_THREAD * threads)
+    groups = [tasks[first::count] for first in range(count)]
     advance = None if progress is None else lambda done: progress(done, len(groups))
     in_threads(partial(bits.dilate_blocks, add), groups, threads, advance)
 
@@ -145,23 +147,25 @@ class ClippedRuns(NamedTuple):
         All rasters are handled at once, because many are small.
         """
         table, owner = extract_runs(rasters)
-        lengths = np.bincount(owner, table[:, 3], len(rasters))
+        all_cells = np.bincount(owner, table[:, 3], len(rasters))
+        layer_and_row = table[:, :2]
         start = np.maximum(table[:, 2], 1 - shape[2])
         stop = np.minimum(table[:, 2] + table[:, 3], shape[2])
-        can_hit = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (start < stop)
-        table = np.column_stack([table[:, :2], start, stop - start])[can_hit]
+        can_hit = (np.abs(layer_and_row) < shape[:2]).all(axis=1) & (start < stop)
+        table = np.column_stack([layer_and_row, start, stop - start])[can_hit]
         owner = owner[can_hit]
-        is_clipped = np.bincount(owner, table[:, 3], len(rasters)) < lengths
-        table = table[np.lexsort((table[:, 3], owner))]
-        parts = np.split(table, np.searchsorted(owner, np.arange(1, len(rasters))))
-        return [
-            cls(part, clipped) for part, clipped in zip(parts, is_clipped.tolist(), strict=True)
-        ]
+        is_clipped = np.bincount(owner, table[:, 3], len(rasters)) < all_cells
+        by_raster_and_length = np.lexsort((table[:, 3], owner))
+        first_runs = np.searchsorted(owner, np.arange(1, len(rasters)))
+        tables = np.split(table[by_raster_and_length], first_runs)
+        return list(map(cls, tables, is_clipped.tolist()))
 
 
 def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
     """Prepend ``fill`` to values along two axes."""
-    layers, rows, cells = (*(fill,) * (3 - len(values)), *values)
+    if len(values) == 2:
+        values = fill, *values
+    layers, rows, cells = values
     return layers, rows, cells
 
 
@@ -195,7 +199,10 @@ class Padding(NamedTuple):
 
     @classmethod
     def of(cls, shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> Padding:
-        """Return the padding of a map, of which the first ``results`` cells are robot positions."""
+        """Compute the padding of a map for rasters.
+
+        The first ``results`` cells of the map are robot positions.
+        """
         lower = np.array([to_three_axes(raster.lower, 0) for raster in rasters]).min(axis=0)
         upper = np.array([to_three_axes(raster.upper, 0) for raster in rasters]).max(axis=0)
         largest = np.array(shape) - 1  # larger offsets cannot fall on the map
@@ -208,9 +215,8 @@ class Padding(NamedTuple):
         layers = layers_before + shape[0] + layers_after
         # The last row of a layer may be padding; its farthest offset is so many rows behind it.
         rows_behind = rows_before + rows_after + int(unused[1]) + 3
-        return cls(
-            (layers_before, rows_before, cells_before), rows, cells, layers * rows + rows_behind
-        )
+        before = layers_before, rows_before, cells_before
+        return cls(before, rows, cells, layers * rows + rows_behind)
 
 
 class PaddedBits:
@@ -233,22 +239,25 @@ class PaddedBits:
         layers, rows, row_bytes = packed.shape
         used_bits = occupied.shape[2] % BYTE_BITS
         if outside and used_bits:
+            # Set the unused bits of the last byte of each row.
             packed[:, :, -1] |= np.uint8(0xFF << used_bits & 0xFF)
+        total_words = self.padding.total_rows * self.padding.cells // WORD_BITS + 3
+        fill = ~np.uint64(0) if outside else np.uint64(0)
+        self.words = np.full(total_words, fill)
         first_layer, first_row, first_cell = self.padding.before
-        layer_bytes = self.padding.rows * self.padding.cells // BYTE_BITS
-        total_bytes = self.padding.total_rows * self.padding.cells // BYTE_BITS
-        self.words = np.full(total_bytes // 8 + 3, ~np.uint64(0) if outside else 0, dtype=np.uint64)
-        padded = self.words.view(np.uint8)[: (first_layer + layers) * layer_bytes]
-        padded = padded.reshape(first_layer + layers, self.padding.rows, -1)
         first_byte = first_cell // BYTE_BITS
-        padded[first_layer:, first_row : first_row + rows, first_byte : first_byte + row_bytes] = (
-            packed
-        )
+        stop_layer = first_layer + layers
+        layer_bytes = self.padding.rows * self.padding.cells // BYTE_BITS
+        padded_bytes = self.words.view(np.uint8)[: stop_layer * layer_bytes]
+        padded = padded_bytes.reshape(stop_layer, self.padding.rows, -1)
+        padded = padded[first_layer:, first_row : first_row + rows]
+        padded[:, :, first_byte : first_byte + row_bytes] = packed
 
     def make_tasks(self, runs: Ints, out: Cells) -> list[Task]:
         """Return the tasks of one raster, by its runs from :class:`ClippedRuns`."""
-        steps = np.array([self.padding.rows * self.padding.cells, self.padding.cells, 1])
-        distances = (runs[:, :3] + self.padding.before) @ steps
+        layer_bits = self.padding.rows * self.padding.cells
+        strides = np.array([layer_bits, self.padding.cells, 1])
+        distances = (runs[:, :3] + self.padding.before) @ strides
         lengths = np.ascontiguousarray(runs[:, 3])
         blocks = self._split_results(int(distances.max()) // WORD_BITS)
         return [Task(lengths, distances, block, out) for block in blocks]
@@ -263,37 +272,34 @@ class PaddedBits:
         rows_of_block = max(MIN_WORDS_PER_BLOCK, reach) * WORD_BITS / self.padding.cells
         if rows_of_block > self.padding.rows:
             step = max(1, round(rows_of_block / self.padding.rows))
-            return [Block(x, min(x + step, layers), 0, rows) for x in range(0, layers, step)]
+            starts = range(0, layers, step)
+            return [Block(layer, min(layer + step, layers), 0, rows) for layer in starts]
         blocks_of_layer = max(1, round(rows / rows_of_block))
         step = round_up(math.ceil(rows / blocks_of_layer))
-        starts = range(0, rows, step)
-        return [Block(x, x + 1, y, min(y + step, rows)) for x in range(layers) for y in starts]
+        corners = itertools.product(range(layers), range(0, rows, step))
+        return [Block(layer, layer + 1, row, min(row + step, rows)) for layer, row in corners]
 
     def dilate_blocks(self, add: bool, tasks: Sequence[Task]) -> None:
         """Dilate blocks, and write their results, or add them to ``out``."""
+        row_bits = self.padding.cells
         for lengths, distances, block, out in tasks:
             hits = out[block.first_layer : block.stop_layer, block.first_row : block.stop_row]
             layers, rows, cells = hits.shape
-            if layers > 1:
-                rows = (
-                    self.padding.rows
-                )  # the layers of a block follow each other with their padding
-            size = -(-layers * rows * self.padding.cells // WORD_BITS)
+            # The layers of a block follow each other with their padding.
+            rows_of_layer = self.padding.rows if layers > 1 else rows
+            size = math.ceil(layers * rows_of_layer * row_bits / WORD_BITS)
             reach = (int(distances.max()) + int(lengths[-1])) // WORD_BITS + 3
             first_row = block.first_layer * self.padding.rows + block.first_row
-            first_word = first_row * self.padding.cells // WORD_BITS
+            first_word = first_row * row_bits // WORD_BITS
             source = self.words[first_word : first_word + size + reach]
             wide, wider = np.empty((2, source.size), dtype=np.uint64)
             result = np.empty(size, dtype=np.uint64)
             if dilate(source, lengths, distances, wide, wider, result):
-                row_bytes = self.padding.cells // BYTE_BITS
-                in_rows = result.view(np.uint8)[: layers * rows * row_bytes].reshape(
-                    layers, rows, row_bytes
-                )
-                in_cells = np.unpackbits(
-                    in_rows[:, : hits.shape[1]], axis=2, count=cells, bitorder="little"
-                )
-                hits[...] = hits + in_cells if add else in_cells
+                row_bytes = row_bits // BYTE_BITS
+                result_bytes = result.view(np.uint8)[: layers * rows_of_layer * row_bytes]
+                packed = result_bytes.reshape(layers, rows_of_layer, row_bytes)[:, :rows]
+                new_hits = np.unpackbits(packed, axis=2, count=cells, bitorder="little")
+                hits[...] = hits + new_hits if add else new_hits
             elif not add:
                 hits[...] = 0
 
@@ -302,38 +308,44 @@ class PaddedBits:
 def dilate(
     source: Words, lengths: Ints, distances: Ints, wide: Words, wider: Words, result: Words
 ) -> bool:
-    """Set bit k of a result if a run of bits that begins ``distance`` after bit k has a set bit.
+    """Unite shifted runs of a string of bits in ``result``.
 
-    Return False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
+    Sets bit k of the result if a run of bits that begins ``distance`` after bit k has a set bit.
+    Returns False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
     scratch of the source's size. The source reaches a word beyond the last run.
     """
-    any_bits = np.uint64(0)
+    all_bits = np.uint64(0)
     for k in range(source.size):
-        any_bits |= source[k]
+        all_bits |= source[k]
         wide[k] = source[k]
-    if any_bits == 0:
+    if all_bits == 0:
         return False
     for k in range(result.size):
         result[k] = 0
-    length = 1  # bit k of ``wide`` covers so many bits from k on
+    # Bit k of ``wide`` tells if any of ``length`` bits from k on is set.
+    length = 1
     for run in range(lengths.size):
         while length < lengths[run]:
-            step = lengths[run] - length
-            if step > length:
-                step = length
-            jump = np.uint64(step >> 6)
-            shift = np.uint64(step & 63)
+            step = min(lengths[run] - length, length)
+            jump = np.uint64(step // WORD_BITS)
+            shift = np.uint64(step % WORD_BITS)
             # The last word is out of date from here on, but all runs end before it.
             for k in range(np.uint64(source.size) - jump - _ONE):
-                low = wide[k + jump] >> shift
-                high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
-                wider[k] = wide[k] | low | high
+                wider[k] = wide[k] | read_word(wide, k + jump, shift)
             wide, wider = wider, wide
             length += step
-        jump = np.uint64(distances[run] >> 6)
-        shift = np.uint64(distances[run] & 63)
+        jump = np.uint64(distances[run] // WORD_BITS)
+        shift = np.uint64(distances[run] % WORD_BITS)
         for k in range(np.uint64(result.size)):
-            low = wide[k + jump] >> shift
-            high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
-            result[k] |= low | high
+            result[k] |= read_word(wide, k + jump, shift)
     return True
+
+
+@kernel
+def read_word(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
+    """Return 64 bits of a string, from ``shift`` bits after word k."""
+    low = words[k] >> shift
+    # Two shifts, because a shift by 64 bits is undefined.
+    high = (words[k + _ONE] << _ONE) << (_LAST_BIT - shift)
+    word: np.uint64 = low | high
+    return word

@@ -84,28 +84,31 @@ def collide(
     """
     members = []
     for raster, result in zip(rasters, out, strict=True):
-        near = clip_raster(raster, occupied.shape)
-        missing = near.count / 2.0 + (raster.count - near.count) * outside
-        if near.count:
-            members.append(Member(near, missing, result))
+        clipped = clip_raster(raster, occupied.shape)
+        missing = clipped.count / 2.0 + (raster.count - clipped.count) * outside
+        if clipped.count:
+            members.append(Member(clipped, missing, result))
         else:
             _write(result, 0.0, missing, add)
     if not members:
         return
     tiling = choose_tiling(out[0].shape, [member.raster for member in members])
     axes = zip(out[0].shape, tiling.step.tolist(), strict=True)
-    corners = list(itertools.product(*(range(0, n, step) for n, step in axes)))
+    starts = [range(0, n, step) for n, step in axes]
+    corners = list(itertools.product(*starts))
     threads = workers or cores()
-    parts = min(len(members), -(-threads // len(corners)))
-    size = max(1, MAX_SPECTRA_BYTES // tiling.bytes)
-    batches = [members[first : first + size] for first in range(0, len(members), size)]
+    # If there are fewer tiles than threads, several threads share a tile.
+    parts = min(len(members), math.ceil(threads / len(corners)))
+    batch_size = max(1, MAX_SPECTRA_BYTES // tiling.bytes)
+    batches = [members[first : first + batch_size] for first in range(0, len(members), batch_size)]
     total = len(batches) * len(corners) * parts
     finished = itertools.count(1)
     advance = None if progress is None else lambda _: progress(next(finished), total)
     for batch in batches:
         spectra = in_threads(tiling.transform_raster, [member.raster for member in batch], threads)
         pairs = list(zip(batch, spectra, strict=True))
-        tasks = [(corner, pairs[part::parts]) for corner in corners for part in range(parts)]
+        groups = [pairs[part::parts] for part in range(parts)]
+        tasks = list(itertools.product(corners, groups))
         in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
 
 
@@ -120,9 +123,10 @@ class Member(NamedTuple):
 def clip_raster(raster: Raster, shape: Sequence[int]) -> Raster:
     """Leave out the offsets that never fall on a map of a shape."""
     lower = np.array(raster.lower)
-    n = np.array(shape)
-    start, stop = _intersect(lower, lower + raster.cells.shape, 1 - n, n)
-    return Raster(raster.cells[_box(start - lower, stop - lower)], tuple(start.tolist()))
+    cells = np.array(shape)
+    start, stop = _intersect(lower, lower + raster.cells.shape, 1 - cells, cells)
+    window = _make_box(start - lower, stop - lower)
+    return Raster(raster.cells[window], tuple(start.tolist()))
 
 
 class Tiling(NamedTuple):
@@ -160,21 +164,23 @@ class Tiling(NamedTuple):
         first = corner + self.lower
         start, stop = _intersect(first, first + self.size, 0, occupied.shape)
         cells = np.full(self.size, outside, self.precision)
-        cells[_box(start - first, stop - first)] = occupied[_box(start, stop)]
+        cells[_make_box(start - first, stop - first)] = occupied[_make_box(start, stop)]
         cells -= 0.5
         return cells
 
     def invert(self, product: NDArray[Any], first: Ints, stop: Ints) -> NDArray[Any]:
-        """Return the numbers from ``first`` up to ``stop`` of the inverse of a spectrum.
+        """Return a window of the inverse of a spectrum.
 
-        Others are left out after the transform along each axis.
+        The window reaches from ``first`` up to ``stop``. Other numbers are left out after the
+        transform along each axis.
         """
-        *rows, cells = _box(first, stop)
-        for axis, kept in enumerate(rows):
+        *leading, last = _make_box(first, stop)
+        for axis, kept in enumerate(leading):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)
-            product = product[(slice(None),) * axis + (kept,)]
+            all_before = (slice(None),) * axis
+            product = product[(*all_before, kept)]
         numbers = scipy.fft.irfft(product, n=self.size[-1], overwrite_x=True)
-        return np.asarray(numbers[..., cells])
+        return np.asarray(numbers[..., last])
 
 
 def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
@@ -182,16 +188,17 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
     lower = np.min([raster.lower for raster in rasters], axis=0)
     reach = np.max([raster.upper for raster in rasters], axis=0) - lower
     count = max(raster.count for raster in rasters)
-    tilings = {}
+    tilings_by_cost = {}
     for step in STEPS:
-        tiles = -(-np.array(shape) // step)
-        lengths = -(-np.array(shape) // tiles) + reach
+        tiles = np.ceil(np.array(shape) / step)
+        lengths = np.ceil(np.array(shape) / tiles).astype(int) + reach
         size = np.array([scipy.fft.next_fast_len(n, real=True) for n in lengths.tolist()])
         is_proven = error_bound(size, count, "float32") < MAX_ERROR
-        tiling = Tiling(lower, size, size - reach, "float32" if is_proven else "float64")
+        precision = "float32" if is_proven else "float64"
+        tiling = Tiling(lower, size, size - reach, precision)
         cost = tiles.prod() * tiling.bytes * (1.0 + tiling.bytes / CACHE_BYTES)
-        tilings[cost] = tiling
-    return tilings[min(tilings)]
+        tilings_by_cost[cost] = tiling
+    return tilings_by_cost[min(tilings_by_cost)]
 
 
 def error_bound(size: Ints, count: int, precision: str) -> float:
@@ -205,8 +212,9 @@ def error_bound(size: Ints, count: int, precision: str) -> float:
             while length % prime == 0:
                 length //= prime
                 growth += error
-    norms = math.sqrt(size.prod()) / 2.0 * math.sqrt(count)
-    return (3.0 * growth + 8.0) * ROUNDOFFS[precision] * norms
+    tile_norm = math.sqrt(size.prod()) / 2.0
+    raster_norm = math.sqrt(count)
+    return (3.0 * growth + 8.0) * ROUNDOFFS[precision] * tile_norm * raster_norm
 
 
 Task: TypeAlias = tuple[tuple[int, ...], Sequence[tuple[Member, NDArray[Any]]]]
@@ -215,35 +223,40 @@ Task: TypeAlias = tuple[tuple[int, ...], Sequence[tuple[Member, NDArray[Any]]]]
 
 def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: Task) -> None:
     """Write the results of a tile for some rasters."""
-    corner = np.array(task[0])
-    pairs = task[1]
-    results = _box(corner, corner + tiling.step)
+    first_result, pairs = task
+    corner = np.array(first_result)
+    results = _make_box(corner, corner + tiling.step)
     cells = tiling.read_tile(occupied, outside, corner)
     level = cells.flat[0]
     if (cells == level).all():
-        for (raster, missing, out), _ in pairs:
-            _write(out[results], level * raster.count, missing, add)
+        for member, _ in pairs:
+            sums = level * member.raster.count
+            _write(member.out[results], sums, member.missing, add)
         return
     spectrum = scipy.fft.rfftn(cells)
-    for (raster, missing, out), robot in pairs:
-        view = out[results]
-        first = raster.upper - tiling.lower
-        sums = tiling.invert(spectrum * robot, first, first + view.shape)
-        _write(view, sums, missing, add)
+    for member, raster_spectrum in pairs:
+        out = member.out[results]
+        first = member.raster.upper - tiling.lower
+        sums = tiling.invert(spectrum * raster_spectrum, first, first + out.shape)
+        _write(out, sums, member.missing, add)
 
 
 def _intersect(start: Ints, stop: Ints, lower: Any, upper: Any) -> tuple[Ints, Ints]:
-    """Return start and stop of the part of a box within another, which may be empty."""
+    """Intersect two boxes; return start and stop, equal if empty."""
     start = np.maximum(start, lower)
     return start, np.maximum(start, np.minimum(stop, upper))
 
 
-def _box(start: Ints, stop: Ints) -> tuple[slice, ...]:
+def _make_box(start: Ints, stop: Ints) -> tuple[slice, ...]:
+    """Return the slices from start to stop along each axis."""
     return tuple(map(slice, start.tolist(), stop.tolist()))
 
 
 def _write(out: NDArray[Any], sums: Any, missing: float, add: bool) -> None:
-    """Write the overlaps ``sums + missing``, or True if there are any, or add 1 for any."""
+    """Write the overlaps ``sums + missing``.
+
+    An array of booleans gets True if there are any; with ``add``, the array grows by 1 if so.
+    """
     if add:
         out += np.greater(sums, 0.5 - missing)
     elif out.dtype == np.bool_:

@@ -47,25 +47,27 @@ def slice_rasters(
         return [robot.rasters(spacing, margin)]
     rotation_cells = rotations.make_shape_cells(robot.dim)
     slice_of = rotations.assign_slices(robot.shape)
-    first_cells = np.unique(slice_of, return_index=True)[1]
+    _, first_cells = np.unique(slice_of, return_index=True)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
     images = rotations.find_images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     sources = image_slices.min(axis=0).tolist()
-    matrices = [images[image][0].T for image in image_slices.argmin(axis=0).tolist()]
+    image_of_source = image_slices.argmin(axis=0).tolist()
     originals = [number for number, source in enumerate(sources) if source == number]
-    cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
+    sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
+    cells = float(np.prod(sides + 1.0))
     threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
-    made = in_threads(
+    original_rasters = in_threads(
         lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
         originals,
         threads,
     )
-    rasters = dict(zip(originals, made, strict=True))
-    for number, (source, matrix) in enumerate(zip(sources, matrices, strict=True)):
+    rasters = dict(zip(originals, original_rasters, strict=True))
+    for number, source in enumerate(sources):
         if number not in rasters:
             outer, inner = rasters[source]
-            rasters[number] = outer.rotate(matrix), inner.rotate(matrix)
+            matrix, _ = images[image_of_source[number]]
+            rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
     return [rasters[number] for number in range(len(sources))]
 
 
@@ -82,13 +84,15 @@ def raster_bytes(
     """
     if slices == 1:
         return 0.0
-    centers = rotations.centers[:: max(1, len(rotations) // SAMPLED_ROTATIONS)]
-    matrices = rotations.make_matrices(centers, robot.dim)
-    corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
-    sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
+    stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
+    matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
+    low, high = robot.shape.outer.bounds
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    rotated_corners = corners @ matrices.swapaxes(1, 2)
+    sides = np.ptp(rotated_corners, axis=1) + 2.0 * margin
     cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
-    # A slice has an outer and an inner raster.
-    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * 2.0 * cells)
+    raster_bytes_of_slice = 2.0 * cells * RASTER_CELL_BYTES[robot.dim]  # outer and inner
+    return slices * (SLICE_BYTES + raster_bytes_of_slice)
 
 
 Progress = Callable[[int, int], None]
@@ -106,7 +110,8 @@ def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
 
     Inner rasters are left out unless ``inner`` is True.
     """
-    return [list(group) for group in zip(*pairs, strict=True)][: 2 if inner else 1]
+    outer_rasters, inner_rasters = map(list, zip(*pairs, strict=True))
+    return [outer_rasters, inner_rasters] if inner else [outer_rasters]
 
 
 def fill_states(
@@ -137,8 +142,10 @@ def fill_states(
         Threads.
     progress : callable, optional
     """
+    # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.
     hits = states.view(np.bool_)
-    outputs = [hits if overlaps is None else overlaps, states]
+    outer_output = hits if overlaps is None else overlaps
+    outputs = [outer_output, states]
     for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
         advance = partial(_advance, progress, index, len(groups))
         engine.collide(
@@ -158,5 +165,6 @@ def fill_states(
 def _advance(progress: Progress | None, index: int, count: int, done: int, total: int) -> None:
     """Report the progress of one of several correlations."""
     if progress is not None:
-        steps = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
-        progress(steps, STEPS_PER_CORRELATION * count)
+        steps_before = STEPS_PER_CORRELATION * index
+        steps = STEPS_PER_CORRELATION * done // total
+        progress(steps_before + steps, STEPS_PER_CORRELATION * count)

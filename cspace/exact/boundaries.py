@@ -81,11 +81,9 @@ class Problem(NamedTuple):
 
         Callers add the rounding of the configuration.
         """
-        return (
-            self.margin
-            + self.rotations.slack * self.robot.span
-            + DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
-        )
+        rotation_error = self.rotations.slack * self.robot.span
+        rounding = DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
+        return self.margin + rotation_error + rounding
 
 
 class ObstacleBoundary(NamedTuple):
@@ -102,20 +100,21 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
-    borders = []
+    pieces_of_obstacles = []
     error = 0.0
-    for shape in (each.outer for each in workspace.obstacles):
+    for obstacle in workspace.obstacles:
+        shape = obstacle.outer
         whole = shape.boundary()
         pieces = clip(whole, workspace.grid)
-        if pieces is not whole:
-            if len(pieces.radii):
-                error = max(error, CLIP_ROUNDING * float(np.abs(whole.simplices).max()))
-            if not exterior_blocked and shape.encloses and whole.simplices.shape[1] > 1:
-                pieces = _without_radii(
-                    np.concatenate([pieces.simplices, *_make_caps(shape, workspace)])
-                )
-        borders.append(pieces)
-    return ObstacleBoundary(borders, error)
+        is_clipped = pieces is not whole
+        if is_clipped and len(pieces.radii):
+            error = max(error, CLIP_ROUNDING * float(np.abs(whole.simplices).max()))
+        has_inside = shape.encloses and whole.simplices.shape[1] > 1
+        if is_clipped and has_inside and not exterior_blocked:
+            caps = _make_caps(shape, workspace)
+            pieces = _without_radii(np.concatenate([pieces.simplices, *caps]))
+        pieces_of_obstacles.append(pieces)
+    return ObstacleBoundary(pieces_of_obstacles, error)
 
 
 def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
@@ -134,9 +133,9 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         # Farther pieces do not reach the grid. Without the cap, the squares of large distances
         # would overflow.
         outside = np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100)
-        apart = np.linalg.norm(outside, axis=1)
-        near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
-        return RoundedSimplices(simplices[near], border.radii[near])
+        distances = np.linalg.norm(outside, axis=1)
+        is_near = distances <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
+        return RoundedSimplices(simplices[is_near], border.radii[is_near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
             simplices = _clip_to_half_space(simplices, axis, wall, sign)
@@ -146,30 +145,32 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
     """Clip simplices to ``sign * (coordinate - wall) >= 0``."""
     corners = simplices.shape[1]
-    height = sign * (simplices[:, :, axis] - wall)
-    inside = height >= 0.0
-    count = inside.sum(axis=1)
-    parts = [simplices[count == corners]]
+    heights = sign * (simplices[:, :, axis] - wall)
+    is_kept = heights >= 0.0
+    count = is_kept.sum(axis=1)
+    clipped = [simplices[count == corners]]
     for kept in range(1, corners):
-        chosen = np.flatnonzero(count == kept)
+        cut = np.flatnonzero(count == kept)
         # Rotate the corners so that the only corner on its side of the wall comes first.
-        alone = np.argmax(inside[chosen] == (kept == 1), axis=1)
+        alone = np.argmax(is_kept[cut] == (kept == 1), axis=1)
         order = (alone[:, None] + np.arange(corners)) % corners
-        first, *others = np.moveaxis(simplices[chosen[:, None], order], 1, 0)
-        h, *heights = np.moveaxis(height[chosen[:, None], order], 1, 0)
-        crossings = [
-            first + (h / (h - g))[:, None] * (p - first)
-            for p, g in zip(others, heights, strict=True)
-        ]
-        for crossing in crossings:
+        first, *others = np.moveaxis(simplices[cut[:, None], order], 1, 0)
+        first_height, *other_heights = np.moveaxis(heights[cut[:, None], order], 1, 0)
+        crossings = []
+        for other, other_height in zip(others, other_heights, strict=True):
+            fraction = first_height / (first_height - other_height)
+            crossing = first + fraction[:, None] * (other - first)
             crossing[:, axis] = wall
+            crossings.append(crossing)
         if kept == 1:
-            parts.append(np.stack([first, *crossings], axis=1))
+            clipped.append(np.stack([first, *crossings], axis=1))
         else:
+            # What is left of the triangle (a, b, c) is a quadrilateral: two triangles.
             ab, ac = crossings
             b, c = others
-            parts += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
-    return np.concatenate(parts)
+            clipped.append(np.stack([ab, b, c], axis=1))
+            clipped.append(np.stack([ab, c, ac], axis=1))
+    return np.concatenate(clipped)
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
@@ -177,42 +178,53 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
     grid = workspace.grid
     low, high = shape.bounds
     for axis in range(grid.dim):
-        for upper, crosses in (
-            (0, low[axis] < grid.lower[axis]),
-            (1, high[axis] > grid.upper[axis]),
-        ):
-            if crosses and grid.dim == 3:
-                yield _cap_cells(workspace, axis, upper)
-            elif crosses:
-                yield from (_cap_region(region, grid, axis, upper) for region in shape.regions)
+        sides = []
+        if low[axis] < grid.lower[axis]:
+            sides.append(_Side(axis, is_upper=False))
+        if high[axis] > grid.upper[axis]:
+            sides.append(_Side(axis, is_upper=True))
+        for side in sides:
+            if grid.dim == 3:
+                yield _cap_cells(workspace, side)
+            else:
+                yield from (_cap_region(region, grid, side) for region in shape.regions)
 
 
-def _cap_cells(workspace: Workspace, axis: int, upper: int) -> Floats:
-    """Return faces of outer cells on one side of the grid."""
-    columns = np.moveaxis(workspace.outer, axis, 0)
-    sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
-    sides[-upper] = columns[-upper]
-    return rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
+class _Side(NamedTuple):
+    """Lower or upper side of the grid across an axis."""
+
+    axis: int
+    is_upper: bool
 
 
-def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
-    """Return segments of one side of the grid inside a region.
+def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
+    """Return faces of outer cells on a side of the grid, shape (n, 3, 3)."""
+    layers = np.moveaxis(workspace.outer, side.axis, 0)
+    faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
+    outermost = -1 if side.is_upper else 0
+    faces[outermost] = layers[outermost]
+    grid = workspace.grid
+    return rectangle_triangles(faces, side.axis, grid.spacing, grid.lower)
 
-    The result has shape (n, 2, 2).
-    """
-    wall = (grid.lower, grid.upper)[upper][axis]
+
+def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
+    """Return segments of a grid's side inside a region, shape (n, 2, 2)."""
+    axis = side.axis
     along = 1 - axis
-    first, last = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
+    wall = grid.upper[axis] if side.is_upper else grid.lower[axis]
+    begin, end = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
     # A closed curve crosses a line an even number of times if a corner on the line counts as below.
     # So sorted crossings, taken in pairs, bound the intervals inside.
-    crosses = (first[:, axis] <= wall) != (last[:, axis] <= wall)
-    first = first[crosses]
-    last = last[crosses]
-    fraction = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
-    crossings = np.sort(first[:, along] + fraction * (last[:, along] - first[:, along]))
-    endpoints = np.full((len(crossings) // 2, 2, 2), wall)
-    endpoints[:, :, along] = np.clip(crossings.reshape(-1, 2), grid.lower[along], grid.upper[along])
-    return endpoints[endpoints[:, 0, along] < endpoints[:, 1, along]]
+    crosses = (begin[:, axis] <= wall) != (end[:, axis] <= wall)
+    begin = begin[crosses]
+    end = end[crosses]
+    fraction = (wall - begin[:, axis]) / (end[:, axis] - begin[:, axis])
+    crossings = np.sort(begin[:, along] + fraction * (end[:, along] - begin[:, along]))
+    intervals = np.clip(crossings.reshape(-1, 2), grid.lower[along], grid.upper[along])
+    intervals = intervals[intervals[:, 0] < intervals[:, 1]]
+    segments = np.full((len(intervals), 2, 2), wall)
+    segments[:, :, along] = intervals
+    return segments
 
 
 def _without_radii(simplices: Floats) -> RoundedSimplices:

@@ -92,7 +92,10 @@ class ExactQueries:
         bad = classify(map_, q, states)
         if bad < 0:
             np.equal(states, FREE, out=out)
-            _prove(proofs, np.flatnonzero(states == MIXED), q, q, out)
+            undecided = np.flatnonzero(states == MIXED)
+            if len(undecided):
+                ends = q[undecided]
+                out[undecided] = proofs.are_free(ends, ends)
         return bad
 
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
@@ -103,8 +106,9 @@ class ExactQueries:
         """
         proofs = self._current_proofs()
         bad = edges_are_free(map_, q0, q1, out)
-        if bad < 0:
-            _prove(proofs, np.flatnonzero(~out), q0, q1, out)
+        undecided = np.flatnonzero(~out)
+        if bad < 0 and len(undecided):
+            out[undecided] = proofs.are_free(q0[undecided], q1[undecided])
         return bad
 
     def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
@@ -115,9 +119,8 @@ class ExactQueries:
         its midpoint, a piece extends by half its length and half its angle. A blocked exterior
         counts as an obstacle. The bound is infinite if there are no obstacles.
         """
-        return self._make_problem().margin + self._current_proofs().slack(
-            as_contiguous(points), lengths, angles
-        )
+        slack = self._current_proofs().slack(as_contiguous(points), lengths, angles)
+        return self._make_problem().margin + slack
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """Make ``check(*q)``, which returns True only if a configuration is proven free.
@@ -134,7 +137,7 @@ class ExactQueries:
         ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
         """
         self._current_proofs()
-        return lambda *both: quick(*both) or self._current_proofs().edge(*both)
+        return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
 
     def drop(self) -> None:
         """Drop the proofs, because obstacles change.
@@ -153,13 +156,6 @@ class ExactQueries:
                     self._proofs = self._prove(self._make_problem())
                 proofs = self._proofs
         return proofs
-
-
-def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
-    """Prove the edges at the indices ``left``."""
-    if len(left):
-        starts = q0[left]
-        out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])
 
 
 class Containment(NamedTuple):
@@ -237,56 +233,59 @@ class BoundaryProofs:
         self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
         # Balls and points need no containment test, because the distance from their center decides.
-        parts = zip(
-            (each.outer for each in problem.workspace.shapes or ()), walls.pieces, strict=False
-        )
-        self._shapes = [
-            shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim
-        ]
+        self._shapes = []
+        for obstacle, pieces in zip(problem.workspace.shapes or (), walls.pieces, strict=False):
+            has_faces = pieces.simplices.shape[1] == grid.dim
+            if obstacle.outer.encloses and has_faces:
+                self._shapes.append(obstacle.outer)
         boundary = as_triangles([self._robot.boundary()])
         self._boundaries = _build_boundary_trees(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
         self._inputs = ProofInputs(problem.map, self._boundaries, containment)
-        self._batch_size = 1 + ANCHORS_PER_BATCH // (
-            1 + len(self._anchors) + len(containment.anchors)
-        )
+        anchors = len(self._anchors) + len(containment.anchors)
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors)
 
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
     ) -> Containment:
-        """Collect the points of the robot and of the obstacles that containment tests need."""
+        """Collect the points that containment tests need."""
         workspace = problem.workspace
-        grid = problem.workspace.grid
+        grid = workspace.grid
         robot = self._robot
         missing_axis = (0, 3 - grid.dim)
         corners, starts = connected_parts(boundary)
         stops = np.append(starts[1:], len(corners))
         self._anchors = corners[starts]
-        reach = float(np.sqrt((corners**2).sum(axis=1)).max())
+        stop_of_corners = np.repeat(stops, stops - starts)
+        diameter = 2.0 * float(np.linalg.norm(corners, axis=1).max())
         anchors = [np.empty((0, 3))]
         # A robot of balls needs no anchors either. Only parts no larger than the robot can lie
         # inside it.
-        if robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
-            for points, sizes in (part_anchors(as_triangles([part])) for part in pieces):
-                anchors.append(points[sizes <= 2.0 * reach])
+        is_balls = (boundary.simplices == boundary.simplices[:, :1]).all()
+        if robot.encloses and not is_balls:
+            for part in pieces:
+                points, sizes = part_anchors(as_triangles([part]))
+                anchors.append(points[sizes <= diameter])
         low, high = (np.pad(corner, missing_axis) for corner in robot.bounds)
-        cells = (*grid.shape, 1)[:3]
+        # Without shapes, the obstacles are exactly the outer cells.
+        inner = workspace.inner if workspace.shapes else workspace.outer
+        shape_in_space = grid.shape if grid.dim == 3 else (*grid.shape, 1)
         return Containment(
-            corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
+            corners=np.column_stack([corners, stop_of_corners]),
             exterior_blocked=problem.exterior_blocked,
             lower=tuple(np.pad(grid.lower, missing_axis).tolist()),
             spacing=grid.spacing,
-            outer=workspace.outer.reshape(cells),
-            inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
+            outer=workspace.outer.reshape(shape_in_space),
+            inner=inner.reshape(shape_in_space),
             anchors=np.concatenate(anchors),
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
             has_solids=bool(self._shapes),
         )
 
-    def edge(self, *both: float) -> bool:
+    def edge(self, *ends: float) -> bool:
         """Return True if an edge is proven free; see :class:`Proofs`."""
-        q0, q1 = np.array(both, dtype=np.float64).reshape(2, 1, self._size)
+        q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
         return bool(self.are_free(q0, q1)[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
@@ -294,17 +293,16 @@ class BoundaryProofs:
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
-            prove_edges(
-                self._inputs, q0[start:stop], q1[start:stop], make_scratch(), states[start:stop]
-            )
+            chunk = slice(start, stop)
+            prove_edges(self._inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
             return -1
 
         in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
         free: Bools = states == FREE
-        left = np.flatnonzero(states == MIXED)
-        if len(left):
-            parts = np.array_split(q0[left], 1 + len(left) // self._batch_size)
-            free[left] = ~np.concatenate([self._are_nested(part) for part in parts])
+        undecided = np.flatnonzero(states == MIXED)
+        if len(undecided):
+            batches = np.array_split(q0[undecided], 1 + len(undecided) // self._batch_size)
+            free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
@@ -313,13 +311,12 @@ class BoundaryProofs:
         See :class:`Proofs`.
         """
         boundaries = self._boundaries
+        scale = boundaries.scale
         positions, matrices = self._place_robot(points)
-        spans = 0.5 * (boundaries.scale * lengths + boundaries.max_lever * angles)
-        pairs = make_scratch().node_pairs
-        return (
-            float(path_slack(boundaries, boundaries.scale * positions, matrices, spans, pairs))
-            / boundaries.scale
-        )
+        spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
+        node_pairs = make_scratch().node_pairs
+        slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
+        return float(slack) / scale
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
         """Return reference points and rotation matrices of configurations.
@@ -354,27 +351,34 @@ class BoundaryProofs:
 def _build_boundary_trees(
     problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
 ) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one."""
+    """Build the trees of robot, obstacles and walls.
+
+    They are scaled to coordinates of about one.
+    """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
     missing_axis = (0, 3 - grid.dim)
     # Walls of a plane grid are so high that their sides, not their tops, are nearest.
     sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
-    box = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis))
-    faces = as_triangles([box.boundary()] if problem.exterior_blocked else [])
+    center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)
+    faces = [Box.of(sides, center).boundary()] if problem.exterior_blocked else []
     largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
     max_coordinate = problem.max_coordinate + float(largest)
     scale = 2.0 ** -math.frexp(max_coordinate)[1]
     scaled = [
         RoundedSimplices(scale * part.simplices, scale * part.radii)
-        for part in (robot, obstacles, faces)
+        for part in (robot, obstacles, as_triangles(faces))
     ]
-    trees, (robot_root, obstacle_root, wall_root) = build_trees(scaled, problem.rotations.about_z)
-    required = scale * (
-        problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
-    )
+    trees, roots = build_trees(scaled, problem.rotations.about_z)
+    robot_root, obstacle_root, wall_root = roots
+    required = problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
     return BoundaryTrees(
-        trees, robot_root, (wall_root, obstacle_root), float(trees.boxes[0, 6]), scale, required
+        trees=trees,
+        robot=robot_root,
+        others=(wall_root, obstacle_root),
+        max_lever=float(trees.boxes[0, 6]),  # of the robot's root
+        scale=scale,
+        required=scale * required,
     )
 
 
@@ -383,7 +387,8 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
 
     The points have shape (n, m, d), the result (n,).
     """
-    inside: Bools = np.asarray(((bounds[0] <= points) & (points <= bounds[1])).all(axis=2))
+    low, high = bounds
+    inside: Bools = np.asarray(((low <= points) & (points <= high)).all(axis=2))
     if inside.any():
         inside[inside] = shape.contains(points[inside])
     return np.asarray(inside.any(axis=1))
@@ -459,20 +464,20 @@ def edge_state(
     boundaries = inputs.boundaries
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
-    size = 0.0
+    coordinates = 0.0
     for axis in range(3 - map_.dim, 3):
         length = abs(p0[axis]) + abs(p1[axis])
         # The negated comparison refuses NaN too.
         if not length <= 2.0 * MAX_COORDINATE * map_.spacing:
             return BLOCKED
-        size += length
+        coordinates += length
     scale = boundaries.scale
-    lever = boundaries.max_lever
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
+    rounding = 2.0 * DISTANCE_ROUNDING * scale * coordinates
     measured = 0
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
-        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + error * lever
+        required = boundaries.required + rounding + error * boundaries.max_lever
         arc = EdgeArc(p0, r0, p1, r1, number, step, angle, error, required)
         measured = prove_arc(inputs, arc, scratch, measured)
         if measured < 0:
@@ -490,17 +495,18 @@ def edge_state(
 
 @kernel
 def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
-    """Prove an arc free; return the number of distances measured, or -1 if it is not proven.
+    """Prove an arc free.
 
-    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
-    is proven first.
+    Returns the number of distances measured, or -1 if the arc is not proven. The arc is cut into
+    equal pieces. Most colliding edges of a planner collide at their end, so it is proven first.
     """
     boundaries = inputs.boundaries
     measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
     if measured < 0 or length == 0.0:
         return measured
-    count = max(1, math.ceil(length / (PIECE_CELLS * boundaries.scale * inputs.map.spacing)))
+    max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
+    count = max(1, math.ceil(length / max_length))
     for piece in range(count):
         first = piece / count
         last = (piece + 1) / count
@@ -519,14 +525,8 @@ def prove_part(
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
     and leaves the remainders on both sides.
     """
-    map_ = inputs.map
     boundaries = inputs.boundaries
     parts = scratch.parts
-    p0 = arc.p0
-    r0 = arc.r0
-    p1 = arc.p1
-    r1 = arc.r1
-    number = arc.number
     parts[0, 0] = first
     parts[0, 1] = last
     pending = 1
@@ -534,30 +534,29 @@ def prove_part(
         pending -= 1
         first = parts[pending, 0]
         last = parts[pending, 1]
-        if arc.angle_error == 0.0 and first < last:
-            start = position_along(p0, p1, first)
-            end = position_along(p0, p1, last)
-            turn = rotation_along(r0, r1, number, first)
-            if edge_is_free(map_, start, turn, end, rotation_along(r0, r1, number, last)):
-                continue
+        if first < last and cells_are_free(inputs.map, arc, first, last):
+            continue
         half = 0.5 * (last - first)
         center = 0.5 * (first + last)
-        position = position_along(p0, p1, center)
-        rotation = rotation_along(r0, r1, number, center)
-        state = state_at(map_, position, rotation)
+        position = position_along(arc.p0, arc.p1, center)
+        rotation = rotation_along(arc.r0, arc.r1, arc.number, center)
+        state = state_at(inputs.map, position, rotation)
         if state == FREE and first == last:
             continue
         if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
             return -1
-        place = reference_point(map_, position, boundaries.scale)
+        place = reference_point(inputs.map, position, boundaries.scale)
         motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
-        trees = boundaries.trees
-        robot = boundaries.robot
-        others = boundaries.others
         enough = half / ADVANCE_FACTOR
-        proven = ADVANCE_FACTOR * free_fraction(
-            trees, robot, others, motion, enough, scratch.node_pairs
+        fraction = free_fraction(
+            boundaries.trees,
+            boundaries.robot,
+            boundaries.others,
+            motion,
+            enough,
+            scratch.node_pairs,
         )
+        proven = ADVANCE_FACTOR * fraction
         measured += 1
         if proven < min(half, MIN_ADVANCE):
             return -1
@@ -568,6 +567,18 @@ def prove_part(
             parts[pending + 1, 1] = center - proven
             pending += 2
     return measured
+
+
+@kernel
+def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
+    """Return True if FREE cells prove a part of an arc."""
+    if arc.angle_error > 0.0:
+        return False
+    start = position_along(arc.p0, arc.p1, first)
+    end = position_along(arc.p0, arc.p1, last)
+    start_rotation = rotation_along(arc.r0, arc.r1, arc.number, first)
+    end_rotation = rotation_along(arc.r0, arc.r1, arc.number, last)
+    return bool(edge_is_free(map_, start, start_rotation, end, end_rotation))
 
 
 @kernel
@@ -583,10 +594,12 @@ def path_slack(
     best = math.inf
     fixed = (0.0, 0.0, 0.0)
     for k in range(len(positions)):
-        x, y, z = position = row_at(positions[k], 0)
+        position = row_at(positions[k], 0)
+        x, y, z = position
         rows = matrices[k]
         matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
-        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
+        rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
+        required = boundaries.required + rounding
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
         # best + span.
         motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
@@ -621,7 +634,8 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
     nx, ny, nz = containment.outer.shape
     while k < len(containment.corners):
         corner = containment.corners[k]
-        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), containment.lower)
+        posed_corner = apply_pose(matrix, position, row_at(corner, 0))
+        x, y, z = minus(posed_corner, containment.lower)
         i, j, m = math.floor(x / spacing), math.floor(y / spacing), math.floor(z / spacing)
         next_part = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
@@ -634,16 +648,15 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
             k = next_part
         else:
             k += 1
-            if (
-                k == next_part and containment.has_solids
-            ):  # all corners of the part are in undecided cells
+            all_corners_undecided = k == next_part
+            if all_corners_undecided and containment.has_solids:
                 state = MIXED
     return state
 
 
 @kernel
 def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
-    """Return True if a point of a small obstacle part lies in the robot's bounding box."""
+    """Return True if an obstacle anchor lies in the robot's bounding box."""
     low = containment.low
     high = containment.high
     for k in range(len(containment.anchors)):

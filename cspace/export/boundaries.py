@@ -35,7 +35,8 @@ def free_boundary(state: States, grid: Grid) -> Surface:
         hint = "build it with a smaller spacing, robot or margin"
         raise InputError("the map", "has no FREE cell", rule, hint)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
-    return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
+    faces_inwards = turns[:, None] < 0
+    return vertices, np.where(faces_inwards, faces[:, ::-1], faces)
 
 
 def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
@@ -46,10 +47,11 @@ def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = F
     Raises InputError as :func:`free_boundary`, or if the format cannot hold the mesh. Raises
     FileError as :func:`cspace.files.access.replacing`.
     """
+    write_mesh = WRITERS[Path(path).suffix.lower()]
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_boundary(state, grid)
         with temporary.open("wb") as file:
-            WRITERS[Path(path).suffix.lower()](file, vertices, faces)
+            write_mesh(file, vertices, faces)
 
 
 def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
@@ -82,7 +84,8 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     with np.errstate(over="ignore", under="ignore"):
         corners = vertices.astype("<f4")[faces]
     edges = np.diff(vertices[faces], axis=1)
-    if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
+    are_merged = (edges != 0.0) & (np.diff(corners, axis=1) == 0.0)
+    if are_merged.any() or not np.isfinite(corners).all():
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
         raise InputError("path", problem, rule, "write .ply or .obj instead")

@@ -46,8 +46,9 @@ def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-    header = (1, 1, 0, len(_GEO_KEYS))
-    directory = (*header, *(number for key, value in _GEO_KEYS for number in (key, 0, 1, value)))
+    directory = [1, 1, 0, len(_GEO_KEYS)]
+    for key, value in _GEO_KEYS:
+        directory += [key, 0, 1, value]
     tags = ImageFileDirectory_v2()
     for tag, kind, values in (
         (_SCALE, _DOUBLE, (grid.spacing, grid.spacing, 0.0)),
@@ -56,8 +57,10 @@ def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
     ):
         tags[tag] = values
         tags.tagtype[tag] = kind
-    image = Image.frombytes("P", state.shape, np.ascontiguousarray(state.T[::-1]).tobytes())
-    image.putpalette([value for number in sorted(_COLOURS) for value in _COLOURS[number]])
+    rows_from_top = state.T[::-1]
+    image = Image.frombytes("P", state.shape, rows_from_top.tobytes())
+    palette = np.array([_COLOURS[value] for value in sorted(_COLOURS)], dtype=np.uint8)
+    image.putpalette(palette.tobytes())
     with replacing(path, overwrite) as temporary:
         image.save(temporary, format="TIFF", tiffinfo=tags, compression="tiff_adobe_deflate")
 
@@ -86,12 +89,10 @@ def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
         "free_thresh": 0.1,
     }
     levels = np.array([GREY_LEVELS[value] for value in sorted(GREY_LEVELS)], dtype=np.uint8)
-    pixels = levels[state].T[::-1]
+    rows_from_top = levels[state].T[::-1]
+    width, height = grid.shape
+    text = yaml.safe_dump(header, sort_keys=False, default_flow_style=None)
     # The YAML refers to the image, so it is renamed last.
     with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
-        image_file.write_bytes(
-            b"P5\n%d %d\n255\n" % (grid.shape[0], grid.shape[1]) + pixels.tobytes()
-        )
-        yaml_file.write_text(
-            yaml.safe_dump(header, sort_keys=False, default_flow_style=None), encoding="utf-8"
-        )
+        image_file.write_bytes(b"P5\n%d %d\n255\n" % (width, height) + rows_from_top.tobytes())
+        yaml_file.write_text(text, encoding="utf-8")

@@ -33,18 +33,23 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
     arrays = arrays_of(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
-    for name in filter(arrays.__contains__, STACKED):
+    for name in STACKED:
+        if name not in arrays:
+            continue
         for cell in cells:
             label = name if len(cells) == 1 else f"{name}_{cell:0{digits}d}"
             layers[label] = arrays[name][int(contents.slice_of[cell])]
-    return layers | {name: arrays[name] for name in ("outer", "inner", "unknown") if name in arrays}
+    for name in ("outer", "inner", "unknown"):
+        if name in arrays:
+            layers[name] = arrays[name]
+    return layers
 
 
 def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
     """Write the states at some rotation cells as VTI."""
     rotations = contents.rotations
-    about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
-    write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, about)
+    centers = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
+    write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, centers)
 
 
 def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
@@ -68,15 +73,11 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
 
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
-    members: dict[str, Any] = {
-        **{
-            name: np.asarray(array)
-            for name, array in arrays_of(replace(contents, exterior=None)).items()
-        },
-        "lower": np.array(contents.grid.lower),
-        "spacing": np.array(contents.grid.spacing),
-        "metadata": json.dumps(metadata_of(contents), sort_keys=True),
-    }
+    arrays = arrays_of(replace(contents, exterior=None))
+    members: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
+    members["lower"] = np.array(contents.grid.lower)
+    members["spacing"] = np.array(contents.grid.spacing)
+    members["metadata"] = json.dumps(metadata_of(contents), sort_keys=True)
     # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
     # ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
@@ -106,12 +107,6 @@ class ExportFormat(NamedTuple):
     summary: str
 
 
-_ROS_MAP: Final = ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
-_GEOTIFF: Final = ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
-_BOUNDARY: Final = ExportFormat(
-    write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
-)
-
 EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
     **dict.fromkeys(
         MAP_SUFFIXES, ExportFormat(save, "all", None, "a saved map, which `cspace.open` reads")
@@ -125,9 +120,18 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
         "`cell_states_00` and on",
     ),
     ".nc": ExportFormat(_write_netcdf, "all or one", None, "netCDF, indexed `[rotation, z, y, x]`"),
-    **dict.fromkeys((".tif", ".tiff"), _GEOTIFF),
-    **dict.fromkeys((".yaml", ".yml"), _ROS_MAP),
-    **dict.fromkeys(WRITERS, _BOUNDARY),
+    **dict.fromkeys(
+        (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
+    ),
+    **dict.fromkeys(
+        (".yaml", ".yml"), ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
+    ),
+    **dict.fromkeys(
+        WRITERS,
+        ExportFormat(
+            write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
+        ),
+    ),
 }
 """Formats of exports, by suffix."""
 
@@ -178,7 +182,8 @@ def export(
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format")
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
-        rule = f"{suffix} holds maps {'of the plane' if form.dimension == 2 else 'in space'} only"
+        scope = "of the plane" if form.dimension == 2 else "in space"
+        rule = f"{suffix} holds maps {scope} only"
         hint = "write another format, e.g. .vti"
         raise InputError("path", f"is {Path(path)}", rule, hint, value=path)
     if form.rotations == "all":
@@ -192,8 +197,8 @@ def export(
         reason = f"{Path(path)} holds one slice"
         cells = [contents.rotations.find_one_cell(rotation, "rotation", reason)]
     if form.rotations == "one":
-        state = contents.states[int(contents.slice_of[cells[0]])]
-        form.write(state, contents.grid, path, overwrite)
+        number = int(contents.slice_of[cells[0]])
+        form.write(contents.states[number], contents.grid, path, overwrite)
     else:
         form.write(contents, cells, path, overwrite)
 
@@ -250,32 +255,34 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     """
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
     dim = contents.grid.dim
-    cells = contents.rotations.leading_axes(len(contents.rotations))
+    rotation_shape = contents.rotations.leading_axes(len(contents.rotations))
+    coordinate_names = (*AXES, *contents.rotations.COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
-    labels: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells
-    for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
+    arrays = {"inner": contents.workspace.inner} | arrays_of(contents)
+    for name, array in arrays.items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _expand_slices(np.asarray(array), contents.slice_of).reshape(
-                *cells, *contents.grid.shape
-            )
+            stack = _expand_slices(np.asarray(array), contents.slice_of)
+            array = stack.reshape(*rotation_shape, *contents.grid.shape)
+            # A robot that does not turn has no axis of rotations.
             axes = ("rotation", *axes[1:])[-array.ndim :]
-        if "rotation" in axes and not cells:
+        if "rotation" in axes and not rotation_shape:
             continue
-        place = (
-            labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
-        )
-        place[name] = (axes, array, attributes_of(name, contents.grid))
+        group = coordinates if name in coordinate_names else variables
+        group[name] = (axes, array, attributes_of(name, contents.grid))
     axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
-    made: xarray.Dataset = package.Dataset(variables, coords=labels, attrs=metadata_of(contents))
-    return made.rename(axis_names)
+    dataset: xarray.Dataset = package.Dataset(
+        variables, coords=coordinates, attrs=metadata_of(contents)
+    )
+    return dataset.rename(axis_names)
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
-    """Return a slice for each rotation cell.
+    """Return the slice of each rotation cell, shape (cells, *grid).
 
-    Slices are copied only if some, but not all, cells share one.
+    `stack` has shape (slices, *grid). Slices are copied only if some, but not all, cells share one.
     """
     if len(stack) == len(slice_of):
         return stack

@@ -52,15 +52,17 @@ def occupancy_grid_of(
     """
     grid = space.grid
     if rotation is None:
+        # A state is certain only if all slices agree.
         stack = space.cell_states.reshape(-1, *grid.shape)
         lowest = stack.min(axis=0)
         states = np.where(lowest == stack.max(axis=0), lowest, MIXED)
     else:
         states = space.states_at(rotation)
-    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[states]
-    fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
+    percent_of_state = np.array([OCCUPANCY[state] for state in sorted(OCCUPANCY)], dtype=np.int8)
+    percent = percent_of_state[states]
+    size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
-    return _fill_grid(filled, "nav_msgs/OccupancyGrid", values, grid, "info", fields, frame_id)
+    return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame_id)
 
 
 def costmap_of(
@@ -88,12 +90,11 @@ def costmap_of(
         cell = space.rotations.find_cells(space.rotations.check_rotation(rotation))
         number = int(space.slice_of[int(cell)])
     inscribed = space.robot.inscribed_radius + space.margin
-    costs = costs_of(
-        clearances(number), workspace.outer, workspace.unknown, inscribed, scaling, radius
-    )
-    fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
+    clearance = clearances(number)
+    costs = costs_of(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
+    size = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
     filled = Costmap() if msg is None else msg
-    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
+    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame_id)
 
 
 def fill_path(
@@ -107,22 +108,24 @@ def fill_path(
     Raises InputError if the message lacks a field.
     """
     kind = "nav_msgs/Path"
-    make = _element_class(msg, "poses", PoseStamped)
+    make_pose = _find_element_class(msg, "poses", PoseStamped)
     stamp = getattr(getattr(msg, "header", None), "stamp", None)
     poses = []
-    for k, row in enumerate(rows.tolist()):
-        q = dict(zip(axes, row, strict=True))
-        if "yaw" in q:
-            q |= {"qz": math.sin(q["yaw"] / 2.0), "qw": math.cos(q["yaw"] / 2.0)}
+    for index, row in enumerate(rows.tolist()):
+        values = dict(zip(axes, row, strict=True))
+        if "yaw" in values:
+            half_yaw = values["yaw"] / 2.0
+            values |= {"qz": math.sin(half_yaw), "qw": math.cos(half_yaw)}
         fields: dict[str, object] = {"header.frame_id": frame_id}
         if stamp is not None:
             fields["header.stamp"] = copy(stamp)
-        fields |= {f"pose.position.{name}": q.get(name, 0.0) for name in "xyz"}
-        fields |= {f"pose.orientation.{name}": q.get(f"q{name}", 0.0) for name in "xyz"}
-        fields["pose.orientation.w"] = q.get("qw", 1.0)
-        pose = _set_fields(make(), kind, fields)
+        for name in "xyz":
+            fields[f"pose.position.{name}"] = values.get(name, 0.0)
+            fields[f"pose.orientation.{name}"] = values.get(f"q{name}", 0.0)
+        fields["pose.orientation.w"] = values.get("qw", 1.0)
+        pose = _set_fields(make_pose(), kind, fields)
         if stamp is not None and seconds is not None:
-            _add_seconds(pose, kind, "header.stamp", float(seconds[k]))
+            _add_seconds(pose, kind, "header.stamp", float(seconds[index]))
         poses.append(pose)
     return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
 
@@ -142,15 +145,15 @@ def fill_joint_trajectory(
     Raises InputError if the message lacks a field.
     """
     kind = "trajectory_msgs/JointTrajectory"
-    make = _element_class(msg, "points", JointTrajectoryPoint)
+    make_point = _find_element_class(msg, "points", JointTrajectoryPoint)
     points = []
     for position, velocity, time in zip(positions, velocities, seconds, strict=True):
         fields = {"positions": array("d", position), "velocities": array("d", velocity)}
-        point = _set_fields(make(), kind, fields)
+        point = _set_fields(make_point(), kind, fields)
         _add_seconds(point, kind, "time_from_start", float(time))
         points.append(point)
-    every = {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
-    return _set_fields(msg, kind, every)
+    content = {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
+    return _set_fields(msg, kind, content)
 
 
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
@@ -162,10 +165,11 @@ def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     for part in name.split("."):
         time = getattr(time, part, None)
     # A time of ROS 1 has other names for the same fields.
-    names = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
-    whole, fraction = (getattr(time, part, 0) for part in names)
-    whole, fraction = divmod(10**9 * whole + fraction + round(1e9 * seconds), 10**9)
-    _set_fields(msg, kind, {f"{name}.{names[0]}": whole, f"{name}.{names[1]}": fraction})
+    second_name, nano_name = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
+    old = 10**9 * getattr(time, second_name, 0) + getattr(time, nano_name, 0)
+    whole, nanoseconds = divmod(old + round(1e9 * seconds), 10**9)
+    fields = {f"{name}.{second_name}": whole, f"{name}.{nano_name}": nanoseconds}
+    _set_fields(msg, kind, fields)
 
 
 def costs_of(
@@ -184,13 +188,14 @@ def costs_of(
     of the robot's inscribed circle, metres. `scaling` is ``cost_scaling_factor``, per metre.
     `radius` is ``inflation_radius``, metres from the obstacles.
     """
-    costs = ((INSCRIBED - 1) * np.exp(-scaling * np.minimum(clearance, radius))).astype(np.uint8)
+    decay = np.exp(-scaling * np.minimum(clearance, radius))
+    costs = ((INSCRIBED - 1) * decay).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0
-    taken = clearance <= 0.0
-    costs[taken] = INSCRIBED
-    costs[taken & lethal] = LETHAL
+    may_collide = clearance <= 0.0
+    costs[may_collide] = INSCRIBED
+    costs[may_collide & lethal] = LETHAL
     if unknown is not None:
-        costs[taken & unknown] = NO_INFORMATION
+        costs[may_collide & unknown] = NO_INFORMATION
     return costs
 
 
@@ -199,25 +204,27 @@ def _fill_grid(
     kind: str,
     cells: NDArray[np.int8] | NDArray[np.uint8],
     grid: Grid,
-    about: str,
-    fields: Mapping[str, object],
+    info: str,
+    size: Mapping[str, object],
     frame_id: str,
 ) -> Message:
     """Fill a message with the cells of a plane map.
 
-    `about` is the field that holds the origin and the resolution.
+    `cells` have shape (nx, ny). `info` is the field that holds the origin and the resolution.
+    `size` has the fields for the numbers of cells.
 
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
     if grid.dim == 3:
         hint = "cut it, or export another format"
         raise InputError("the map", "is one in space", f"{kind} is plane", hint)
-    position = f"{about}.origin.position"
-    orientation = f"{about}.origin.orientation"
-    every = {
+    position = f"{info}.origin.position"
+    orientation = f"{info}.origin.orientation"
+    typecode = "b" if cells.dtype == np.int8 else "B"
+    fields = {
         "header.frame_id": frame_id,
-        f"{about}.resolution": grid.spacing,
-        **fields,
+        f"{info}.resolution": grid.spacing,
+        **size,
         f"{position}.x": grid.lower[0],
         f"{position}.y": grid.lower[1],
         f"{position}.z": 0.0,
@@ -225,9 +232,9 @@ def _fill_grid(
         f"{orientation}.y": 0.0,
         f"{orientation}.z": 0.0,
         f"{orientation}.w": 1.0,
-        "data": array("b" if cells.dtype == np.int8 else "B", cells.T.tobytes()),
+        "data": array(typecode, cells.T.tobytes()),
     }
-    return _set_fields(msg, kind, every)
+    return _set_fields(msg, kind, fields)
 
 
 def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
@@ -246,17 +253,20 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
     return msg
 
 
-def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Callable[[], Any]:
-    """Return the class of the elements of a list field.
+def _find_element_class(msg: object, name: str, default: Callable[[], Any]) -> Callable[[], Any]:
+    """Return the class of the elements of a message's list field.
 
-    ROS messages declare it; for others, return `otherwise`.
+    ROS messages declare it; for others, return `default`.
     """
-    declared = getattr(msg, "get_fields_and_field_types", None)  # ROS 2
-    slots = getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ())  # ROS 1
-    kinds = dict(zip(*slots, strict=False)) if declared is None else dict(declared())
-    named = re.search(r"(\w+)/(\w+)", kinds.get(name, ""))
-    if named is None:
-        return otherwise
-    package, message = named.groups()
-    made: Callable[[], Any] = getattr(import_module(f"{package}.msg"), message)
-    return made
+    get_types = getattr(msg, "get_fields_and_field_types", None)
+    if get_types is not None:  # ROS 2
+        types = dict(get_types())
+    else:  # ROS 1
+        names = getattr(msg, "__slots__", ())
+        types = dict(zip(names, getattr(msg, "_slot_types", ()), strict=False))
+    declared = re.search(r"(\w+)/(\w+)", types.get(name, ""))
+    if declared is None:
+        return default
+    package, class_name = declared.groups()
+    element_class: Callable[[], Any] = getattr(import_module(f"{package}.msg"), class_name)
+    return element_class

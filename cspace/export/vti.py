@@ -39,33 +39,36 @@ def write_vti(
     Raises FileError as :func:`cspace.files.access.replacing`.
     """
     fields = dict(about or {})
-    missing = 3 - grid.dim
-    extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
-    origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
+    missing_axes = 3 - grid.dim
+    shape = (*grid.shape, *[0] * missing_axes)
+    lower = (*grid.lower, *[0.0] * missing_axes)
+    extent = " ".join(f"0 {count}" for count in shape)
+    origin = " ".join(map(repr, lower))
     spacing = " ".join([repr(grid.spacing)] * 3)
-    lines = []
-    offset = 0
+    elements = []
+    offset = 0  # of each array, after its number of bytes in 8 bytes
     for name, array in (*fields.items(), *arrays.items()):
-        kind, stored = _VTK_TYPES[str(array.dtype)]
-        lines.append(
-            f'        <DataArray type="{kind}" Name={quoteattr(name)} '
+        vtk_type, stored_type = _VTK_TYPES[str(array.dtype)]
+        elements.append(
+            f'        <DataArray type="{vtk_type}" Name={quoteattr(name)} '
             f'NumberOfTuples="{array.size}" format="appended" offset="{offset}"/>\n'
         )
-        offset += 8 + array.size * np.dtype(stored).itemsize
+        offset += 8 + array.size * np.dtype(stored_type).itemsize
     header = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
         f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
-        f"      <FieldData>\n{''.join(lines[: len(fields)])}      </FieldData>\n"
+        f"      <FieldData>\n{''.join(elements[: len(fields)])}      </FieldData>\n"
         f'    <Piece Extent="{extent}">\n'
         f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n"
-        f"{''.join(lines[len(fields) :])}      </CellData>\n"
+        f"{''.join(elements[len(fields) :])}      </CellData>\n"
         '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
     )
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(header.encode())
         for array in (*fields.values(), *arrays.values()):
-            content = array.astype(_VTK_TYPES[str(array.dtype)][1]).tobytes(order="F")
+            _, stored_type = _VTK_TYPES[str(array.dtype)]
+            content = array.astype(stored_type).tobytes(order="F")  # x varies fastest in VTK
             file.write(len(content).to_bytes(8, "little"))
-            file.write(content)  # x is fastest in VTK
+            file.write(content)
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")

@@ -94,7 +94,9 @@ def inspect_path(path: StrPath, kind: str) -> tuple[Path, str]:
             return file, "file"
         if file.is_dir():
             return file, "a folder"
-        return file, "a device, a pipe or a socket" if file.exists() else ""
+        if file.exists():
+            return file, "a device, a pipe or a socket"
+    return file, ""
 
 
 @contextmanager
@@ -117,12 +119,15 @@ def suggest_file(path: Path, otherwise: str) -> str:
     try:
         if path.exists():
             return _CONVERTERS.get(path.suffix.lower(), otherwise)
-        visible = (each.name for each in path.parent.iterdir() if not each.name.startswith("."))
+        visible = (file.name for file in path.parent.iterdir() if not file.name.startswith("."))
         names = {name.lower(): name for name in itertools.islice(visible, _MAX_NAMES_COMPARED)}
     except (OSError, ValueError):
         return otherwise
-    close = difflib.get_close_matches(path.name.lower(), names, n=1)
-    return f"did you mean {path.with_name(names[close[0]])}? {otherwise}" if close else otherwise
+    matches = difflib.get_close_matches(path.name.lower(), names, n=1)
+    if not matches:
+        return otherwise
+    similar = path.with_name(names[matches[0]])
+    return f"did you mean {similar}? {otherwise}"
 
 
 def check_name(path: StrPath) -> Path:
@@ -171,8 +176,8 @@ def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
         raise error.kind(os.fspath(path), *error.parts) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        problem = f"cannot be read as {_with_article(kind)} ({reason})"
-        raise FileError(os.fspath(path), *ContentError(problem, *advice).parts) from error
+        described = ContentError(f"cannot be read as {_with_article(kind)} ({reason})", *advice)
+        raise FileError(os.fspath(path), *described.parts) from error
 
 
 def check_suffix(path: StrPath, known: Iterable[str], rule: str, argument: str = "path") -> str:
@@ -208,13 +213,13 @@ def read_member(folder: StrPath, name: str, kind: str) -> bytes | None:
 
     Raises FileError if the name leads out of the folder, or as :func:`check_file`.
     """
-    part = PurePath(name)
-    if part.drive or part.root or ".." in part.parts:
+    relative = PurePath(name)
+    if relative.drive or relative.root or ".." in relative.parts:
         rule = "files outside the folder are never read"
         hint = "do not trust it; fetch it again"
         raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
-    file, what = inspect_path(Path(folder, part), kind)
-    if not what and not file.is_symlink():
+    file, what = inspect_path(Path(folder, relative), kind)
+    if not what and not file.is_symlink():  # a broken link is an error, not a missing file
         return None
     return read_bytes(file, kind)
 
@@ -246,16 +251,18 @@ def read_columns(text: str, first: int = 1) -> Floats:
     Raises ContentError, naming the line, if a line holds anything but numbers or its length differs
     from the first row's.
     """
-    row = next((content for line in text.split("\n") if (content := _strip_comment(line))), "")
-    if not row:
+    contents = map(_strip_comment, text.split("\n"))
+    first_row = next(filter(None, contents), "")
+    if not first_row:
         return np.zeros((0, 0))
-    separator = "," if "," in row else None
+    separator = "," if "," in first_row else None
     try:
         return np.loadtxt(
             io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2
         )
     except ValueError as error:
-        raise _line_error(text, first, separator, len(row.split(separator))) from error
+        columns = len(first_row.split(separator))
+        raise _make_line_error(text, first, separator, columns) from error
 
 
 def _strip_comment(line: str) -> str:
@@ -263,15 +270,16 @@ def _strip_comment(line: str) -> str:
     return line.partition("#")[0].strip()
 
 
-def _line_error(text: str, first: int, separator: str | None, columns: int) -> ContentError:
-    """Return the error for the first line that cannot be parsed."""
+def _make_line_error(text: str, first: int, separator: str | None, columns: int) -> ContentError:
+    """Return the error for the first line that is no row of numbers."""
     hint = "correct the line, or fetch a truncated file again"
     for number, line in enumerate(text.split("\n"), start=first):
         content = _strip_comment(line)
-        parts = content.split(separator) if content else []
+        words = content.split(separator) if content else []
         rule = f"it must hold {columns} columns, like the first row"
         try:
-            if len(list(map(float, parts))) in (0, columns):
+            values = [float(word) for word in words]
+            if len(values) in (0, columns):
                 continue
         except ValueError:
             rule = "it must hold only numbers; put '#' before a heading"
@@ -285,12 +293,14 @@ def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
 
     A header lies within the first 64 KiB.
     """
-    at = 0
-    while 0 <= at < min(len(content), _MAX_HEADER_BYTES):
-        end = content.find(b"\n", at, at + _MAX_HEADER_BYTES)
-        after = len(content) if end < 0 else end + 1
-        yield content[at : after if end < 0 else end].decode("latin-1"), after
-        at = after
+    start = 0
+    while start < min(len(content), _MAX_HEADER_BYTES):
+        end = content.find(b"\n", start, start + _MAX_HEADER_BYTES)
+        if end < 0:  # the last line has no end
+            end = len(content)
+        following = min(end + 1, len(content))
+        yield content[start:end].decode("latin-1"), following
+        start = following
 
 
 def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
@@ -298,11 +308,13 @@ def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDA
 
     Raises ValueError if a token is not a number, and OverflowError if it needs more than 64 bits.
     """
+    if not tokens:
+        return np.empty(0, kind)
     # An array of texts is as wide as its longest entry, so one long token would multiply the
     # memory.
-    if max(map(len, tokens), default=0) > _MAX_NUMBER_BYTES:
-        return np.array(list(map(kind, tokens)), dtype=np.dtype(kind))
-    return np.array(tokens, dtype=np.bytes_).astype(kind) if tokens else np.empty(0, kind)
+    if max(map(len, tokens)) > _MAX_NUMBER_BYTES:
+        return np.array([kind(token) for token in tokens], dtype=np.dtype(kind))
+    return np.array(tokens, dtype=np.bytes_).astype(kind)
 
 
 UNKNOWNS: Final = ("occupied", "free")
@@ -319,7 +331,8 @@ def is_count(word: str) -> bool:
 
 def _with_article(kind: str) -> str:
     """Return the kind of a file with its article."""
-    return f"{'an' if kind[:1].lower() in 'aeio' else 'a'} {kind}"
+    article = "an" if kind[:1].lower() in "aeio" else "a"
+    return f"{article} {kind}"
 
 
 @contextmanager
@@ -348,7 +361,7 @@ def replacing(
     target = Path(os.path.realpath(check_name(path)))
     try:
         _check_target(target, overwrite, folder)
-        temporary = _temporary_name(target)
+        temporary = _make_temporary_name(target)
         try:
             yield temporary
             _check_target(target, overwrite, folder)
@@ -404,7 +417,7 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
         raise FileError(str(target), problem, "only an earlier output is replaced", hint)
 
 
-def _temporary_name(target: Path) -> Path:
+def _make_temporary_name(target: Path) -> Path:
     """Return a fresh name in the folder of `target`.
 
     A rename is atomic only within one folder.
@@ -420,7 +433,7 @@ def _move(temporary: Path, target: Path) -> None:
     if not target.is_dir():
         temporary.replace(target)
         return
-    aside = _temporary_name(target)
+    aside = _make_temporary_name(target)
     try:
         target.rename(aside)
         temporary.rename(target)

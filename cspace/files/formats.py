@@ -51,26 +51,30 @@ _IMAGE_SUFFIXES: Final = (
     ".tiff",
 )
 
-_ROS_MAP: Final = Format(
-    "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
-)
-_IMAGE: Final = Format("from_image", 2, "an image, dark pixels occupied")
-_POLYGONS: Final = Format("from_polygons", 2, "polygons, lines and points")
-_MESH: Final = Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud")
-_OCTOMAP: Final = Format("from_octomap", 3, "an OctoMap")
-_POINTS: Final = Format(
-    "from_points", 3, "a point cloud, with a radius; `.pcd` of `ascii` or `binary` data"
-)
-
 WORKSPACE_FORMATS: Final[dict[str, Format]] = {
-    **dict.fromkeys(ros.YAML_SUFFIXES, _ROS_MAP),
-    **dict.fromkeys(_IMAGE_SUFFIXES, _IMAGE),
+    **dict.fromkeys(
+        ros.YAML_SUFFIXES,
+        Format(
+            "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
+        ),
+    ),
+    **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2, "an image, dark pixels occupied")),
     ".map": Format("from_movingai", 2, "a MovingAI map"),
     ".3dmap": Format("from_movingai", 3, "a MovingAI map of voxels"),
-    **dict.fromkeys(vector.POLYGON_SUFFIXES, _POLYGONS),
-    **dict.fromkeys(meshes.MESH_SUFFIXES, _MESH),
-    **dict.fromkeys((".bt", ".ot"), _OCTOMAP),
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), _POINTS),
+    **dict.fromkeys(
+        vector.POLYGON_SUFFIXES, Format("from_polygons", 2, "polygons, lines and points")
+    ),
+    **dict.fromkeys(
+        meshes.MESH_SUFFIXES,
+        Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud"),
+    ),
+    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3, "an OctoMap")),
+    **dict.fromkeys(
+        (".xyz", ".txt", ".csv", ".pcd"),
+        Format(
+            "from_points", 3, "a point cloud, with a radius; `.pcd` of `ascii` or `binary` data"
+        ),
+    ),
     ".npy": Format("from_array", None, "a boolean array, or points: rows of three floats"),
     ".zarr": Format(
         "from_array",
@@ -112,11 +116,11 @@ def find_constructor(path: StrPath) -> str:
     suffix = check_suffix(path, WORKSPACE_FORMATS, "the suffix selects the format")
     if suffix == ".npy":
         array = read_npy(path)
-        return (
-            "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
-        )
+        holds_points = array.dtype.kind == "f" and array.shape[1:] == (3,)
+        return "from_points" if holds_points else "from_array"
     if suffix == ".ply":
-        return "from_mesh" if read_ply_header(path).faces else "from_points"
+        header = read_ply_header(path)
+        return "from_mesh" if header.faces else "from_points"
     return WORKSPACE_FORMATS[suffix].method
 
 
@@ -128,10 +132,12 @@ def read_dimension(path: StrPath) -> int:
     method = find_constructor(path)
     suffix = Path(path).suffix.lower()
     dimension = WORKSPACE_FORMATS[suffix].dimension
-    if dimension is None:
-        array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
-        dimension = 3 if method == "from_points" else int(array.ndim)
-    return dimension
+    if dimension is not None:
+        return dimension
+    if method == "from_points":
+        return 3
+    array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
+    return int(array.ndim)
 
 
 def read_npy(path: StrPath) -> NDArray[Any]:

@@ -86,8 +86,10 @@ def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") ->
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)
     check_word(dark, "dark", CELL_MEANINGS)
     image = read_shades(path, "image")
-    is_free = (image.shades < level) == (dark == "free")
-    return ~(image.select(is_free) & image.opaque)
+    dark_levels = image.shades < level
+    free_levels = dark_levels if dark == "free" else ~dark_levels
+    free = image.select(free_levels) & image.opaque
+    return ~free
 
 
 def read_shades(path: StrPath, kind: str) -> Shades:
@@ -98,27 +100,31 @@ def read_shades(path: StrPath, kind: str) -> Shades:
     Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an
     unknown mode.
     """
-    from PIL import Image
-
     data = read_bytes(path, kind)
     rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
-    with decoding(path, kind, rule, "save it again"):
-        with _PILLOW_LIMIT_LOCK:
-            limit = Image.MAX_IMAGE_PIXELS
-            Image.MAX_IMAGE_PIXELS = None
-            try:
-                # Reading from memory bounds a chunk that claims gigabytes by the end of the file.
-                image = Image.open(io.BytesIO(data), formats=IMAGE_FORMATS)
-            finally:
-                Image.MAX_IMAGE_PIXELS = limit
-        with image, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # they concern metadata, which are not used
-            check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
-            pixels = math.prod(image.size)
-            if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
-                raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
-            image.load()
-            return _convert_image(image)
+    with decoding(path, kind, rule, "save it again"), warnings.catch_warnings():
+        image = _open_image(data)
+        warnings.simplefilter("ignore")  # they concern metadata, which are not used
+        check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
+        pixels = math.prod(image.size)
+        if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
+            raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
+        image.load()
+        return _convert_image(image)
+
+
+def _open_image(data: bytes) -> Image:
+    """Open an image with Pillow, without Pillow's own limit of its size."""
+    from PIL import Image
+
+    with _PILLOW_LIMIT_LOCK:
+        limit = Image.MAX_IMAGE_PIXELS
+        Image.MAX_IMAGE_PIXELS = None
+        try:
+            # Reading from memory bounds a chunk that claims gigabytes by the end of the file.
+            return Image.open(io.BytesIO(data), formats=IMAGE_FORMATS)
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
 
 
 def _convert_image(image: Image) -> Shades:
@@ -127,32 +133,35 @@ def _convert_image(image: Image) -> Shades:
     Raises an error if the meaning of its pixels is unknown.
     """
     mode, white_level = _choose_channels(image)
-    pixels = np.asarray(image if image.mode == mode else image.convert(mode))
-    # Rows from the top become columns from the far end.
-    pixels = pixels[::-1].swapaxes(0, 1)
+    rows = np.asarray(image if image.mode == mode else image.convert(mode))
+    # Rows count from the top, but y counts from the bottom.
+    pixels = rows[::-1].swapaxes(0, 1)
     if white_level == 65535 and (pixels.min() < 0 or pixels.max() > white_level):
-        raise _unknown_pixels(image)
+        raise _make_mode_error(image)
     if pixels.ndim == 2:
         return Shades(pixels.astype(np.uint16), white_level, True)
+    levels = pixels[..., :3].sum(axis=2, dtype=np.uint16)
     opaque = pixels[..., 3] == 255 if mode == "RGBA" else True
-    return Shades(pixels[..., :3].sum(axis=2, dtype=np.uint16), white_level, opaque)
+    return Shades(levels, white_level, opaque)
 
 
 def _choose_channels(image: Image) -> tuple[str, int]:
-    """Return the mode in which to read an image, and its largest shade."""
-    is_clear = image.has_transparency_data
-    if image.mode in ("1", "L") and not is_clear:
+    """Return Pillow's mode in which to read an image, and its level of white."""
+    has_alpha = image.has_transparency_data
+    if image.mode in ("1", "L") and not has_alpha:
         return "L", 255
     # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
-    is_grey = image.mode == "I" and image.format in ("PNG", "PPM")
-    if (is_grey or image.mode.startswith("I;16")) and not is_clear:
+    is_16_bit = image.mode == "I" and image.format in ("PNG", "PPM")
+    if (is_16_bit or image.mode.startswith("I;16")) and not has_alpha:
         return image.mode, 65535
     if image.mode in ("1", "L", *COLOUR_MODES):
-        return "RGBA" if is_clear else "RGB", 3 * 255
-    raise _unknown_pixels(image)
+        mode = "RGBA" if has_alpha else "RGB"
+        return mode, 3 * 255
+    raise _make_mode_error(image)
 
 
-def _unknown_pixels(image: Image) -> ContentError:
+def _make_mode_error(image: Image) -> ContentError:
+    """Return the error for an image whose pixels have no known meaning."""
     rule = "pixels must be grey of up to 16 bits without transparency, or 8-bit colour"
     hint = "convert it, e.g. to an 8-bit grey PNG"
     return ContentError(f"has image mode {image.mode!r}", rule, hint)
@@ -187,15 +196,19 @@ def read_movingai_map(path: StrPath) -> Bools:
             problem = f"line {row + 5}, column {column + 1} is {wrong[0]!r}"
             rule = f"cells are '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}'"
             raise ContentError(problem, rule, "replace it")
-        cells = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
-        blocked = np.isin(cells, list(map(ord, BLOCKED_CHARACTERS)))
+        characters = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
+        blocked = np.isin(characters, list(map(ord, BLOCKED_CHARACTERS)))
+        # Rows count from the top, but y counts from the bottom.
         return np.ascontiguousarray(blocked[::-1].T)
 
 
 def _parse_map_header(lines: list[str]) -> tuple[int, int]:
     """Return the width and the height of a map."""
-    sizes = {key: word for key, _, word in (line.partition(" ") for line in lines[1:3])}
-    is_header = [*lines[:1], *lines[3:4]] == ["type octile", "map"]
+    sizes: dict[str, str] = {}
+    for line in lines[1:3]:
+        key, _, size = line.partition(" ")
+        sizes[key] = size
+    is_header = lines[:1] == ["type octile"] and lines[3:4] == ["map"]
     if is_header and sizes.keys() == {"height", "width"} and all(map(is_count, sizes.values())):
         width = int(sizes["width"])
         height = int(sizes["height"])
@@ -216,10 +229,10 @@ def read_movingai_voxels(path: StrPath) -> Bools:
     """
     lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
     with decoding(path, "MovingAI voxel map"):
-        first, *sizes = lines[0].split() or [""]
+        keyword, *sizes = lines[0].split() or [""]
         shape = _parse_counts(sizes)
-        if first != "voxel" or min(shape, default=0) < 1:
-            raise _line_error(1, lines, "'voxel' and three whole numbers above zero")
+        if keyword != "voxel" or min(shape, default=0) < 1:
+            raise _make_line_error(1, lines, "'voxel' and three whole numbers above zero")
         check_cells(path, shape)
         blocked = np.zeros(shape, dtype=np.bool_)
         for number, line in enumerate(lines[1:], start=2):
@@ -229,25 +242,28 @@ def read_movingai_voxels(path: StrPath) -> Bools:
             voxel = _parse_counts(words)
             if not voxel:
                 rule = "'x y z' of a blocked voxel, whole numbers from 0 on"
-                raise _line_error(number, lines, rule)
+                raise _make_line_error(number, lines, rule)
             if any(index >= count for index, count in zip(voxel, shape, strict=True)):
                 rule = f"a voxel inside {' x '.join(sizes)}, counted from 0"
-                raise _line_error(number, lines, rule)
+                raise _make_line_error(number, lines, rule)
             blocked[voxel] = True
     return blocked
 
 
 def _parse_counts(words: list[str]) -> tuple[int, ...]:
-    """Return three whole numbers, or nothing if the words are others."""
-    return tuple(map(int, words)) if len(words) == 3 and all(map(is_count, words)) else ()
+    """Parse three whole numbers; return an empty tuple for other words."""
+    if len(words) != 3 or not all(map(is_count, words)):
+        return ()
+    return tuple(map(int, words))
 
 
 def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
-    """Return the lines of a text without trailing blank ones."""
-    return [line.rstrip() for line in read_text(path, kind, memory).rstrip().split("\n")]
+    """Read the lines of a text file without trailing blank lines."""
+    text = read_text(path, kind, memory).rstrip()
+    return [line.rstrip() for line in text.split("\n")]
 
 
-def _line_error(number: int, lines: list[str], rule: str) -> ContentError:
+def _make_line_error(number: int, lines: list[str], rule: str) -> ContentError:
     """Return the error for a line that breaks `rule`."""
     problem = f"line {number} is {lines[number - 1][:60]!r}"
     return ContentError(problem, f"it must hold {rule}", "correct it or fetch it again")

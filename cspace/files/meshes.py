@@ -13,13 +13,14 @@ This module refuses by name what it does not read.
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import logging
 import math
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from urllib.parse import unquote
@@ -93,26 +94,40 @@ def _read_gltf(file: Path) -> Surface:
     header = _parse_gltf_header(text)
     for buffer in header.get("buffers", []):
         buffer["content"] = _read_buffer(buffer, embedded, file)
-    meshes = [
+    parts = [
         [_read_gltf_part(part, header) for part in mesh["primitives"]]
         for mesh in header.get("meshes", [])
     ]
     placed = list(_place_gltf_meshes(header))
     # Parts may share arrays, and a mesh may be placed several times, so the memory is checked
     # before anything is copied.
-    sizes = [
-        sum(surface_bytes(len(points), len(corners) // 3) for points, corners in parts)
-        for parts in meshes
-    ]
-    check_bytes(file, sum(sizes[mesh] for mesh, _ in placed), "unfolds to", memory=3.0)
-    surfaces = {mesh: [_gltf_surface(*part) for part in meshes[mesh]] for mesh, _ in placed}
-    return join_surfaces(
-        [transform_surface(surface, pose) for mesh, pose in placed for surface in surfaces[mesh]]
-    )
+    unfolded_bytes = 0
+    for mesh, _ in placed:
+        for points, corners in parts[mesh]:
+            unfolded_bytes += surface_bytes(len(points), len(corners) // 3)
+    check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
+    surfaces = {
+        mesh: [_make_gltf_surface(points, corners) for points, corners in parts[mesh]]
+        for mesh, _ in placed
+    }
+    return _join_placed(surfaces, placed)
 
 
-def _gltf_surface(points: Floats, corners: Ints | range) -> Surface:
-    """Return the surface of three corners for each triangle."""
+def _join_placed(
+    surfaces: Mapping[Any, list[Surface]], placed: Iterable[tuple[Any, Floats]]
+) -> Surface:
+    """Join copies of meshes, each with its transform.
+
+    `surfaces` are the parts of each mesh; `placed` has the mesh and the transform of each copy.
+    """
+    copies: list[Surface] = []
+    for mesh, pose in placed:
+        copies += [transform_surface(surface, pose) for surface in surfaces[mesh]]
+    return join_surfaces(copies)
+
+
+def _make_gltf_surface(points: Floats, corners: Ints | range) -> Surface:
+    """Return a surface of triangles, each of three successive corners."""
     vertices = points.astype(np.float64)
     sizes = np.full(len(corners) // 3, 3)
     return vertices, triangulate(vertices, np.asarray(corners, dtype=np.int64), sizes)
@@ -155,23 +170,25 @@ def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
     record = np.dtype([("row", _ROW_TYPES[kind][component])])
     view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
-    # Offsets and strides are in bytes: of the accessor in its view, and of the view in its buffer.
-    start = accessor.get("byteOffset", 0)
-    view_start = view.get("byteOffset", 0)
-    view_end = view_start + view["byteLength"]
-    buffer = _look_up(header, "buffers", view["buffer"])
-    content = memoryview(buffer["content"])[view_start:view_end]
+    content = _slice_buffer(view, header)
     count = accessor["count"]
+    # The offset and the stride of rows are in bytes.
+    start = accessor.get("byteOffset", 0)
     stride = view.get("byteStride", record.itemsize)
     end = start + (count - 1) * stride + record.itemsize
-    if (
-        min(start, view_start, view_end) < 0
-        or count < 1
-        or stride < record.itemsize
-        or end > len(content)
-    ):
+    if start < 0 or count < 1 or stride < record.itemsize or end > len(content):
         raise ContentError("has an accessor that is empty or exceeds its view")
     return np.ndarray(count, record, content, start, stride)["row"]
+
+
+def _slice_buffer(view: Json, header: Json) -> memoryview:
+    """Return the bytes of a glTF buffer view, without a copy."""
+    start = view.get("byteOffset", 0)
+    end = start + view["byteLength"]
+    if min(start, end) < 0:
+        raise ContentError("has a view that exceeds its buffer")
+    buffer = _look_up(header, "buffers", view["buffer"])
+    return memoryview(buffer["content"])[start:end]
 
 
 def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
@@ -185,10 +202,10 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
     elif uri.startswith("data:"):
         content = base64.b64decode(uri.partition(",")[2], validate=True)
     else:
-        other = file.parent / unquote(uri)
-        if not other.resolve().is_relative_to(file.parent.resolve()):
+        buffer_file = file.parent / unquote(uri)
+        if not buffer_file.resolve().is_relative_to(file.parent.resolve()):
             raise ContentError(f"has its data in {uri!r:.80}, outside its folder")
-        content = read_bytes(other, "buffer of glTF")
+        content = read_bytes(buffer_file, "buffer of glTF")
     if len(content) < buffer["byteLength"]:
         raise ContentError(f"has a buffer of {len(content)} bytes, fewer than it declares")
     return content
@@ -207,35 +224,39 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     if len(scenes) > 1 and "scene" not in header:
         problem = f"{len(scenes)} scenes of which none is the default"
         raise unsupported_part(problem, "export one scene")
-    roots = _look_up(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
-    pending = [(number, np.eye(4)) for number in roots]
+    if not scenes:
+        return
+    scene = _look_up(header, "scenes", header.get("scene", 0))
+    pending = [(number, np.eye(4)) for number in scene.get("nodes", [])]
     seen: set[int] = set()
     while pending:
-        number, above = pending.pop()
+        number, parent_pose = pending.pop()
         if number in seen or not 0 <= number < len(nodes):
             raise ContentError(f"names node {number} twice, or it is missing; nodes form trees")
         seen.add(number)
         node = nodes[number]
         _refuse_extensions(node)
-        pose = above @ _gltf_transform(node)
+        pose = parent_pose @ _parse_gltf_transform(node)
         pending += [(child, pose) for child in node.get("children", [])]
         if "mesh" in node:
             _refuse_moved_mesh(node, _look_up(header, "meshes", node["mesh"]))
             yield node["mesh"], pose
 
 
-def _gltf_transform(node: Json) -> Floats:
+def _parse_gltf_transform(node: Json) -> Floats:
     """Return the transform from a glTF node to its parent, shape (4, 4)."""
     from scipy.spatial.transform import Rotation
 
-    if "matrix" in node:
+    if "matrix" in node:  # its numbers go column by column
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    rotation = Rotation.from_quat(node.get("rotation", [0.0, 0.0, 0.0, 1.0])).as_matrix()
     scale = np.array(node.get("scale", [1.0, 1.0, 1.0]), dtype=np.float64)
-    return _affine(rotation * scale, node.get("translation", [0.0, 0.0, 0.0]))
+    rotation = Rotation.from_quat(node.get("rotation", [0.0, 0.0, 0.0, 1.0])).as_matrix()
+    offset = node.get("translation", [0.0, 0.0, 0.0])
+    # A node is scaled along its own axes, then rotated, then moved.
+    return _make_affine(rotation * scale, offset)
 
 
-def _affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
+def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
     """Return the matrix of an affine transform, shape (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3] = linear
@@ -248,7 +269,8 @@ def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
     if "skin" in node:
         hint = "apply its pose and export it without the skin"
         raise unsupported_part("a mesh that a skin moves", hint)
-    if any(node.get("weights") or mesh.get("weights") or []):
+    weights = node.get("weights") or mesh.get("weights") or []
+    if any(weights):
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
@@ -286,8 +308,9 @@ def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     position = 12
     while position < len(data):
         size, kind = struct.unpack_from("<I4s", data, position)
-        chunks.setdefault(kind, data[position + 8 : position + 8 + size])
-        position += 8 + size
+        start = position + 8
+        position = start + size
+        chunks.setdefault(kind, data[start:position])
     if not position == length == len(data):
         raise ContentError(f"has {len(data)} bytes but declares {length}, and chunks to {position}")
     return chunks[b"JSON"], chunks.get(b"BIN\0", b"")
@@ -304,7 +327,8 @@ def _parse_gltf_header(data: bytes) -> Json:
     version = str(header["asset"]["version"])
     if not version.startswith("2."):
         raise ContentError(f"is of version {version}; only glTF 2 is read")
-    _refuse_extensions({"extensions": dict.fromkeys(header.get("extensionsRequired", []))})
+    required = dict.fromkeys(header.get("extensionsRequired", []))
+    _refuse_extensions({"extensions": required})
     return header
 
 
@@ -369,14 +393,12 @@ def _read_collada(file: Path) -> Surface:
     placed = list(_place_geometries(collada))
     surfaces = {geometry: _read_surfaces(geometry, collada) for geometry, _ in placed}
     # A geometry may be placed several times, so the memory is checked before it is copied.
-    sizes = {
-        geometry: sum(surface_bytes(len(points), len(faces)) for points, faces in parts)
-        for geometry, parts in surfaces.items()
-    }
-    check_bytes(file, sum(sizes[each] for each, _ in placed), "unfolds to", memory=3.0)
-    return join_surfaces(
-        [transform_surface(surface, pose) for each, pose in placed for surface in surfaces[each]]
-    )
+    unfolded_bytes = 0
+    for geometry, _ in placed:
+        for points, faces in surfaces[geometry]:
+            unfolded_bytes += surface_bytes(len(points), len(faces))
+    check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
+    return _join_placed(surfaces, placed)
 
 
 def _parse_collada(data: bytes) -> _Collada:
@@ -385,11 +407,20 @@ def _parse_collada(data: bytes) -> _Collada:
     named: dict[str, Element | None] = {}
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
-        if name := element.get("id"):
+        name = element.get("id")
+        if name:
             named[name] = None if name in named else element
     if root.tag != "COLLADA":
         raise ContentError(f"holds {root.tag}, not COLLADA")
     return _Collada(root, named, {})
+
+
+class _PendingElement(NamedTuple):
+    """An element of a COLLADA scene to visit, and the transform and nodes above it."""
+
+    element: Element
+    parent_pose: Floats
+    nodes_above: tuple[Element, ...]
 
 
 def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
@@ -398,35 +429,33 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
     Raises ContentError if nodes are nested without end, and GeometryError if the scene has an
     unsupported element.
     """
-    unit = _affine(np.diag([_read_unit(collada.root)] * 3))
+    metres_per_unit = _read_unit(collada.root)
+    to_metres = _make_affine(metres_per_unit * np.eye(3))
     visits = 0
     max_visits = _MAX_EXTRA_VISITS + sum(1 for _ in collada.root.iter())
-    # Elements to visit, depth first, with the transform and the nodes above them.
-    pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
-        (child, unit, ()) for child in reversed(_find_scene(collada))
-    ]
+    # The last pending element is the next one, so children are appended in reverse.
+    children = reversed(_find_scene(collada))
+    pending = [_PendingElement(child, to_metres, ()) for child in children]
     while pending:
-        element, above, path = pending.pop()
+        element, parent_pose, nodes_above = pending.pop()
         visits += 1
-        if visits > max_visits or len(path) > _MAX_NODE_LEVELS:
-            raise ContentError(f"nests nodes {len(path)} deep, and {visits} in all or more")
+        if visits > max_visits or len(nodes_above) > _MAX_NODE_LEVELS:
+            raise ContentError(f"nests nodes {len(nodes_above)} deep, and {visits} in all or more")
         if element.tag in _SHAPELESS_CHILDREN:
             continue
         if element.tag == "instance_node":
             element = collada.resolve(element, "url")
         if element.tag == "instance_geometry":
-            yield collada.resolve(element, "url"), above
+            yield collada.resolve(element, "url"), parent_pose
         elif element.tag != "node":
             raise unsupported_part(f"a {element.tag} in its scene")
-        elif element in path:
+        elif element in nodes_above:
             raise ContentError(f"has the node {element.get('id')!r} within itself")
         else:
-            pose = above @ _collada_transform(element)
-            pending += [
-                (child, pose, (*path, element))
-                for child in reversed(element)
-                if child.tag not in _TRANSFORMS
-            ]
+            pose = parent_pose @ _parse_collada_transform(element)
+            nodes = (*nodes_above, element)
+            inner = (child for child in reversed(element) if child.tag not in _TRANSFORMS)
+            pending += [_PendingElement(child, pose, nodes) for child in inner]
 
 
 def _read_unit(root: Element) -> float:
@@ -449,35 +478,37 @@ def _find_scene(collada: _Collada) -> Element:
     return scene
 
 
-def _collada_transform(node: Element) -> Floats:
+def _parse_collada_transform(node: Element) -> Floats:
     """Return the transform from a COLLADA node to its parent, shape (4, 4)."""
     transform = np.eye(4)
     for child in node:
-        if child.tag in _TRANSFORMS:
-            size, matrix = _TRANSFORMS[child.tag]
-            numbers = np.array((child.text or "").split(), dtype=np.float64)
-            if len(numbers) != size:
-                raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
-            transform = transform @ matrix(numbers)
+        if child.tag not in _TRANSFORMS:
+            continue
+        count, make_matrix = _TRANSFORMS[child.tag]
+        numbers = np.array((child.text or "").split(), dtype=np.float64)
+        if len(numbers) != count:
+            raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {count}")
+        transform = transform @ make_matrix(numbers)
     return transform
 
 
-def _rotation(values: Floats) -> Floats:
+def _make_rotation(values: Floats) -> Floats:
     """Return the matrix of a rotation, shape (3, 3).
 
     `values`, shape (4,), are the axis and the angle in degrees.
     """
     from scipy.spatial.transform import Rotation
 
-    axis = values[:3] / (np.linalg.norm(values[:3]) or 1.0)
-    return np.asarray(Rotation.from_rotvec(values[3] * axis, degrees=True).as_matrix())
+    length = np.linalg.norm(values[:3]) or 1.0
+    rotation_vector = values[3] * (values[:3] / length)
+    return np.asarray(Rotation.from_rotvec(rotation_vector, degrees=True).as_matrix())
 
 
 _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
     "matrix": (16, lambda values: values.reshape(4, 4)),
-    "translate": (3, lambda values: _affine(np.eye(3), values)),
-    "rotate": (4, lambda values: _affine(_rotation(values))),
-    "scale": (3, lambda values: _affine(np.diag(values))),
+    "translate": (3, lambda values: _make_affine(np.eye(3), values)),
+    "rotate": (4, lambda values: _make_affine(_make_rotation(values))),
+    "scale": (3, lambda values: _make_affine(np.diag(values))),
 }
 """Number of values of each transform of a COLLADA node, and the function that makes its matrix."""
 
@@ -506,27 +537,35 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     if not count and not len(numbers):
         return join_surfaces([])
     # Each corner has an index for every input; the offset of the input VERTEX selects one of them.
-    inputs = part.findall("input")
-    vertices = part.findall("input[@semantic='VERTEX']")
-    stride = 1 + max((int(each.get("offset", "0")) for each in inputs), default=0)
-    if len(vertices) != 1 or any(len(each) % stride for each in lists):
-        problem = f"has {part.tag} with {len(vertices)} inputs VERTEX"
+    offsets = [int(element.get("offset", "0")) for element in part.findall("input")]
+    stride = 1 + max(offsets, default=0)
+    inputs = part.findall("input[@semantic='VERTEX']")
+    if len(inputs) != 1 or any(len(indices) % stride for indices in lists):
+        problem = f"has {part.tag} with {len(inputs)} inputs VERTEX"
         raise ContentError(f"{problem} and {len(numbers)} numbers, {stride} for a corner")
+    sizes = _count_corners(part, count, [len(indices) // stride for indices in lists])
+    if len(sizes) != count:
+        raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
+    vertex_offset = int(inputs[0].get("offset", "0"))
+    corners = numbers[vertex_offset::stride]
+    points = _read_positions(collada.resolve(inputs[0]), collada)
+    return points, triangulate(points, corners, sizes)
+
+
+def _count_corners(part: Element, count: int, list_sizes: list[int]) -> Ints:
+    """Return the number of corners of each polygon of a COLLADA primitive.
+
+    `list_sizes` has the number of corners in each list of the primitive.
+    """
     if part.find("ph") is not None:
         raise unsupported_part("a polygon with holes")
     if part.tag == "triangles":
-        sizes = np.full(count, 3)
-    elif part.tag == "polylist":
-        sizes = _parse_integers(part.findtext("vcount"))
-    elif part.tag == "polygons":
-        sizes = np.array([len(each) // stride for each in lists], dtype=np.int64)
-    else:
-        raise unsupported_part(f"a mesh with {part.tag}")
-    if len(sizes) != count:
-        raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
-    corners = numbers[int(vertices[0].get("offset", "0")) :: stride]
-    points = _read_positions(collada.resolve(vertices[0]), collada)
-    return points, triangulate(points, corners, sizes)
+        return np.full(count, 3)
+    if part.tag == "polylist":
+        return _parse_integers(part.findtext("vcount"))
+    if part.tag == "polygons":
+        return np.array(list_sizes, dtype=np.int64)
+    raise unsupported_part(f"a mesh with {part.tag}")
 
 
 def _read_positions(vertices: Element, collada: _Collada) -> Floats:
@@ -563,10 +602,13 @@ def _parse_integers(text: str | None) -> Ints:
 # Silence trimesh's log of a bad file, because the error that is raised gives the reason.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
+_STL_HEADER_BYTES: Final = 84
+"""Size, in bytes, of the header of a binary STL file; its last four bytes count the triangles."""
+
 _STL_RECORD: Final = np.dtype(
     [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 )
-"""Layout of a triangle in a binary STL file; the records follow a header of 84 bytes."""
+"""Layout of a triangle in a binary STL file; the records follow the header."""
 
 _FACET: Final = re.compile(
     rb"\bfacet normal \S+ \S+ \S+ outer loop"
@@ -605,7 +647,8 @@ def read_mesh(path: StrPath) -> Surface:
     with decoding(path, _MESH_KIND):
         vertices, faces = _READERS[suffix](Path(path))
         if not len(faces):
-            raise _without_triangles(os.fspath(path), "cloud of points" if len(vertices) else "")
+            content = "cloud of points" if len(vertices) else ""
+            raise _make_empty_error(os.fspath(path), content)
         check_finite(vertices, f"vertices of {path}")
     return vertices, np.ascontiguousarray(faces)
 
@@ -616,14 +659,14 @@ def _read_stl(file: Path) -> Surface:
     It may be binary or text. Triangles share no vertices.
     """
     data = read_bytes(file, _MESH_KIND, memory=12.0)
-    declared = int.from_bytes(data[80:84], "little")
-    if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
-        records = np.frombuffer(data, _STL_RECORD, declared, 84)
+    declared = int.from_bytes(data[80:_STL_HEADER_BYTES], "little")
+    if len(data) == _STL_HEADER_BYTES + _STL_RECORD.itemsize * declared:
+        records = np.frombuffer(data, _STL_RECORD, declared, _STL_HEADER_BYTES)
         vertices = records["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
-        held = max(0.0, (len(data) - 84) / _STL_RECORD.itemsize)
+        held = max(0.0, (len(data) - _STL_HEADER_BYTES) / _STL_RECORD.itemsize)
         raise ContentError(
             f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file"
         )
@@ -637,8 +680,8 @@ def _parse_stl_text(data: bytes) -> Floats:
     """
     text = data.lower().replace(b"\r", b"\n").rstrip(b" \t\n\0")
     lines = list(_SOLIDS.finditer(text))
-    kinds = [bool(line[1]) for line in lines]
-    if kinds != [False, True] * (len(kinds) // 2) or lines[-1].end() != len(text):
+    are_ends = [bool(line[1]) for line in lines]
+    if are_ends != [False, True] * (len(lines) // 2) or lines[-1].end() != len(text):
         raise ContentError("does not go from solid to endsolid, as a text STL file must")
     if b"\0" in text:  # a NUL would end a number
         raise ContentError("is not text")
@@ -651,7 +694,8 @@ def _parse_stl_text(data: bytes) -> Floats:
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise ContentError(f"has stray words of facets besides its {len(facets)} whole ones")
-    return parse_numbers([word for facet in facets for word in facet], float).reshape(-1, 3)
+    words = list(itertools.chain.from_iterable(facets))
+    return parse_numbers(words, float).reshape(-1, 3)
 
 
 def _read_ply(file: Path) -> Surface:
@@ -687,7 +731,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
 
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
-        parts = [(shape.geometry[part], transform) for transform, part in placed]
+        parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
@@ -702,7 +746,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
             content = "cloud of points" if is_cloud else "part without triangles"
             content = f"{content} ({type(part).__name__})"
             if len(parts) == 1:
-                raise _without_triangles(name, content)
+                raise _make_empty_error(name, content)
             problem = f"has a {content} among its meshes"
             hint = "remove it, or pass the meshes alone"
             raise GeometryError(name, problem, "it would be lost", hint, value=part)
@@ -710,11 +754,11 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
         surface = points, np.asarray(part.faces, dtype=np.int64)
         surfaces.append(transform_surface(surface, transform))
     if not surfaces:
-        raise _without_triangles(name, "")
+        raise _make_empty_error(name, "")
     return join_surfaces(surfaces)
 
 
-def _without_triangles(name: str, content: str) -> GeometryError:
+def _make_empty_error(name: str, content: str) -> GeometryError:
     """Return the error for a mesh without triangles.
 
     ``content`` names the other content, or is empty.

@@ -7,6 +7,7 @@ answer but are not read are refused too, unless they are empty.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias
 
@@ -61,12 +62,12 @@ def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> 
     return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
 
 
-def ignored(value: Any, place: str) -> Any:
+def ignore(value: Any, place: str) -> Any:
     """Return a value that changes no answer."""
     return value
 
 
-def refused(hint: str) -> Parser:
+def refuse(hint: str) -> Parser:
     """Make a parser of a field that must be empty."""
 
     def parse(value: Any, place: str) -> None:
@@ -79,36 +80,36 @@ def refused(hint: str) -> Parser:
 def _holds_entries(value: Any) -> bool:
     """Return True if a message holds more than neutral fields and zeros."""
     if isinstance(value, Mapping):
-        entries = (each for name, each in value.items() if name not in _NEUTRAL_FIELDS)
-        return any(map(_holds_entries, entries))
+        fields = (field for name, field in value.items() if name not in _NEUTRAL_FIELDS)
+        return any(map(_holds_entries, fields))
     if isinstance(value, list):
-        return any(each != 0 for each in value)
+        return any(entry != 0 for entry in value)
     return bool(value)
 
 
-def only(*accepted: Any, hint: str = "correct it") -> Parser:
-    """Make a parser that accepts some values; a missing one is the first."""
+def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
+    """Make a parser that accepts some values; a missing value is the first of them."""
+    rule = f"it must be {' or '.join(map(repr, accepted))}"
 
     def parse(value: Any, place: str) -> Any:
         if value is None:
             return accepted[0]
         # True == 1 in Python, but not in a message.
         is_flag = isinstance(value, bool)
-        if value not in [each for each in accepted if isinstance(each, bool) == is_flag]:
-            raise wrong_value(
-                value, place, f"it must be {' or '.join(repr(each) for each in accepted)}", hint
-            )
+        comparable = [choice for choice in accepted if isinstance(choice, bool) == is_flag]
+        if value not in comparable:
+            raise wrong_value(value, place, rule, hint)
         return value
 
     return parse
 
 
-def optional(parser: Parser, default: Any) -> Parser:
+def allow_missing(parser: Parser, default: Any) -> Parser:
     """Make a parser that returns a default for a missing value."""
     return lambda value, place: default if value is None else parser(value, place)
 
 
-def table(fields: Mapping[str, Parser]) -> Parser:
+def make_table_parser(fields: Mapping[str, Parser]) -> Callable[[Any, str], dict[str, Any]]:
     """Make a parser of a table that has no other fields."""
 
     def parse(value: Any, place: str) -> dict[str, Any]:
@@ -130,8 +131,8 @@ def table(fields: Mapping[str, Parser]) -> Parser:
     return parse
 
 
-def list_of(parser: Parser) -> Parser:
-    """Make a parser of a list; a missing one is empty."""
+def make_list_parser(parser: Parser) -> Parser:
+    """Make a parser of a list; a missing list is empty."""
 
     def parse(value: Any, place: str) -> list[Any]:
         if not isinstance(value, list | None):
@@ -141,13 +142,14 @@ def list_of(parser: Parser) -> Parser:
     return parse
 
 
-def unwrapped(field: str, parser: Parser) -> Parser:
+def allow_wrapped(field: str, parser: Parser) -> Parser:
     """Make a parser of a value that may be the only field of a table."""
-    wrapped = table({field: parser})
+    wrapped = make_table_parser({field: parser})
 
     def parse(value: Any, place: str) -> Any:
-        is_table = isinstance(value, dict)
-        return wrapped(value, place)[field] if is_table else parser(value, place)
+        if isinstance(value, dict):
+            return wrapped(value, place)[field]
+        return parser(value, place)
 
     return parse
 
@@ -162,8 +164,8 @@ def parse_name(value: Any, place: str) -> str:
 
 def parse_names(value: Any, place: str) -> list[str]:
     """Parse a list of different names."""
-    names: list[str] = list_of(parse_name)(value, place)
-    for name, following in zip(sorted(names), sorted(names)[1:], strict=False):
+    names: list[str] = make_list_parser(parse_name)(value, place)
+    for name, following in itertools.pairwise(sorted(names)):
         if name == following:
             raise ContentError(
                 f"has {name[:40]!r} twice in {place}", "names must differ", "remove one"
@@ -173,7 +175,8 @@ def parse_names(value: Any, place: str) -> list[str]:
 
 def parse_frame(value: Any, place: str) -> str:
     """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
-    return parse_name(value, place).lstrip("/") if value or value == 0 else ""
+    is_given = value or value == 0
+    return parse_name(value, place).lstrip("/") if is_given else ""
 
 
 def parse_number(value: Any, place: str) -> float:
@@ -191,40 +194,44 @@ def parse_tolerance(value: Any, place: str) -> float:
     return tolerance
 
 
-def numbers(count: int) -> Parser:
+def make_vector_parser(count: int) -> Parser:
     """Make a parser of a list of numbers, or of a table with x, y, z and w."""
 
     def parse(value: Any, place: str) -> Floats:
-        given = value
+        entries = value
         if isinstance(value, dict) and len(value) == count:
-            given = [value.get(name) for name in "xyzw"[:count]]
-        if not isinstance(given, list) or len(given) != count:
+            entries = [value.get(name) for name in "xyzw"[:count]]
+        if not isinstance(entries, list) or len(entries) != count:
             raise wrong_value(value, place, f"it must be {count} finite numbers")
-        return np.array([parse_number(each, place) for each in given])
+        return np.array([parse_number(entry, place) for entry in entries])
 
     return parse
 
 
-_POSITION: Final = optional(numbers(3), np.zeros(3))
-_QUATERNION: Final = optional(numbers(4), np.array([0.0, 0.0, 0.0, 1.0]))
-_POSE: Final = table({"position": _POSITION, "orientation": _QUATERNION})
-_TRANSFORM: Final = table({"translation": _POSITION, "rotation": _QUATERNION})
+_parse_position: Final = allow_missing(make_vector_parser(3), np.zeros(3))
+_parse_quaternion: Final = allow_missing(make_vector_parser(4), np.array([0.0, 0.0, 0.0, 1.0]))
+_parse_pose_fields: Final = make_table_parser(
+    {"position": _parse_position, "orientation": _parse_quaternion}
+)
+_parse_transform_fields: Final = make_table_parser(
+    {"translation": _parse_position, "rotation": _parse_quaternion}
+)
 
 
 def parse_pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a rigid motion, shape (4, 4); a missing one is the identity."""
-    fields = _POSE(value, place)
+    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
+    fields = _parse_pose_fields(value, place)
     return _make_motion(fields["position"], fields["orientation"], place)
 
 
 def parse_rotation(value: Any, place: str) -> Floats:
     """Parse a quaternion as a rotation matrix, shape (3, 3)."""
-    return _make_motion(np.zeros(3), _QUATERNION(value, place), place)[:3, :3]
+    return _make_motion(np.zeros(3), _parse_quaternion(value, place), place)[:3, :3]
 
 
 def parse_identity(value: Any, place: str) -> None:
     """Refuse a transform that is not the identity."""
-    fields = _TRANSFORM(value, place)
+    fields = _parse_transform_fields(value, place)
     motion = _make_motion(fields["translation"], fields["rotation"], place)
     if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
         raise ContentError(
@@ -235,7 +242,10 @@ def parse_identity(value: Any, place: str) -> None:
 
 
 def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
-    """Return a rigid motion, shape (4, 4); like MoveIt, normalise the quaternion."""
+    """Return the matrix of a rigid motion, shape (4, 4).
+
+    Like MoveIt, normalise the quaternion, x to w.
+    """
     from scipy.spatial.transform import Rotation
 
     if np.abs(position).max() > MAX_POSITION_METRES:
@@ -253,24 +263,23 @@ def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
     return motion
 
 
-_PRIMITIVE: Final = table(
+_parse_primitive_fields: Final = make_table_parser(
     {
-        "type": ignored,
-        "dimensions": list_of(parse_number),
-        "polygon": refused("only prisms have one, and they are not read; write another primitive"),
+        "type": ignore,
+        "dimensions": make_list_parser(parse_number),
+        "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
     }
 )
 
 
 def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
-    fields = _PRIMITIVE(value, place)
-    kinds = {name: name for name in PRIMITIVES} | {
-        str(number): name for number, name in enumerate(PRIMITIVES, 1)
-    }
-    kind = kinds.get(str(fields["type"]).lower())
-    if kind is None:
-        known = ", ".join(f"{name} ({number})" for number, name in enumerate(PRIMITIVES, 1))
+    fields = _parse_primitive_fields(value, place)
+    kind = str(fields["type"]).lower()
+    numbered = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
+    kind = numbered.get(kind, kind)
+    if kind not in PRIMITIVES:
+        known = ", ".join(f"{name} ({number})" for number, name in numbered.items())
         raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {known}")
     names = PRIMITIVES[kind]
     sizes = fields["dimensions"]
@@ -278,224 +287,229 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     used = sizes[: len(names)]
     padding = sizes[len(names) :]
     if len(used) < len(names) or any(padding) or min(used) <= 0.0:
-        raise wrong_value(
-            sizes, f"{place}.dimensions", f"a {kind} has {', '.join(names)}, metres above zero"
-        )
+        rule = f"a {kind} has {', '.join(names)}, metres above zero"
+        raise wrong_value(sizes, f"{place}.dimensions", rule)
     return kind, used
 
 
 def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -> list[Floats]:
     """Return the poses of a list of shapes; a single shape needs none."""
-    found: list[Floats] = fields[poses]
+    matrices: list[Floats] = fields[poses]
     count = len(fields[items])
-    if not found and count == 1:
+    if not matrices and count == 1:
         return [np.eye(4)]
-    if len(found) != count:
+    if len(matrices) != count:
         raise ContentError(
-            f"has {count} {items} but {len(found)} {poses} at {place}",
+            f"has {count} {items} but {len(matrices)} {poses} at {place}",
             "each needs a pose",
             "add or remove some",
         )
-    return found
+    return matrices
 
 
 # ---- messages ------------------------------------------------------------------------------------
 
-_HEADER: Final = table({"seq": ignored, "stamp": ignored, "frame_id": parse_frame})
+_parse_header: Final = make_table_parser({"seq": ignore, "stamp": ignore, "frame_id": parse_frame})
 
-_MESH: Final = table(
+_parse_mesh: Final = make_table_parser(
     {
-        "triangles": list_of(unwrapped("vertex_indices", list_of(parse_number))),
-        "vertices": list_of(numbers(3)),
-        "resource": optional(parse_name, ""),
-        "dimensions": optional(numbers(3), None),
+        "triangles": make_list_parser(
+            allow_wrapped("vertex_indices", make_list_parser(parse_number))
+        ),
+        "vertices": make_list_parser(make_vector_parser(3)),
+        "resource": allow_missing(parse_name, ""),
+        "dimensions": allow_missing(make_vector_parser(3), None),
     }
 )
 
-_NO_PLANES: Final = refused("a plane has no end; write a box")
-_NO_SUBFRAMES: Final = refused("remove them, and write poses in the planning frame")
+_refuse_planes: Final = refuse("a plane has no end; write a box")
+_refuse_subframes: Final = refuse("remove them, and write poses in the planning frame")
 
-_COLLISION_OBJECT: Final = table(
+_parse_collision_object: Final = make_table_parser(
     {
         "id": parse_name,
-        "header": _HEADER,
+        "header": _parse_header,
         "pose": parse_pose,
-        "type": ignored,
+        "type": ignore,
         # ROS 2 prints the number as a byte.
-        "operation": only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
-        "primitives": list_of(parse_primitive),
-        "primitive_poses": list_of(parse_pose),
-        "meshes": list_of(_MESH),
-        "mesh_poses": list_of(parse_pose),
-        "planes": _NO_PLANES,
-        "plane_poses": _NO_PLANES,
-        "subframe_names": _NO_SUBFRAMES,
-        "subframe_poses": _NO_SUBFRAMES,
+        "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
+        "primitives": make_list_parser(parse_primitive),
+        "primitive_poses": make_list_parser(parse_pose),
+        "meshes": make_list_parser(_parse_mesh),
+        "mesh_poses": make_list_parser(parse_pose),
+        "planes": _refuse_planes,
+        "plane_poses": _refuse_planes,
+        "subframe_names": _refuse_subframes,
+        "subframe_poses": _refuse_subframes,
     }
 )
 
-_ATTACHED_OBJECT: Final = table(
+_parse_attached_object: Final = make_table_parser(
     {
         "link_name": parse_name,
-        "object": _COLLISION_OBJECT,
-        "touch_links": list_of(parse_name),
-        "detach_posture": ignored,
-        "weight": ignored,
+        "object": _parse_collision_object,
+        "touch_links": make_list_parser(parse_name),
+        "detach_posture": ignore,
+        "weight": ignore,
     }
 )
 
 _STATE_FIELDS: Final = {
-    "joint_state": table(
+    "joint_state": make_table_parser(
         {
-            "header": _HEADER,
+            "header": _parse_header,
             "name": parse_names,
-            "position": list_of(parse_number),
-            "velocity": ignored,
-            "effort": ignored,
+            "position": make_list_parser(parse_number),
+            "velocity": ignore,
+            "effort": ignore,
         }
     ),
-    "multi_dof_joint_state": table(
+    "multi_dof_joint_state": make_table_parser(
         {
-            "header": _HEADER,
-            "joint_names": ignored,
-            "transforms": list_of(parse_identity),
-            "twist": ignored,
-            "wrench": ignored,
+            "header": _parse_header,
+            "joint_names": ignore,
+            "transforms": make_list_parser(parse_identity),
+            "twist": ignore,
+            "wrench": ignore,
         }
     ),
-    "attached_collision_objects": list_of(_ATTACHED_OBJECT),
-    "is_diff": only(False, hint="write the whole state"),
+    "attached_collision_objects": make_list_parser(_parse_attached_object),
+    "is_diff": accept_only(False, hint="write the whole state"),
 }
 
-_FLAGS: Final = list_of(only(False, True))
+_parse_flags: Final = make_list_parser(accept_only(False, True))
 
-_MATRIX: Final = table(
+_parse_matrix: Final = make_table_parser(
     {
         "entry_names": parse_names,
-        "entry_values": list_of(unwrapped("enabled", _FLAGS)),
+        "entry_values": make_list_parser(allow_wrapped("enabled", _parse_flags)),
         "default_entry_names": parse_names,
-        "default_entry_values": _FLAGS,
+        "default_entry_values": _parse_flags,
     }
 )
 
-_OCTOMAP: Final = table(
+_parse_octomap: Final = make_table_parser(
     {
-        "header": _HEADER,
-        "binary": ignored,
-        "id": ignored,
-        "resolution": ignored,
-        "data": refused("save it as .bt, and read it with Workspace.from_octomap"),
+        "header": _parse_header,
+        "binary": ignore,
+        "id": ignore,
+        "resolution": ignore,
+        "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
     }
 )
 
-_FIXED_TRANSFORM: Final = table(
-    {"header": _HEADER, "child_frame_id": ignored, "transform": parse_identity}
+_parse_fixed_transform: Final = make_table_parser(
+    {"header": _parse_header, "child_frame_id": ignore, "transform": parse_identity}
 )
 
 _USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
 
-_SCENE: Final = table(
+_parse_scene: Final = make_table_parser(
     {
-        "name": ignored,
-        "robot_model_name": ignored,
-        "object_colors": ignored,
-        "is_diff": only(False, hint="write the whole scene"),
-        "world": table(
+        "name": ignore,
+        "robot_model_name": ignore,
+        "object_colors": ignore,
+        "is_diff": accept_only(False, hint="write the whole scene"),
+        "world": make_table_parser(
             {
-                "collision_objects": list_of(_COLLISION_OBJECT),
-                "octomap": table({"header": _HEADER, "origin": parse_pose, "octomap": _OCTOMAP}),
+                "collision_objects": make_list_parser(_parse_collision_object),
+                "octomap": make_table_parser(
+                    {"header": _parse_header, "origin": parse_pose, "octomap": _parse_octomap}
+                ),
             }
         ),
-        "robot_state": table(_STATE_FIELDS),
-        "allowed_collision_matrix": _MATRIX,
-        "fixed_frame_transforms": list_of(_FIXED_TRANSFORM),
-        "link_padding": list_of(
-            table({"link_name": ignored, "padding": only(0.0, hint=_USE_PADDING)})
+        "robot_state": make_table_parser(_STATE_FIELDS),
+        "allowed_collision_matrix": _parse_matrix,
+        "fixed_frame_transforms": make_list_parser(_parse_fixed_transform),
+        "link_padding": make_list_parser(
+            make_table_parser({"link_name": ignore, "padding": accept_only(0.0, hint=_USE_PADDING)})
         ),
-        "link_scale": list_of(table({"link_name": ignored, "scale": only(1.0, hint=_USE_PADDING)})),
+        "link_scale": make_list_parser(
+            make_table_parser({"link_name": ignore, "scale": accept_only(1.0, hint=_USE_PADDING)})
+        ),
     }
 )
 
-_JOINT_CONSTRAINT: Final = table(
+_parse_joint_constraint: Final = make_table_parser(
     {
         "joint_name": parse_name,
         "position": parse_number,
         "tolerance_above": parse_tolerance,
         "tolerance_below": parse_tolerance,
-        "weight": ignored,
+        "weight": ignore,
     }
 )
 
-_REGION: Final = table(
+_parse_region: Final = make_table_parser(
     {
-        "primitives": list_of(parse_primitive),
-        "primitive_poses": list_of(parse_pose),
-        "meshes": refused("write a box, a sphere or a cylinder"),
-        "mesh_poses": refused("write a box, a sphere or a cylinder"),
+        "primitives": make_list_parser(parse_primitive),
+        "primitive_poses": make_list_parser(parse_pose),
+        "meshes": refuse("write a box, a sphere or a cylinder"),
+        "mesh_poses": refuse("write a box, a sphere or a cylinder"),
     }
 )
 
-_POSITION_CONSTRAINT: Final = table(
+_parse_position_constraint: Final = make_table_parser(
     {
-        "header": _HEADER,
+        "header": _parse_header,
         "link_name": parse_name,
-        "target_point_offset": refused("constrain the position of the link's origin"),
-        "constraint_region": _REGION,
-        "weight": ignored,
+        "target_point_offset": refuse("constrain the position of the link's origin"),
+        "constraint_region": _parse_region,
+        "weight": ignore,
     }
 )
 
-_ORIENTATION_CONSTRAINT: Final = table(
+_parse_orientation_constraint: Final = make_table_parser(
     {
-        "header": _HEADER,
+        "header": _parse_header,
         "orientation": parse_rotation,
         "link_name": parse_name,
-        "absolute_x_axis_tolerance": optional(parse_number, 0.0),
-        "absolute_y_axis_tolerance": optional(parse_number, 0.0),
-        "absolute_z_axis_tolerance": optional(parse_number, 0.0),
-        "parameterization": ignored,
-        "weight": ignored,
+        "absolute_x_axis_tolerance": allow_missing(parse_number, 0.0),
+        "absolute_y_axis_tolerance": allow_missing(parse_number, 0.0),
+        "absolute_z_axis_tolerance": allow_missing(parse_number, 0.0),
+        "parameterization": ignore,
+        "weight": ignore,
     }
 )
 
-_NOT_OBEYED: Final = refused("remove it; plans would not obey it")
+_refuse_unobeyed: Final = refuse("remove it; plans would not obey it")
 
-_REQUEST: Final = table(
+_parse_request: Final = make_table_parser(
     {
         "group_name": parse_frame,
-        "start_state": table(
+        "start_state": make_table_parser(
             _STATE_FIELDS
             | {
-                "attached_collision_objects": refused(
+                "attached_collision_objects": refuse(
                     "write them as attached_collision_objects of the scene's robot_state"
                 ),
-                "is_diff": ignored,
+                "is_diff": ignore,
             }
         ),
-        "goal_constraints": list_of(
-            table(
+        "goal_constraints": make_list_parser(
+            make_table_parser(
                 {
-                    "name": ignored,
-                    "joint_constraints": list_of(_JOINT_CONSTRAINT),
-                    "position_constraints": list_of(_POSITION_CONSTRAINT),
-                    "orientation_constraints": list_of(_ORIENTATION_CONSTRAINT),
-                    "visibility_constraints": _NOT_OBEYED,
+                    "name": ignore,
+                    "joint_constraints": make_list_parser(_parse_joint_constraint),
+                    "position_constraints": make_list_parser(_parse_position_constraint),
+                    "orientation_constraints": make_list_parser(_parse_orientation_constraint),
+                    "visibility_constraints": _refuse_unobeyed,
                 }
             )
         ),
-        "path_constraints": _NOT_OBEYED,
-        "trajectory_constraints": _NOT_OBEYED,
-        "reference_trajectories": _NOT_OBEYED,
-        "allowed_planning_time": optional(parse_number, 0.0),
-        "workspace_parameters": ignored,
-        "pipeline_id": ignored,
-        "planner_id": ignored,
-        "num_planning_attempts": ignored,
-        "max_velocity_scaling_factor": ignored,
-        "max_acceleration_scaling_factor": ignored,
-        "cartesian_speed_end_effector_link": ignored,
-        "cartesian_speed_limited_link": ignored,
-        "max_cartesian_speed": ignored,
+        "path_constraints": _refuse_unobeyed,
+        "trajectory_constraints": _refuse_unobeyed,
+        "reference_trajectories": _refuse_unobeyed,
+        "allowed_planning_time": allow_missing(parse_number, 0.0),
+        "workspace_parameters": ignore,
+        "pipeline_id": ignore,
+        "planner_id": ignore,
+        "num_planning_attempts": ignore,
+        "max_velocity_scaling_factor": ignore,
+        "max_acceleration_scaling_factor": ignore,
+        "cartesian_speed_end_effector_link": ignore,
+        "cartesian_speed_limited_link": ignore,
+        "max_cartesian_speed": ignore,
     }
 )
 
@@ -506,16 +520,14 @@ def read_scene_message(path: StrPath) -> dict[str, Any]:
     if isinstance(content, dict) and "collision_objects" in content:
         content = {"world": content}
     with decoding(path, SCENE_KIND):
-        scene: dict[str, Any] = _SCENE(content, "")
-    return scene
+        return _parse_scene(content, "")
 
 
 def read_request_message(path: StrPath) -> dict[str, Any]:
     """Read the fields of a motion plan request."""
     content = read_yaml(path, REQUEST_KIND)
     with decoding(path, REQUEST_KIND):
-        request: dict[str, Any] = _REQUEST(content, "")
-    return request
+        return _parse_request(content, "")
 
 
 def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
@@ -532,7 +544,10 @@ def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
 
 
 def find_frame(frames: set[str]) -> str:
-    """Return the one frame of all poses."""
+    """Return the common frame of all poses.
+
+    Raises ContentError if there are several.
+    """
     if len(frames) > 1:
         raise ContentError(
             f"has poses in the frames {', '.join(map(repr, sorted(frames)))}",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,16 +27,15 @@ _SIDE: Final = 2**_LEVELS
 _OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
 
 _CHILD_OFFSETS: Final[Ints] = np.ravel_multi_index(
-    np.array([[child & 1, child >> 1 & 1, child >> 2] for child in range(8)]).T, _OCTREE_SHAPE
+    np.unravel_index(np.arange(8), (2, 2, 2), order="F"), _OCTREE_SHAPE
 )
-"""Flat index of the first cell of each child, if children are one cell across."""
+"""Flat index of each child's first cell, if children are one cell across; x varies fastest."""
 
 _UNSEEN: Final = 2
 """State of cells without a leaf; 0 is free and 1 is occupied."""
 
 
-@dataclass(frozen=True, slots=True)
-class _OctomapHeader:
+class _OctomapHeader(NamedTuple):
     """Content of the text before the nodes of an OctoMap."""
 
     binary: bool
@@ -67,16 +65,17 @@ def read_octomap(
         header, end = _parse_octomap_header(content)
         leaves = _read_leaves(header, content[end:])
     first = leaves.corners.min(axis=0)
-    shape = (leaves.corners + leaves.sides[:, None]).max(axis=0) - first
-    across = tuple(int(n) for n in shape)
-    check_cells(path, across, memory=3.0)
-    states = np.full(across, _UNSEEN, dtype=np.uint8)
+    ends = leaves.corners + leaves.sides[:, None]
+    shape = tuple((ends.max(axis=0) - first).tolist())
+    check_cells(path, shape, memory=3.0)
+    states = np.full(shape, _UNSEEN, dtype=np.uint8)
     _fill_leaves(states, leaves._replace(corners=leaves.corners - first))
     unseen = states == _UNSEEN
     occupied = states == 1
     if unknown_is_occupied:
         occupied |= unseen
-    lower = (first - _SIDE // 2) * header.resolution
+    cells_from_origin = first - _SIDE // 2
+    lower = cells_from_origin * header.resolution
     return lower, header.resolution, frozen(occupied), frozen(unseen)
 
 
@@ -167,8 +166,8 @@ def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
     leaf, 10 an occupied leaf, 11 an inner node, and 00 unknown.
     """
     records = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
-    shifts = np.arange(0, 16, 2, dtype=np.uint16)
-    kinds = (records[:, None] >> shifts & 3).astype(np.uint8)
+    first_bits = np.arange(0, 16, 2, dtype=np.uint16)
+    kinds = (records[:, None] >> first_bits & 0b11).astype(np.uint8)
     inner_masks = np.packbits(kinds == _INNER_NODE, axis=1, bitorder="little")
     firsts, sides = _place_nodes(inner_masks, 2)
     kinds = kinds[: len(firsts)]
@@ -209,13 +208,13 @@ def _place_nodes(masks: Bytes, smallest: int) -> tuple[Ints, Ints]:
 
     Raises ContentError if a node lies too deep or records are missing.
     """
-    offsets_by_mask = [
-        [offset for child, offset in enumerate(_CHILD_OFFSETS.tolist()) if mask >> child & 1][::-1]
-        for mask in range(256)
-    ]
+    every_mask = np.arange(256, dtype=np.uint8)[:, None]
+    has_child = np.unpackbits(every_mask, axis=1, bitorder="little") == 1
+    # The last pending node is the next one, so children are appended in reverse.
+    offsets_by_mask = [_CHILD_OFFSETS[children][::-1].tolist() for children in has_child]
     firsts = array("q")
     sides = array("q")
-    pending = [(0, _SIDE)]  # the next node is the last
+    pending = [(0, _SIDE)]
     for mask in masks.tobytes():
         if not pending:
             break
@@ -240,6 +239,6 @@ def _fill_leaves(states: Bytes, leaves: _Leaves) -> None:
     """Set the state of the cells in leaves: 1 if occupied, else 0."""
     is_cell = leaves.sides == 1
     states[tuple(leaves.corners[is_cell].T)] = leaves.occupied[is_cell]
-    coarse = (column[~is_cell].tolist() for column in leaves)
-    for (x, y, z), side, occupied in zip(*coarse, strict=True):
+    coarse_columns = (column[~is_cell].tolist() for column in leaves)
+    for (x, y, z), side, occupied in zip(*coarse_columns, strict=True):
         states[x : x + side, y : y + side, z : z + side] = occupied

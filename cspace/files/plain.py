@@ -81,7 +81,7 @@ class _Level:
             self.key = value
         else:
             name = str(value)[:40]
-            raise _not_plain(event, f"the key {name!r}, which is not text or is repeated,")
+            raise _make_yaml_error(event, f"the key {name!r}, which is not text or is repeated,")
 
 
 def _load_yaml(text: str) -> Any:
@@ -100,13 +100,14 @@ def _load_yaml(text: str) -> Any:
     levels = [_Level(documents)]
     for event in yaml.parse(text, Loader=loader):
         if getattr(event, "anchor", None) or getattr(event, "tag", None):
-            raise _not_plain(event, "an anchor, alias or tag")
+            raise _make_yaml_error(event, "an anchor, alias or tag")
         if isinstance(event, yaml.ScalarEvent):
             is_unquoted = event.implicit[0]
-            levels[-1].add(_parse_word(event.value) if is_unquoted else event.value, event)
+            value = _parse_word(event.value) if is_unquoted else event.value
+            levels[-1].add(value, event)
         elif isinstance(event, yaml.CollectionStartEvent):
             if len(levels) > _MAX_LEVELS:
-                raise _not_plain(event, f"more than {_MAX_LEVELS} levels of lists and tables")
+                raise _make_yaml_error(event, f"more than {_MAX_LEVELS} levels of lists and tables")
             levels.append(_Level([] if isinstance(event, yaml.SequenceStartEvent) else {}))
         elif isinstance(event, yaml.CollectionEndEvent):
             values = levels.pop().values
@@ -118,7 +119,7 @@ def _load_yaml(text: str) -> Any:
 
 
 def _parse_word(word: str) -> Any:
-    """Parse an unquoted YAML word."""
+    """Convert an unquoted YAML word to None, a bool, a number or text."""
     match = _PLAIN_WORD.fullmatch(word)
     kind = match.lastgroup if match else None
     if kind == "null":
@@ -129,7 +130,9 @@ def _parse_word(word: str) -> Any:
         return int(word)
     if kind == "number":
         return float(word)
-    return float(word.replace(".", "")) if kind == "special" else word
+    if kind == "special":
+        return float(word.replace(".", ""))
+    return word
 
 
 def read_json(
@@ -152,8 +155,8 @@ def read_json(
         lists = text.count("[")
         needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
         check_file_memory(path, f"holds {lists:,} lists", needed)
-        # The float of a very long integer is infinite.
-        return json.loads(text, parse_int=lambda word: (float if len(word) > 18 else int)(word))
+        # int() takes quadratic time; the float of a very long integer is infinite.
+        return json.loads(text, parse_int=lambda word: float(word) if len(word) > 18 else int(word))
 
 
 def parse_xml(data: bytes) -> Element:
@@ -187,20 +190,22 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
 
     Raises ContentError if there are more than 64 levels.
     """
-    steps = np.zeros(256, dtype=np.int32)
-    steps[list(map(ord, opening))] = 1
-    steps[list(map(ord, closing))] = -1
+    level_change = np.zeros(256, dtype=np.int32)  # by character
+    level_change[list(map(ord, opening))] = 1
+    level_change[list(map(ord, closing))] = -1
     level = 0
     for start in range(0, len(text), _CHARACTERS_PER_BLOCK):
         block = text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace")
-        levels = level + np.cumsum(steps[np.frombuffer(block, dtype=np.uint8)])
+        characters = np.frombuffer(block, dtype=np.uint8)
+        levels = level + np.cumsum(level_change[characters])
         level = int(levels[-1])
         if levels.max() > _MAX_LEVELS:
             problem = f"has more than {_MAX_LEVELS} nested brackets"
             raise ContentError(problem, "it is malformed", "write it flatter")
 
 
-def _not_plain(event: Any, what: str) -> ContentError:
+def _make_yaml_error(event: Any, what: str) -> ContentError:
+    """Return the error for a part of YAML that is not a plain value."""
     problem = f"has {what} in line {event.start_mark.line + 1}"
     rule = "only text, numbers, lists and tables are read"
     return ContentError(problem, rule, "correct that line")
@@ -212,6 +217,7 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 
 def check_expanded(root: Element) -> None:
     """Raise ContentError if a file holds unexpanded xacro macros."""
-    if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
+    tags = (str(element.tag) for element in root.iter())
+    if any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
         hint = "run xacro robot.urdf.xacro > robot.urdf"
         raise ContentError("holds xacro macros", "expand them first", hint)

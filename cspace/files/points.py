@@ -34,6 +34,7 @@ _PCD_KEYS: Final = (
     *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
     *("WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"),
 )
+"""Keys of the lines of a PCD header."""
 
 
 def read_points(path: StrPath) -> Floats:
@@ -72,7 +73,7 @@ def _read_npy(path: StrPath) -> Floats:
         problem = f"holds shape {array.shape} and type {array.dtype}"
         rule = "a cloud is one array of numbers of shape (n, 3)"
         raise ContentError(problem, rule, "save one of that shape")
-    return np.array(array, dtype=np.float64)
+    return np.array(array, dtype=np.float64, order="C")
 
 
 def _read_text(path: StrPath) -> Floats:
@@ -98,7 +99,7 @@ def read_pcd(path: StrPath) -> Floats:
     ``ascii`` file within its last number cannot be detected.
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
-    entries, lines, end = _parse_pcd_header(content)
+    entries, header_lines, header_end = _parse_pcd_header(content)
     encoding = " ".join(entries["DATA"])
     if encoding == "binary_compressed":
         hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
@@ -113,25 +114,26 @@ def read_pcd(path: StrPath) -> Floats:
     except (TypeError, ValueError, IndexError) as error:
         rule = "fields need types F, I or U, a SIZE and a COUNT, and POINTS is their number"
         raise ContentError(f"has a malformed header: {error}; {rule}") from error
-    columns = _find_coordinates(entries["FIELDS"], counts)
+    fields = _find_coordinates(entries["FIELDS"], counts)
     if encoding == "binary":
-        found = (len(content) - end) // record.itemsize
-        if found < expected:
-            raise ContentError(f"holds {found} points but its header says {expected}")
-        cloud = np.frombuffer(content, record, expected, end)
-        return np.concatenate([cloud[str(n)] for n in columns], axis=1, dtype=np.float64)
-    rows = read_columns(content[end:].decode("latin-1"), lines + 1)
+        held = (len(content) - header_end) // record.itemsize
+        if held < expected:
+            raise ContentError(f"holds {held} points but its header says {expected}")
+        cloud = np.frombuffer(content, record, expected, header_end)
+        return np.concatenate([cloud[str(field)] for field in fields], axis=1, dtype=np.float64)
+    rows = read_columns(content[header_end:].decode("latin-1"), header_lines + 1)
     if len(rows) != expected:
         raise ContentError(f"holds {len(rows)} points but its header says {expected}")
     if not expected:
         return np.zeros((0, 3))
     if rows.shape[1] != sum(counts):
         raise ContentError(f"has {rows.shape[1]} columns but its header says {sum(counts)}")
-    return np.ascontiguousarray(rows[:, [sum(counts[:n]) for n in columns]])
+    columns = [sum(counts[:field]) for field in fields]
+    return np.ascontiguousarray(rows[:, columns])
 
 
 def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
-    """Return the entries of a header, its number of lines, and the position after it."""
+    """Return the entries of a PCD header, its number of lines, and its size."""
     entries: dict[str, list[str]] = {}
     end = 0
     for number, (line, after) in enumerate(iterate_header_lines(content), start=1):
@@ -153,41 +155,43 @@ def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
 
 
 def _make_record(entries: dict[str, list[str]], counts: list[int]) -> np.dtype[np.void]:
-    """Return the data type of one point.
+    """Return the data type of one point of a binary PCD file.
 
     Fields are named by index, because padding fields share one name. Raises TypeError or ValueError
     if there is no such type.
     """
     if not set(entries["TYPE"]) <= set("FIU"):
         raise ValueError(f"its types are {' '.join(entries['TYPE'])}")
-    parts = zip(entries["FIELDS"], entries["TYPE"], entries["SIZE"], counts, strict=True)
-    fields = [
-        (str(n), f"<{kind.lower()}{int(size)}", (count,))
-        for n, (_, kind, size, count) in enumerate(parts)
-    ]
-    return np.dtype(fields)
+    indices = range(len(entries["FIELDS"]))
+    columns = zip(indices, entries["TYPE"], entries["SIZE"], counts, strict=True)
+    return np.dtype(
+        [
+            (str(index), f"<{kind.lower()}{int(size)}", (count,))
+            for index, kind, size, count in columns
+        ]
+    )
 
 
 def _count_points(entries: dict[str, list[str]]) -> int:
-    """Return the number of points.
+    """Return the number of points that a PCD header declares.
 
     Raises ValueError or IndexError if an entry is no number, or they disagree.
     """
-    grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
-    points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
-    if min([points, *grid]) < 0 or (len(grid) == 2 and math.prod(grid) != points):
-        size = " x ".join(map(str, grid))
+    sides = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
+    points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(sides)
+    if min([points, *sides]) < 0 or (len(sides) == 2 and math.prod(sides) != points):
+        size = " x ".join(map(str, sides))
         raise ValueError(f"{points} points in {size} do not agree")
     return points
 
 
 def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
     """Return the indices of the fields x, y and z."""
-    columns = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
-    if len(columns) != 3 or any(counts[n] != 1 for n in columns):
+    indices = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
+    if len(indices) != 3 or any(counts[index] != 1 for index in indices):
         problem = f"has the fields {' '.join(fields)}"
         raise ContentError(f"{problem}; a cloud in space has x, y and z, once each")
-    return columns
+    return indices
 
 
 CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {

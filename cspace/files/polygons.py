@@ -10,10 +10,10 @@ this module parses its header, for meshes and point clouds.
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -56,11 +56,14 @@ def transform_surface(surface: Surface, transform: Floats) -> Surface:
 
     A mirror image gets its faces reversed, so that they face as before.
     """
-    points, faces = surface
     if (transform == np.eye(4)).all():
         return surface
-    mirror = np.linalg.det(transform[:3, :3]) < 0.0
-    return points @ transform[:3, :3].T + transform[:3, 3], faces[:, ::-1] if mirror else faces
+    points, faces = surface
+    linear = transform[:3, :3]
+    moved = points @ linear.T + transform[:3, 3]
+    if np.linalg.det(linear) < 0.0:
+        faces = faces[:, ::-1]
+    return moved, faces
 
 
 def surface_bytes(points: int, faces: int) -> int:
@@ -72,11 +75,15 @@ def surface_bytes(points: int, faces: int) -> int:
 
 
 def join_surfaces(parts: Sequence[Surface]) -> Surface:
-    """Join surfaces into one."""
-    firsts = np.cumsum([0, *(len(points) for points, _ in parts)])
-    vertices = np.concatenate([np.empty((0, 3)), *(points for points, _ in parts)])
-    faces = [faces + first for (_, faces), first in zip(parts, firsts[:-1], strict=True)]
-    return vertices, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
+    """Join surfaces into one surface; without parts it is empty."""
+    vertices = [np.empty((0, 3))]
+    faces = [np.empty((0, 3), dtype=np.int64)]
+    count = 0
+    for part_vertices, part_faces in parts:
+        vertices.append(part_vertices)
+        faces.append(part_faces + count)
+        count += len(part_vertices)
+    return np.concatenate(vertices), np.concatenate(faces)
 
 
 def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
@@ -102,7 +109,8 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     for size in np.unique(sizes):
-        polygons = corners[firsts[sizes == size, None] + np.arange(size)]
+        places = firsts[sizes == size, None] + np.arange(size)
+        polygons = corners[places]
         if size > 4:
             _check_repeats(polygons)
         if size > 3:
@@ -117,69 +125,95 @@ def _check_repeats(polygons: Ints) -> None:
     Otherwise two bytes of text could become a triangle. A polygon with holes names the ends of its
     bridges twice, so at least half of its corners are distinct.
     """
-    ascending = np.sort(polygons, axis=1)
-    distinct = 1 + np.count_nonzero(ascending[:, 1:] != ascending[:, :-1], axis=1)
+    steps = np.diff(np.sort(polygons, axis=1), axis=1)
+    distinct = 1 + np.count_nonzero(steps, axis=1)
     if (2 * distinct < polygons.shape[1]).any():
-        raise _face_error(polygons[np.argmin(distinct)], f"repeat only {distinct.min()} vertices")
+        polygon = polygons[np.argmin(distinct)]
+        raise _make_face_error(polygon, f"repeat only {distinct.min()} vertices")
 
 
 def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
     """Cut polygons, shape (P, n) with n > 3, into fans of triangles."""
-    points = vertices[polygons]
-    # A later check refuses values that are not finite, by name.
-    points = np.where(np.isfinite(points).all(axis=(1, 2), keepdims=True), points, 0.0)
-    largest = np.abs(points).max(axis=(1, 2), keepdims=True)
-    points = points / np.where(largest > 0.0, largest, 1.0)
-    points -= points.mean(axis=1, keepdims=True)
-    size = np.asarray(np.linalg.norm(points, axis=2).max(axis=1))
-    slack = np.asarray(FILE_ROUNDING + MAX_BEND * size)
-    normal, flat = _fit_planes(points, size, slack)
+    points = _scale_polygons(vertices[polygons])
+    sizes = np.asarray(np.linalg.norm(points, axis=2).max(axis=1))
+    slacks = np.asarray(FILE_ROUNDING + MAX_BEND * sizes)
+    normals, flat = _fit_planes(points, sizes, slacks)
     if not flat.all():
         problem = "do not lie in one plane, or enclose no area there"
-        raise _face_error(polygons[np.argmin(flat)], problem)
-    count = polygons.shape[1]
-    apex = np.full(len(polygons), -1, dtype=np.int64)
-    for first in range(min(count, MAX_FANS)):
-        left = np.flatnonzero(apex < 0)
-        if not len(left):
-            break
-        spokes = np.roll(points[left] - points[left, first : first + 1], -first, axis=1)[:, 1:]
-        areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
-        apex[left[(areas >= -(slack * size)[left, None]).all(axis=1)]] = first
-    if (apex < 0).any():
+        raise _make_face_error(polygons[np.argmin(flat)], problem)
+    apexes = _find_apexes(points, normals, slacks * sizes)
+    if (apexes < 0).any():
         problem = (
             "enclose a shape that bends or crosses itself; none of the tried corners sees it whole"
         )
-        raise _face_error(polygons[np.argmin(apex)], problem)
-    order = (apex[:, None] + np.arange(count)) % count
-    turned = np.take_along_axis(polygons, order, axis=1)
-    centers = np.repeat(turned[:, :1], count - 2, axis=1)
-    fans = np.stack([centers, turned[:, 1:-1], turned[:, 2:]], axis=2)
+        raise _make_face_error(polygons[np.argmin(apexes)], problem)
+    count = polygons.shape[1]
+    order = (apexes[:, None] + np.arange(count)) % count
+    from_apex = np.take_along_axis(polygons, order, axis=1)
+    first_corners = np.repeat(from_apex[:, :1], count - 2, axis=1)
+    fans = np.stack([first_corners, from_apex[:, 1:-1], from_apex[:, 2:]], axis=2)
     return np.asarray(fans.reshape(-1, 3))
 
 
-def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
-    """Return the unit normals of polygons, and which are flat.
+def _scale_polygons(points: Floats) -> Floats:
+    """Scale each polygon, shape (P, n, 3), by its largest coordinate, and center it.
 
-    A polygon without area counts as flat if it lies on a line.
+    A polygon that is not finite becomes zeros; a later check refuses it by name.
     """
-    total = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)
-    length = np.linalg.norm(total, axis=1)
-    thin = length <= slack * size
-    normal = total / np.where(length > 0.0, length, 1.0)[:, None]
-    flat = np.abs(np.einsum("pij,pj->pi", points, normal)).max(axis=1) <= slack
+    finite = np.isfinite(points).all(axis=(1, 2), keepdims=True)
+    points = np.where(finite, points, 0.0)
+    largest = np.abs(points).max(axis=(1, 2), keepdims=True)
+    points = points / np.where(largest > 0.0, largest, 1.0)
+    return np.asarray(points - points.mean(axis=1, keepdims=True))
+
+
+def _find_apexes(points: Floats, normals: Floats, area_slacks: Floats) -> Ints:
+    """Return the corner of each polygon whose fan covers it, or -1 if none does.
+
+    `points` has shape (P, n, 3), `normals` (P, 3) and `area_slacks` (P,).
+    """
+    apexes = np.full(len(points), -1, dtype=np.int64)
+    for apex in range(min(points.shape[1], MAX_FANS)):
+        rest = np.flatnonzero(apexes < 0)
+        if not len(rest):
+            break
+        spokes = points[rest] - points[rest, apex : apex + 1]
+        spokes = np.roll(spokes, -apex, axis=1)[:, 1:]
+        crosses = np.cross(spokes[:, :-1], spokes[:, 1:])
+        doubled_areas = np.einsum("pij,pj->pi", crosses, normals[rest])
+        # A fan covers a polygon if no triangle faces backwards.
+        covers = (doubled_areas >= -area_slacks[rest, None]).all(axis=1)
+        apexes[rest[covers]] = apex
+    return apexes
+
+
+def _fit_planes(points: Floats, sizes: Floats, slacks: Floats) -> tuple[Floats, Bools]:
+    """Return the unit normals of polygons, and a mask of the flat polygons.
+
+    `points` has shape (P, n, 3). A polygon without area counts as flat if it lies on a line; its
+    normal is zero.
+    """
+    doubled_areas = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)
+    lengths = np.linalg.norm(doubled_areas, axis=1)
+    thin = lengths <= slacks * sizes
+    normals = doubled_areas / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    heights = np.abs(np.einsum("pij,pj->pi", points, normals))
+    flat = heights.max(axis=1) <= slacks
     if thin.any():
         _, _, axes = np.linalg.svd(points[thin], full_matrices=False)
-        off = np.abs(points[thin] @ axes[:, 1:].transpose(0, 2, 1)).max(axis=(1, 2))
-        flat[thin] = off <= slack[thin]
-        normal[thin] = 0.0
-    return normal, flat
+        across = axes[:, 1:].transpose(0, 2, 1)  # the axes but the longest
+        distances = np.abs(points[thin] @ across).max(axis=(1, 2))
+        flat[thin] = distances <= slacks[thin]
+        normals[thin] = 0.0
+    return normals, flat
 
 
-def _face_error(polygon: Ints, what: str) -> ContentError:
+def _make_face_error(polygon: Ints, what: str) -> ContentError:
     """Return the error for a face without clear triangles."""
-    shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
-    problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
+    names = ", ".join(map(str, polygon[:8].tolist()))
+    more = ", ..." if len(polygon) > 8 else ""
+    vertices = f"vertices {names}{more}, counted from 0"
+    problem = f"has a face of {len(polygon)} corners ({vertices}) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
     hint = "triangulate the faces where the file is written"
     return ContentError(problem, rule, hint, kind=GeometryError)
@@ -205,18 +239,18 @@ def read_obj(file: Path) -> Surface:
     points: list[list[bytes]] = []
     corners: list[bytes] = []
     sizes: list[int] = []
-    before: list[int] = []
+    vertices_before: list[int] = []
     for line in _read_lines(file):
         tokens = line.split()
         if not tokens:
             continue
         name = tokens[0]
         if name not in (b"v", b"f"):
-            name = name.lower()
+            name = name.lower()  # of other statements, capitals vary
         if name == b"f":
             corners += tokens[1:]
             sizes.append(len(tokens) - 1)
-            before.append(len(points))
+            vertices_before.append(len(points))
         elif name == b"v":
             points.append(tokens[1:])
         elif name in _SURFACE_STATEMENTS:
@@ -226,8 +260,8 @@ def read_obj(file: Path) -> Surface:
             raise ContentError(f"has a line {text!r}, which is not a statement of OBJ")
     vertices = _parse_vertices(points)
     counts = np.array(sizes, dtype=np.int64)
-    numbers = _parse_indices(corners, np.repeat(np.array(before, dtype=np.int64), counts))
-    return vertices, triangulate(vertices, numbers, counts)
+    before = np.repeat(np.array(vertices_before, dtype=np.int64), counts)
+    return vertices, triangulate(vertices, _parse_indices(corners, before), counts)
 
 
 def _read_lines(file: Path) -> list[bytes]:
@@ -251,18 +285,22 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
     """
     for count in set(map(len, points)) & {0, 1, 2, 5}:
         raise ContentError(f"has a vertex with {count} numbers; a vertex has x, y and z")
-    if any(float(point[3]) != 1.0 for point in points if len(point) == 4):
+    weights = [float(point[3]) for point in points if len(point) == 4]
+    if any(weight != 1.0 for weight in weights):
         raise unsupported_part("vertices with weights other than 1")
-    return parse_numbers([word for point in points for word in point[:3]], float).reshape(-1, 3)
+    words = list(itertools.chain.from_iterable(point[:3] for point in points))
+    return parse_numbers(words, float).reshape(-1, 3)
 
 
 def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
     """Convert vertex numbers to indices from 0.
 
-    Files count from 1, or backwards from the last vertex if negative.
+    Files count from 1, or backwards from the last vertex if negative. `before` is the number of
+    vertices before each corner.
     """
+    words = [corner.partition(b"/")[0] for corner in corners]
     try:
-        numbers = parse_numbers([corner.partition(b"/")[0] for corner in corners], int)
+        numbers = parse_numbers(words, int)
     except ValueError as error:
         raise ContentError(
             f"has a corner of a face that is not a whole number ({error!s:.80})"
@@ -282,8 +320,7 @@ _MEMORY_PER_PLY_BYTE: Final = 8.0
 """Bytes of memory to read one byte of a PLY file."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlyHeader:
+class PlyHeader(NamedTuple):
     """The header of a PLY file.
 
     Attributes
@@ -369,7 +406,7 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
     trimesh counts blank lines as elements, skips excess lines and words, and applies the first
     list's length to all.
     """
-    rows = [tokens for line in text.splitlines() if (tokens := line.split())]
+    rows = [line.split() for line in text.splitlines() if line.strip()]
     declared = sum(header.counts.values())
     if len(rows) != declared:
         raise ContentError(f"declares {declared} elements but has {len(rows)} lines of them")
@@ -381,15 +418,16 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
     sizes: list[int] = []
     try:
         for element, tokens in zip(elements, rows, strict=True):
-            at = 0
+            end = 0
             for name, is_list in header.properties[element]:
-                length = int(tokens[at]) if is_list else 0
+                length = int(tokens[end]) if is_list else 0
+                start = end + 1
+                end = start + length
                 if element == "face" and is_list and name in _CORNER_LISTS:
                     sizes.append(length)
-                    corners += tokens[at + 1 : at + 1 + length]
-                at += 1 + length
-            if at != len(tokens):
-                raise ContentError(f"has a {element} of {len(tokens)} words but declares {at}")
+                    corners += tokens[start:end]
+            if end != len(tokens):
+                raise ContentError(f"has a {element} of {len(tokens)} words but declares {end}")
             if element == "vertex":
                 points += [tokens[column] for column in columns]
         vertices = parse_numbers(points, float).reshape(-1, 3)
@@ -403,7 +441,7 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
     lines = iterate_header_lines(content)
     first, _ = next(lines, ("", 0))
     if first.split() != ["ply"]:
-        raise _ply_header_error()
+        raise _make_ply_header_error()
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
     form = ""
@@ -425,8 +463,8 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
             case ["comment" | "obj_info", *_] | []:
                 pass
             case _:
-                raise _ply_header_error()
-    raise _ply_header_error()
+                raise _make_ply_header_error()
+    raise _make_ply_header_error()
 
 
 def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[str, bool]]]) -> None:
@@ -440,7 +478,7 @@ def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[st
             raise ContentError(problem, rule, hint, kind=GeometryError)
 
 
-def _ply_header_error() -> ContentError:
+def _make_ply_header_error() -> ContentError:
     """Return the error for a header that is not one of PLY."""
     rule = "it must go from 'ply' and 'format' to 'end_header', with 'element vertex' once"
     hint = "the file is truncated or of another format; fetch it again"
@@ -448,12 +486,13 @@ def _ply_header_error() -> ContentError:
 
 
 def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
-    """Return the faces of a binary file, all of equal size.
+    """Return the corners and the sizes of the faces of a binary PLY file.
 
-    trimesh applies the size of the first face to all.
+    Refuses faces of different sizes, because trimesh applies the size of the first face to all.
     """
-    for each in lists:
-        if (data[each]["f0"] != data[each]["f0"][0]).any():
+    for list_name in lists:
+        lengths = data[list_name]["f0"]
+        if (lengths != lengths[0]).any():
             problem = "has faces of different numbers of corners"
             raise ContentError(f"{problem}; write it as text, or with triangles only")
     corners = np.asarray(data[name]["f1"], dtype=np.int64).reshape(-1)

@@ -7,12 +7,14 @@ the fields of the ROS 2 messages of the same names.
 from __future__ import annotations
 
 import ast
+import itertools
 import math
 import os
 import pathlib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -85,7 +87,9 @@ def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     """
     with decoding(path, "ROS map"):
         header = _read_header(path)
-    return header.info, *_classify(header, read_shades(header.image, "ROS map's image"))
+    image = read_shades(header.image, "ROS map's image")
+    free, occupied = _classify_pixels(header, image)
+    return header.info, free, occupied
 
 
 class MapInfo(NamedTuple):
@@ -109,8 +113,7 @@ class MapInfo(NamedTuple):
     yaw: float
 
 
-@dataclass(frozen=True, slots=True)
-class _MapHeader:
+class _MapHeader(NamedTuple):
     """Content of the YAML file of a map."""
 
     info: MapInfo
@@ -130,41 +133,46 @@ def _read_header(path: StrPath) -> _MapHeader:
     if not isinstance(document, dict):
         problem = f"holds {type(document).__name__}"
         hint = "write e.g. 'resolution: 0.05'"
-        raise _key_error(problem, "keys and values", hint)
+        raise _make_key_error(problem, "keys and values", hint)
     for key in _REQUIRED_MAP_KEYS:
         if key not in document:
             present = ", ".join(document) or "nothing"
-            raise _key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
+            raise _make_key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
     mode = document.get("mode", MODES[0])
     negate = document["negate"]
     if mode not in MODES:
-        raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
+        raise _make_key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
     if negate not in (0, 1):
         hint = "write 'negate: 0' if dark pixels are obstacles"
-        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", hint)
+        raise _make_key_error(f"negate is {negate!r:.60}", "0 or 1", hint)
     if negate and mode == "raw":
         rule = "0 there: ROS 1 and ROS 2 disagree on its effect"
-        raise _key_error("negate is 1 in raw mode", rule, "remove it")
+        raise _make_key_error("negate is 1 in raw mode", rule, "remove it")
+    info = _parse_placement(document, os.fspath(path))
+    occupied_thresh = _parse_number(document["occupied_thresh"], "occupied_thresh", 0.0, 1.0)
+    free_thresh = _parse_number(document["free_thresh"], "free_thresh", 0.0, 1.0)
+    if free_thresh >= occupied_thresh:
+        problem = f"free_thresh is {free_thresh} and occupied_thresh is {occupied_thresh}"
+        raise _make_key_error(problem, "free below occupied", "exchange them")
+    image = _find_image(pathlib.Path(path), document["image"])
+    return _MapHeader(info, image, mode, bool(negate), occupied_thresh, free_thresh)
+
+
+def _parse_placement(document: Mapping[str, Any], source: str) -> MapInfo:
+    """Parse the resolution and the origin of a ROS map."""
     resolution = _parse_number(document["resolution"], "resolution", 1.0 / _MAX_METRES)
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
-        raise _key_error(f"origin is {origin!r:.60}", "x, y and yaw", hint)
-    x, y, yaw = (_parse_number(value, f"origin[{i}]") for i, value in enumerate(origin))
-    occupied = _parse_number(document["occupied_thresh"], "occupied_thresh", 0.0, 1.0)
-    free = _parse_number(document["free_thresh"], "free_thresh", 0.0, 1.0)
-    if free >= occupied:
-        problem = f"free_thresh is {free} and occupied_thresh is {occupied}"
-        raise _key_error(problem, "free below occupied", "exchange them")
-    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
-    image = _find_image(pathlib.Path(path), document["image"])
-    return _MapHeader(info, image, mode, bool(negate), occupied, free)
+        raise _make_key_error(f"origin is {origin!r:.60}", "x, y and yaw", hint)
+    x, y, yaw = (_parse_number(value, f"origin[{index}]") for index, value in enumerate(origin))
+    return MapInfo(source, resolution, (x, y), yaw)
 
 
 def _find_image(path: pathlib.Path, name: Any) -> pathlib.Path:
     """Return the path of the image; warn if it lies outside the map's folder."""
     if not isinstance(name, str) or not name or "\0" in name:
-        raise _key_error(f"image is {name!r:.60}", "its name", "write e.g. 'image: map.pgm'")
+        raise _make_key_error(f"image is {name!r:.60}", "its name", "write e.g. 'image: map.pgm'")
     file = path.parent / name
     if not file.resolve().is_relative_to(path.parent.resolve()):
         warn_user(f"{path}: image is {name!r}, which lies outside the folder of the map")
@@ -181,25 +189,36 @@ def _parse_number(
         number = math.nan
     if not lowest <= number <= highest:
         rule = f"a number from {lowest:g} to {highest:g}"
-        raise _key_error(f"{key} is {value!r:.60}", rule, "correct it")
+        raise _make_key_error(f"{key} is {value!r:.60}", rule, "correct it")
     return number
 
 
-def _key_error(problem: str, rule: str, hint: str) -> ContentError:
+def _make_key_error(problem: str, rule: str, hint: str) -> ContentError:
+    """Return the error for a wrong value in the YAML of a ROS map."""
     return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
-def _classify(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
-    """Return the free and the occupied pixels, as :func:`read_ros_map` documents."""
+def _classify_pixels(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+    """Return masks of the free and the occupied pixels of a ROS map.
+
+    The modes are documented at :func:`read_ros_map`. All pixels of a level are alike, so levels are
+    classified first.
+    """
     shades = image.shades
     if header.mode == "raw":
         percent = np.floor(255.0 * shades + 0.5)
-        free = percent < 100.0 * header.free_thresh
-        return image.select(free), image.select(~free & (percent <= 100.0))
+        free_levels = percent < 100.0 * header.free_thresh
+        occupied_levels = ~free_levels & (percent <= 100.0)
+        return image.select(free_levels), image.select(occupied_levels)
     probability = shades if header.negate else 1.0 - shades
-    free = probability < header.free_thresh
-    occupied = ~free if header.mode == "scale" else probability >= header.occupied_thresh
-    return image.select(free) & image.opaque, image.select(occupied) & image.opaque
+    free_levels = probability < header.free_thresh
+    if header.mode == "scale":
+        occupied_levels = ~free_levels
+    else:
+        occupied_levels = probability >= header.occupied_thresh
+    free = image.select(free_levels) & image.opaque
+    occupied = image.select(occupied_levels) & image.opaque
+    return free, occupied
 
 
 _MAX_TILT: Final = 1e-6
@@ -382,23 +401,19 @@ def read_occupancy_grid(
     known = (percent >= 0) & (percent <= 100)
     free = known & (percent / 100.0 < low)
     occupied = known & (percent / 100.0 >= high)
-    place = "info.origin.position"
-    x, y = (
-        float(check_finite(_get_field(msg, f"{place}.{name}"), f"msg.{place}.{name}"))
-        for name in "xy"
-    )
-    return MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg)), free, occupied
+    position = "info.origin.position"
+    values = [_get_field(msg, f"{position}.{name}") for name in "xy"]
+    x, y = check_finite(values, f"msg.{position}").tolist()
+    info = MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg))
+    return info, free, occupied
 
 
 def _get_field(msg: object, path: str) -> Any:
     """Return a field of a message by its dotted path."""
-    value = msg
-    for name in path.split("."):
-        try:
-            value = getattr(value, name)
-        except AttributeError as error:
-            raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
-    return value
+    try:
+        return attrgetter(path)(msg)
+    except AttributeError as error:
+        raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
 
 
 def missing_field_error(argument: str, path: str, kind: str) -> InputError:
@@ -409,7 +424,7 @@ def missing_field_error(argument: str, path: str, kind: str) -> InputError:
 
 
 def _parse_resolution(msg: object) -> float:
-    """Return the side of a cell, metres.
+    """Return the side of a cell of a message's map, metres.
 
     Messages store single precision; this undoes the rounding.
     """
@@ -419,7 +434,7 @@ def _parse_resolution(msg: object) -> float:
 
 
 def _parse_yaw(msg: object) -> float:
-    """Return the yaw of the map, radians.
+    """Return the yaw of a message's map, radians.
 
     An unset quaternion, all zeros, counts as no rotation.
     """
@@ -470,8 +485,8 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     problem = f"is {footprint!r:.80}"
     hint = "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
-        value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
-        corners = check_finite(value, name)
+        rows = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
+        corners = check_finite(rows, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise GeometryError(name, problem, rule, hint, value=footprint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
@@ -504,33 +519,33 @@ def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     if not robots:
         rule = f"it has {', '.join(tables)}"
         raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
-    first = next(iter(robots))
+    name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:
-        names = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
-        hint = f"pass e.g. costmap={first!r}, or {pathlib.Path(file).name}#{first}"
-        raise FileError(file, f"describes several robots: {names}", "a map has one robot", hint)
-    return robots[first]
+        listed = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
+        hint = f"pass e.g. costmap={name!r}, or {pathlib.Path(file).name}#{name}"
+        raise FileError(file, f"describes several robots: {listed}", "a map has one robot", hint)
+    return robot
 
 
 def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each table that describes a robot, named by path.
+    """Yield each table that describes a robot, named by its path.
 
-    A name repeated in a row appears once.
+    A name repeated in a row appears once, as in Nav2's ``local_costmap: local_costmap:``.
     """
     if not isinstance(value, dict):
         return
     if value.get("footprint") not in _NO_FOOTPRINT or "robot_radius" in value:
-        names = [name for name in path if name != "ros__parameters"]
-        yield "/".join(name for k, name in enumerate(names) if name not in names[k - 1 : k]), value
-    for name, part in value.items():
-        yield from _iterate_tables(part, (*path, name))
+        names = (name for name in path if name != "ros__parameters")
+        yield "/".join(name for name, _ in itertools.groupby(names)), value
+    for name, inner in value.items():
+        yield from _iterate_tables(inner, (*path, name))
 
 
 def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
     """Parse the robot of a costmap's parameters."""
     footprint: Any = table.get("footprint")
-    padding = table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING)
-    padding = check_not_negative(padding, f"{place}: footprint_padding")
+    given_padding = table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING)
+    padding = check_not_negative(given_padding, f"{place}: footprint_padding")
     if footprint in _NO_FOOTPRINT:
         radius = check_positive(table["robot_radius"], f"{place}: robot_radius")
         return CostmapRobot((), radius, padding)

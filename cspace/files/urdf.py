@@ -76,7 +76,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     data = read_bytes(path, _URDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _URDF_KIND):
-        root = parse_xml(data)
+        root = _parse_robot(data, _URDF_KIND)
         _check_robot(root)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Omit its scene graphs, because they take cubic time for a long chain of links.
@@ -98,10 +98,9 @@ def find_meshes(
     places: dict[str, str] = {}
     for link in links:
         for number, collision in enumerate(urdf.link_map[link].collisions):
-            if collision.geometry.mesh is not None:
-                places.setdefault(
-                    str(collision.geometry.mesh.filename), f"link {link!r}, collision {number}"
-                )
+            mesh = collision.geometry.mesh
+            if mesh is not None:
+                places.setdefault(str(mesh.filename), f"link {link!r}, collision {number}")
     return locate_meshes(places, path, package_dirs)
 
 
@@ -117,29 +116,34 @@ def locate_meshes(
     meshes: dict[str, Path] = {}
     guesses: dict[str, Path] = {}
     for name, place in places.items():
-        exact, elsewhere = _candidate_paths(name, folder, package_dirs)
-        if not (found := _existing_files(exact)[:1]):
-            found = _existing_files(elsewhere)
-            _check_single(found, f"{os.fspath(path)}: {place}: mesh {name}", folder)
-            guesses[name] = found[0]
-        meshes[name] = found[0]
+        exact, elsewhere = _list_candidates(name, folder, package_dirs)
+        files = _find_existing(exact)
+        if not files:
+            files = _find_existing(elsewhere)
+            _check_single(files, f"{os.fspath(path)}: {place}: mesh {name}", folder)
+            guesses[name] = files[0]
+        meshes[name] = files[0]
     if guesses:
-        listed = [
-            f"{name} from {file}" for name, file in list(guesses.items())[:_MAX_LISTED_MESHES]
-        ]
-        more = (
-            f" and {len(guesses) - _MAX_LISTED_MESHES} more"
-            if len(guesses) > _MAX_LISTED_MESHES
-            else ""
-        )
+        listed = [f"{name} from {file}" for name, file in guesses.items()]
+        shown = ", ".join(listed[:_MAX_LISTED_MESHES])
+        if len(listed) > _MAX_LISTED_MESHES:
+            shown += f" and {len(listed) - _MAX_LISTED_MESHES} more"
         warn_user(
             f"{os.fspath(path)}: meshes are missing under their full names; the only file with "
-            "the rest of the name is "
-            f"read instead: {', '.join(listed)}{more}; if this is wrong, pass "
-            "package_dirs=FOLDER, where FOLDER holds "
-            "the folder of the package"
+            f"the rest of the name is read instead: {shown}; if this is wrong, pass "
+            "package_dirs=FOLDER, where FOLDER holds the folder of the package"
         )
     return meshes
+
+
+def _parse_robot(data: bytes, kind: str) -> Element:
+    """Parse the XML of a URDF or an SRDF; raise ContentError if it has no robot."""
+    root = parse_xml(data)
+    if root.tag != "robot":
+        problem = f"holds <{root.tag:.60}>, not <robot>"
+        raise ContentError(problem, f"{kind} files describe a robot", "pass the right file")
+    check_expanded(root)
+    return root
 
 
 def _check_robot(root: Element) -> None:
@@ -147,13 +151,6 @@ def _check_robot(root: Element) -> None:
 
     Raises ContentError.
     """
-    if root.tag != "robot":
-        raise ContentError(
-            f"holds <{root.tag:.60}>, not <robot>",
-            "a URDF file describes a robot",
-            "pass the right file",
-        )
-    check_expanded(root)
     names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
@@ -164,9 +161,8 @@ def _check_robot(root: Element) -> None:
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
-            _check_geometry(
-                collision.find("geometry"), f"link {link.get('name')!r}, collision {number}"
-            )
+            place = f"link {link.get('name')!r}, collision {number}"
+            _check_geometry(collision.find("geometry"), place)
 
 
 def _read_names(root: Element, kind: str) -> list[str]:
@@ -191,7 +187,8 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
     parents: dict[str, str] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
-        parent, child = (_read_attribute(joint, end, "link") for end in ("parent", "child"))
+        parent = _read_attribute(joint, "parent", "link")
+        child = _read_attribute(joint, "child", "link")
         if parent not in links or child not in links:
             raise ContentError(
                 f"joins {parent!r} to {child!r} by the joint {name!r}",
@@ -199,7 +196,8 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
                 "correct the names",
             )
         axis = _read_attribute(joint, "axis", "xyz") or "1 0 0"
-        if joint.get("type") != "fixed" and np.linalg.norm([*map(float, axis.split())]) == 0.0:
+        length = np.linalg.norm([float(word) for word in axis.split()])
+        if joint.get("type") != "fixed" and length == 0.0:
             raise ContentError(
                 f"has the axis {axis!r} at the joint {name!r}", "it must not be zero", "correct it"
             )
@@ -239,17 +237,18 @@ def _check_numbers(element: Element, place: str) -> None:
     """
     for part in element.iter():
         for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(part.tag), {}).items():
-            text = part.get(name, " ".join("0" * count))
+            text = part.get(name)
+            if text is None:
+                continue
             try:
                 numbers = [float(word) for word in text.split()]
             except ValueError:
                 numbers = []
-            if len(numbers) not in {count, 1 if name == "scale" else count}:
-                raise ContentError(
-                    f"has {name}={text!r} at the {part.tag} of {place}",
-                    "it must be one number" if count == 1 else f"it must be {count} numbers",
-                    "correct it",
-                )
+            is_scalar = name == "scale" and len(numbers) == 1
+            if len(numbers) != count and not is_scalar:
+                rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
+                problem = f"has {name}={text!r} at the {part.tag} of {place}"
+                raise ContentError(problem, rule, "correct it")
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
@@ -265,11 +264,11 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
             f"it must be one of {', '.join(GEOMETRIES)}",
             "correct it",
         )
-    for name in GEOMETRIES[shapes[0].tag]:
-        if name not in shapes[0].attrib:
-            raise ContentError(
-                f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it"
-            )
+    shape = shapes[0]
+    for name in GEOMETRIES[shape.tag]:
+        if name not in shape.attrib:
+            problem = f"lacks the {name} of the {shape.tag} of {place}"
+            raise ContentError(problem, "it must be there", "add it")
 
 
 def root_link(urdf: URDF) -> str:
@@ -278,8 +277,8 @@ def root_link(urdf: URDF) -> str:
     return next(str(name) for name in urdf.link_map if name not in children)
 
 
-def _children(urdf: URDF) -> dict[str, list[Any]]:
-    """Return the joints below each link."""
+def _list_child_joints(urdf: URDF) -> dict[str, list[Any]]:
+    """List the joints that each link carries."""
     below: dict[str, list[Any]] = {name: [] for name in urdf.link_map}
     for joint in urdf.robot.joints:
         below[joint.parent].append(joint)
@@ -292,7 +291,7 @@ def fixed_links(urdf: URDF) -> list[str]:
     The root comes first.
     """
     rigid = [root_link(urdf)]
-    below = _children(urdf)
+    below = _list_child_joints(urdf)
     for name in rigid:  # the list grows in the loop
         rigid += [joint.child for joint in below[name] if joint.type == "fixed"]
     return rigid
@@ -307,19 +306,21 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     from scipy.spatial.transform import Rotation
 
     root = root_link(urdf)
-    below = _children(urdf)
+    below = _list_child_joints(urdf)
     poses = {root: np.eye(4)}
     order = [root]
     for name in order:  # the list grows in the loop
         for joint in below[name]:
-            pose = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin)
+            pose = poses[name]
+            if joint.origin is not None:
+                pose = pose @ joint.origin
             if joint.mimic is not None and joint.type in _MOVING_TYPES:
                 motion = np.eye(4)
-                step = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
+                displacement = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
                 if joint.type == "prismatic":
-                    motion[:3, 3] = step
+                    motion[:3, 3] = displacement
                 else:
-                    motion[:3, :3] = Rotation.from_rotvec(step).as_matrix()
+                    motion[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
                 pose = pose @ motion
             poses[joint.child] = pose
             order.append(joint.child)
@@ -333,12 +334,10 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
 
     Raises InputError if it is of another type or a folder is missing.
     """
+    if isinstance(package_dirs, str | os.PathLike):
+        package_dirs = [package_dirs]
     try:
-        folders = (
-            [Path(package_dirs)]
-            if isinstance(package_dirs, str | os.PathLike)
-            else [*map(Path, package_dirs)]
-        )
+        folders = [Path(folder) for folder in package_dirs]
     except TypeError as error:
         raise InputError(
             "package_dirs",
@@ -359,7 +358,7 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
     return folders
 
 
-def _candidate_paths(
+def _list_candidates(
     name: str, folder: Path, package_dirs: Sequence[Path]
 ) -> tuple[list[Path], list[Path]]:
     """Return the candidate paths of a mesh.
@@ -368,22 +367,23 @@ def _candidate_paths(
     paths for a part of the name. `folder` is the folder of the URDF.
     """
     scheme, _, relative = name.rpartition("://")
-    folders_above = [folder, *folder.parents]
+    near = [*package_dirs, folder, *folder.parents]
     if scheme not in _PACKAGE_SCHEMES:
-        return [folder / relative], [each / relative for each in (*package_dirs, *folders_above)]
-    variables = [
-        Path(each) / tail
-        for variable, tail in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
-        for each in os.environ.get(variable, "").split(os.pathsep)
-        if each
-    ]
+        return [folder / relative], [base / relative for base in near]
     inside_package = relative.partition("/")[2]
-    return [each / relative for each in (*package_dirs, *folders_above, *variables)], [
-        each / inside_package for each in (*package_dirs, *folders_above)
-    ]
+    ros_folders = _list_folders("ROS_PACKAGE_PATH")
+    ament_folders = [prefix / "share" for prefix in _list_folders("AMENT_PREFIX_PATH")]
+    exact = [base / relative for base in (*near, *ros_folders, *ament_folders)]
+    return exact, [base / inside_package for base in near]
 
 
-def _existing_files(places: Iterable[Path]) -> list[Path]:
+def _list_folders(variable: str) -> list[Path]:
+    """List the folders that an environment variable names."""
+    names = os.environ.get(variable, "").split(os.pathsep)
+    return [Path(name) for name in names if name]
+
+
+def _find_existing(places: Iterable[Path]) -> list[Path]:
     """Return the paths that are files, without duplicates."""
     files: dict[Path, Path] = {}
     for place in places:
@@ -393,25 +393,21 @@ def _existing_files(places: Iterable[Path]) -> list[Path]:
     return list(files.values())
 
 
-def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
-    """Raise FileError unless a mesh has one file."""
+def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
+    """Raise FileError unless exactly one file matches a mesh."""
     hint = (
         "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the "
         "folder of its package"
     )
-    if not found:
-        places = (
-            f"package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and "
-            "AMENT_PREFIX_PATH"
+    if not files:
+        rule = (
+            f"the search covers package_dirs, {folder} and the folders above it, "
+            "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
         )
-        raise FileError(place, "does not exist", f"the search covers {places}", hint)
-    if len(found) > 1:
-        raise FileError(
-            place,
-            "does not exist under its full name",
-            f"several files match a part of it: {', '.join(map(str, found))}",
-            hint,
-        )
+        raise FileError(place, "does not exist", rule, hint)
+    if len(files) > 1:
+        rule = f"several files match a part of it: {', '.join(map(str, files))}"
+        raise FileError(place, "does not exist under its full name", rule, hint)
 
 
 _SRDF_KIND: Final = "SRDF"
@@ -470,16 +466,14 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """
     data = read_bytes(path, _SRDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _SRDF_KIND):
-        root = parse_xml(data)
-        if root.tag != "robot":
-            raise ContentError(
-                f"holds <{root.tag:.60}>, not <robot>",
-                "an SRDF file describes a robot",
-                "pass the right file",
-            )
-        check_expanded(root)
+        root = _parse_robot(data, _SRDF_KIND)
         reader = _Reader(root, urdf)
-        srdf = Srdf(reader.allowed(), reader.groups(), reader.states(), reader.end_effectors())
+        srdf = Srdf(
+            reader.read_allowed(),
+            reader.read_groups(),
+            reader.read_states(),
+            reader.read_end_effectors(),
+        )
     skipped = []
     if reader.unknown:
         skipped.append(f"{', '.join(reader.unknown)}, which the URDF does not have")
@@ -502,114 +496,118 @@ class _Reader:
     def __init__(self, root: Element, urdf: URDF) -> None:
         self._root = root
         self._links = urdf.link_map
-        self._above = {joint.child: joint for joint in urdf.robot.joints}
-        self._kinds = {joint.name: joint.type for joint in urdf.robot.joints}
-        self._kinds |= {_attribute(each, "name"): "virtual" for each in root.iter("virtual_joint")}
+        self._joint_above = {joint.child: joint for joint in urdf.robot.joints}
+        self._joint_types = {joint.name: joint.type for joint in urdf.robot.joints}
+        for joint in root.iter("virtual_joint"):
+            self._joint_types[_get_attribute(joint, "name")] = "virtual"
         self.unknown: dict[str, None] = {}
         self.bare: dict[str, None] = {}
 
-    def _known(self, names: Iterable[str], there: Container[str]) -> bool:
-        """Return True if all names are known.
-
-        They are known if they are in `there`; other names are collected in ``unknown``.
-        """
-        missing = [name for name in names if name not in there]
+    def _check_known(self, names: Iterable[str], known: Container[str]) -> bool:
+        """Return True if all names are in `known`; collect the others in ``unknown``."""
+        missing = [name for name in names if name not in known]
         self.unknown |= dict.fromkeys(missing)
         return not missing
 
-    def allowed(self) -> dict[tuple[str, str], str]:
-        """Return the pairs of links that may touch.
+    def read_allowed(self) -> dict[tuple[str, str], str]:
+        """Return the pairs of links that may touch, each with its reason.
 
-        Each has its reason. Like MoveIt, apply the defaults first, then enabled, then disabled
-        pairs.
+        Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
         """
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
-        for (name,), why in self._named("disable_default_collisions", "link"):
-            allowed |= {
-                _sorted_pair(name, other): why for other in solid if name in solid and other != name
-            }
-        for (one, other), _ in self._named("enable_collisions", "link1", "link2"):
-            allowed.pop(_sorted_pair(one, other), None)
-        for (one, other), why in self._named("disable_collisions", "link1", "link2"):
-            self.bare |= dict.fromkeys(name for name in (one, other) if name not in solid)
-            if one in solid and other in solid:
-                allowed[_sorted_pair(one, other)] = why
+        for (name,), reason in self._iterate_links("disable_default_collisions", "link"):
+            if name in solid:
+                others = (other for other in solid if other != name)
+                allowed |= {_sort_pair(name, other): reason for other in others}
+        for names, _ in self._iterate_links("enable_collisions", "link1", "link2"):
+            allowed.pop(_sort_pair(*names), None)
+        for names, reason in self._iterate_links("disable_collisions", "link1", "link2"):
+            bare = [name for name in names if name not in solid]
+            self.bare |= dict.fromkeys(bare)
+            if not bare:
+                allowed[_sort_pair(*names)] = reason
         return allowed
 
-    def _named(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Yield the known links that elements name.
-
-        Each item has the names of the links, and the reason of the element.
-        """
+    def _iterate_links(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
+        """Yield the link names, and the reason, of each element whose links are known."""
         for element in self._root.iter(tag):
-            names = tuple(_attribute(element, key) for key in keys)
-            if self._known(names, self._links):
+            names = tuple(_get_attribute(element, key) for key in keys)
+            if self._check_known(names, self._links):
                 yield names, element.get("reason") or _SRDF_KIND
 
-    def groups(self) -> dict[str, set[str]]:
+    def read_groups(self) -> dict[str, set[str]]:
         """Return the joints of each group."""
-        elements = {_attribute(each, "name"): each for each in self._root.findall("group")}
-        return {name: self._members(name, elements, frozenset()) for name in elements}
+        groups = {_get_attribute(group, "name"): group for group in self._root.findall("group")}
+        return {name: self._collect_joints(name, groups, frozenset()) for name in groups}
 
-    def _members(self, name: str, elements: dict[str, Element], within: frozenset[str]) -> set[str]:
+    def _collect_joints(
+        self, name: str, groups: dict[str, Element], enclosing: frozenset[str]
+    ) -> set[str]:
         """Return the joints of a group and its subgroups.
 
-        `within` holds the enclosing groups.
+        `enclosing` holds the names of the groups around it.
         """
-        if name in within:
+        if name in enclosing:
             raise ContentError(
                 f"has the group {name!r} within itself", "subgroups must end", "remove one of them"
             )
         joints: set[str] = set()
-        for part in elements[name]:
-            if part.tag == "joint" and self._known([each := _attribute(part, "name")], self._kinds):
-                joints.add(each)
-            elif part.tag == "link" and self._known(
-                [each := _attribute(part, "name")], self._links
-            ):
-                joints |= {self._above[each].name} if each in self._above else set()
-            elif part.tag == "chain":
-                ends = _attribute(part, "base_link"), _attribute(part, "tip_link")
-                if self._known(ends, self._links):
-                    joints |= self._to_root(ends[0]) ^ self._to_root(ends[1])
-            elif part.tag == "group" and self._known([each := _attribute(part, "name")], elements):
-                joints |= self._members(each, elements, within | {name})
+        for member in groups[name]:
+            if member.tag == "chain":
+                base = _get_attribute(member, "base_link")
+                tip = _get_attribute(member, "tip_link")
+                if self._check_known([base, tip], self._links):
+                    joints |= self._list_joints_above(base) ^ self._list_joints_above(tip)
+                continue
+            known = {"joint": self._joint_types, "link": self._links, "group": groups}
+            if member.tag not in known:
+                continue
+            member_name = _get_attribute(member, "name")
+            if not self._check_known([member_name], known[member.tag]):
+                continue
+            if member.tag == "joint":
+                joints.add(member_name)
+            elif member.tag == "group":
+                joints |= self._collect_joints(member_name, groups, enclosing | {name})
+            elif member_name in self._joint_above:
+                joints.add(self._joint_above[member_name].name)
         return joints
 
-    def _to_root(self, link: str) -> set[str]:
+    def _list_joints_above(self, link: str) -> set[str]:
         """Return the joints between a link and the root."""
         joints = set()
-        while link in self._above:
-            joints.add(self._above[link].name)
-            link = self._above[link].parent
+        while link in self._joint_above:
+            joint = self._joint_above[link]
+            joints.add(joint.name)
+            link = joint.parent
         return joints
 
-    def states(self) -> dict[str, dict[str, float]]:
+    def read_states(self) -> dict[str, dict[str, float]]:
         """Return the named states, without unknown joints."""
         states = {}
         for state in self._root.findall("group_state"):
-            name = "/".join(filter(None, (state.get("group"), _attribute(state, "name"))))
+            name = "/".join(filter(None, (state.get("group"), _get_attribute(state, "name"))))
             values = {
-                _attribute(each, "name"): _attribute(each, "value")
-                for each in state.findall("joint")
+                _get_attribute(joint, "name"): _get_attribute(joint, "value")
+                for joint in state.findall("joint")
             }
-            if not self._known(values, self._kinds) and values.keys().isdisjoint(self._kinds):
+            self._check_known(values, self._joint_types)
+            if values and values.keys().isdisjoint(self._joint_types):
                 continue
-            moving = [joint for joint in values if self._kinds.get(joint) in _MOVING_TYPES]
+            moving = [joint for joint in values if self._joint_types.get(joint) in _MOVING_TYPES]
             states[name] = {joint: _parse_value(values[joint], name, joint) for joint in moving}
         return states
 
-    def end_effectors(self) -> dict[str, EndEffector]:
+    def read_end_effectors(self) -> dict[str, EndEffector]:
         """Return the end effectors by name."""
         effectors = {}
-        for each in self._root.findall("end_effector"):
-            link = _attribute(each, "parent_link")
-            group = _attribute(each, "group")
-            if self._known([link], self._links):
-                effectors[_attribute(each, "name")] = EndEffector(
-                    link, group, each.get("parent_group", "")
-                )
+        for element in self._root.findall("end_effector"):
+            link = _get_attribute(element, "parent_link")
+            group = _get_attribute(element, "group")
+            if self._check_known([link], self._links):
+                name = _get_attribute(element, "name")
+                effectors[name] = EndEffector(link, group, element.get("parent_group", ""))
         return effectors
 
 
@@ -631,8 +629,8 @@ def _parse_value(text: str, state: str, joint: str) -> float:
     return value
 
 
-def _attribute(element: Element, key: str) -> str:
-    """Return a required attribute.
+def _get_attribute(element: Element, key: str) -> str:
+    """Return a required attribute of an XML element.
 
     Raises ContentError if it is missing.
     """
@@ -642,6 +640,6 @@ def _attribute(element: Element, key: str) -> str:
     return value
 
 
-def _sorted_pair(one: str, other: str) -> tuple[str, str]:
+def _sort_pair(first: str, second: str) -> tuple[str, str]:
     """Return two names in alphabetical order."""
-    return (one, other) if one < other else (other, one)
+    return (first, second) if first < second else (second, first)

@@ -52,7 +52,10 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     for name, shape in _iterate_geometries(source, "polygons"):
         parts = _split_parts(shape)
         shapes += parts
-        names += [f"{name}, part {n}" for n in range(len(parts))] if len(parts) > 1 else [name]
+        if len(parts) == 1:
+            names.append(name)
+        else:
+            names += [f"{name}, part {index}" for index in range(len(parts))]
     if not shapes:
         hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
         raise GeometryError(
@@ -68,15 +71,15 @@ def is_wkt(text: str) -> bool:
 
 
 def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield every geometry of `source`, with a name for messages."""
+    """Yield a name, for messages, and the shape of every geometry in `source`."""
     import shapely
 
     if isinstance(source, shapely.Geometry):
         yield name, source
     elif isinstance(source, Mapping):
-        yield from _from_geojson(source, name)
+        yield from _parse_geojson(source, name)
     elif isinstance(source, str | os.PathLike):
-        yield from _from_text(source, name)
+        yield from _read_text_geometries(source, name)
     elif isinstance(source, Iterable):
         for index, item in enumerate(source):
             yield from _iterate_geometries(item, f"{name}[{index}]")
@@ -86,40 +89,42 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
         raise InputError(name, f"is {source!r:.60}", rule, hint, value=source)
 
 
-def _from_text(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield the geometries of a WKT string or a file."""
+def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of a WKT string or a file, each with its name."""
     suffix = Path(source).suffix.lower()
-    if suffix not in POLYGON_SUFFIXES:
-        if isinstance(source, str) and is_wkt(source):
-            yield name, _from_wkt(source, name)
-            return
-        rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
-        raise InputError(
-            name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source
-        )
     file = os.fspath(source)
     if suffix == ".wkt":
-        text = read_text(source, _POLYGONS_KIND, 10.0, "max_text_bytes")
-        points = 1 + text.count(",")
-        check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
-        if not is_wkt(text):
-            problem = f"begins with {text[:40]!r}"
-            raise FileError(file, problem, "it must hold WKT", "write e.g. 'POINT (1 2)'")
-        lines = [line for line in text.split("\n") if line.strip()]
-        if not all(map(is_wkt, lines)):
-            lines = [text]
-        for number, line in enumerate(lines, start=1):
-            place = f"{file}, geometry {number}" if len(lines) > 1 else file
-            yield place, _from_wkt(line, place)
-        return
-    document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
-    if not isinstance(document, dict):
-        problem = f"holds a JSON {type(document).__name__}"
-        raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
-    yield from _from_geojson(document, file)
+        yield from _read_wkt_file(file)
+    elif suffix in POLYGON_SUFFIXES:
+        document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
+        if not isinstance(document, dict):
+            problem = f"holds a JSON {type(document).__name__}"
+            raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
+        yield from _parse_geojson(document, file)
+    elif isinstance(source, str) and is_wkt(source):
+        yield name, _parse_wkt(source, name)
+    else:
+        rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
+        raise InputError(name, f"is {file[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
 
 
-def _from_wkt(text: str, name: str) -> BaseGeometry:
+def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of a WKT file: one, or one for each line."""
+    text = read_text(file, _POLYGONS_KIND, 10.0, "max_text_bytes")
+    points = 1 + text.count(",")
+    check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
+    if not is_wkt(text):
+        problem = f"begins with {text[:40]!r}"
+        raise FileError(file, problem, "it must hold WKT", "write e.g. 'POINT (1 2)'")
+    lines = [line for line in text.split("\n") if line.strip()]
+    if not all(map(is_wkt, lines)):  # a geometry of several lines
+        lines = [text]
+    for number, line in enumerate(lines, start=1):
+        place = f"{file}, geometry {number}" if len(lines) > 1 else file
+        yield place, _parse_wkt(line, place)
+
+
+def _parse_wkt(text: str, name: str) -> BaseGeometry:
     """Parse a geometry in WKT.
 
     Raises GeometryError if it is malformed.
@@ -140,7 +145,7 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
         raise GeometryError(name, problem, "it must be whole", hint, value=text) from error
 
 
-def _from_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
     from shapely.geometry import shape
 
@@ -155,10 +160,10 @@ def _from_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]
             problem = f"has features {features!r:.60}"
             raise GeometryError(name, problem, "they must be a list", "correct it", value=features)
         for index, feature in enumerate(features):
-            yield from _from_geojson(feature, f"{name}, feature {index}")
+            yield from _parse_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
-        yield from _from_geojson(document.get("geometry"), name)
+        yield from _parse_geojson(document.get("geometry"), name)
         return
     try:
         with np.errstate(invalid="ignore"):
@@ -176,7 +181,10 @@ def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
 
     if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
         return [shape]
-    return [part for inner in shapely.get_parts(shape) for part in _split_parts(inner)]
+    parts: list[BaseGeometry] = []
+    for member in shapely.get_parts(shape):
+        parts += _split_parts(member)
+    return parts
 
 
 def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
@@ -192,11 +200,12 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     points, owners = shapely.get_coordinates(array, return_index=True)
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
-        which = int(owners[broken[0]])
-        problem = "has a vertex at ({}, {})".format(*points[broken[0]])
+        x, y = points[broken[0]]
+        index = int(owners[broken[0]])
+        problem = f"has a vertex at ({x}, {y})"
         rule = "NaN and infinities are refused"
         hint = "drop or replace it"
-        raise GeometryError(names[which], problem, rule, hint, value=shapes[which])
+        raise GeometryError(names[index], problem, rule, hint, value=shapes[index])
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])
     flat = "drop them with shapely.force_2d if height does not matter"
@@ -211,5 +220,5 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
         ),
     ):
         if refused.any():
-            which = int(refused.argmax())
-            raise GeometryError(names[which], problem, rule, hint, value=shapes[which])
+            index = int(refused.argmax())
+            raise GeometryError(names[index], problem, rule, hint, value=shapes[index])

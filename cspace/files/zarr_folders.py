@@ -78,10 +78,10 @@ class Layout:
     def of(cls, shape: Sequence[int], dtype: str, compressed: bool) -> Layout:
         """Choose chunks of whole rows, of at most ``WRITTEN_CHUNK_BYTES`` if possible."""
         chunks = list(shape)
-        for axis in range(len(chunks)):
-            rest = np.dtype(dtype).itemsize * math.prod(chunks[axis + 1 :])
-            chunks[axis] = max(1, min(chunks[axis], WRITTEN_CHUNK_BYTES // rest))
-            if rest <= WRITTEN_CHUNK_BYTES:
+        for axis, count in enumerate(shape):
+            bytes_per_index = np.dtype(dtype).itemsize * math.prod(shape[axis + 1 :])
+            chunks[axis] = max(1, min(count, WRITTEN_CHUNK_BYTES // bytes_per_index))
+            if bytes_per_index <= WRITTEN_CHUNK_BYTES:
                 break
         return cls(tuple(shape), tuple(chunks), np.dtype(dtype).newbyteorder("<"), compressed)
 
@@ -94,23 +94,14 @@ class Layout:
         """
         if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
             raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
-        codecs = metadata["codecs"]
-        names = [str(codec["name"]) for codec in codecs]
-        endian = codecs[0].get("configuration", {}).get("endian", "little")
-        keys = metadata["chunk_key_encoding"]
-        grid = metadata["chunk_grid"]
-        separator = keys.get("configuration", {}).get("separator", "/")
-        rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
-        if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
-            raise ContentError(f"is encoded with {', '.join(names):.80}", rule, _CODEC_HINT)
-        if (keys["name"], separator, grid["name"]) != ("default", "/", "regular"):
-            raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
-        text = str(metadata["data_type"])
-        if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", text):
-            raise ContentError(f"has entries of type {text:.40}, which cannot be read")
+        codecs = _check_codecs(metadata)
+        data_type = str(metadata["data_type"])
+        if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", data_type):
+            raise ContentError(f"has entries of type {data_type:.40}, which cannot be read")
+        dtype = np.dtype(data_type).newbyteorder("<")
         shape = _check_counts(metadata["shape"])
-        chunks = _check_counts(grid["configuration"]["chunk_shape"])
-        layout = cls(shape, chunks, np.dtype(text).newbyteorder("<"), len(names) == 2)
+        chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
+        layout = cls(shape, chunks, dtype, "zstd" in codecs)
         if len(shape) != len(chunks):
             raise ContentError(f"has the shape {shape} and chunks of {chunks}")
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
@@ -151,22 +142,22 @@ class Layout:
 
         The box defaults to the whole array, and cells are clipped to the array.
         """
-        box = box or tuple(slice(0, n) for n in self.shape)
+        box = box or tuple(slice(0, count) for count in self.shape)
         spans = [
-            range(part.start // side, -(-part.stop // side))
-            for part, side in zip(box, self.chunks, strict=True)
+            range(cells.start // side, -(-cells.stop // side))
+            for cells, side in zip(box, self.chunks, strict=True)
         ]
         for index in itertools.product(*spans):
-            parts = zip(index, self.chunks, self.shape, strict=True)
-            cells = tuple(slice(i * side, min((i + 1) * side, n)) for i, side, n in parts)
+            axes = zip(index, self.chunks, self.shape, strict=True)
+            cells = tuple(slice(i * side, min((i + 1) * side, count)) for i, side, count in axes)
             yield f"c/{'/'.join(map(str, index))}", cells
 
     def encode(self, block: NDArray[Any], fill: Any) -> bytes:
         """Encode a chunk; one at the end of the array is padded with ``fill``."""
         if block.shape != self.chunks:
-            whole = np.full(self.chunks, fill, dtype=self.dtype)
-            whole[tuple(slice(0, n) for n in block.shape)] = block
-            block = whole
+            padded = np.full(self.chunks, fill, dtype=self.dtype)
+            padded[tuple(slice(0, count) for count in block.shape)] = block
+            block = padded
         raw = np.ascontiguousarray(block, dtype=self.dtype)
         return bytes(Zstd(ZSTD_LEVEL).encode(raw)) if self.compressed else raw.tobytes()
 
@@ -187,33 +178,51 @@ class Layout:
 
 
 def _zstd_size(content: bytes) -> int | None:
-    """Return the size that the first zstd frame declares.
+    """Return the size, in bytes, that the header of the first zstd frame declares.
 
     Returns None if it declares none; numcodecs then checks that the content fills its buffer.
     """
+    # RFC 8878: magic, descriptor, window (unless a single segment), dictionary, declared size.
     if content[:4] != _ZSTD_MAGIC:
         raise ContentError("has a chunk that is not compressed by zstd")
     descriptor = content[4]
-    single = descriptor >> 5 & 1
-    width = (single, 2, 4, 8)[descriptor >> 6]
-    start = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]
-    declared = int.from_bytes(content[start : start + width], "little")
-    if width == 2:
-        declared += 256
-    return declared if width else None
+    is_single_segment = descriptor >> 5 & 1
+    window_bytes = 1 - is_single_segment
+    dictionary_bytes = (0, 1, 2, 4)[descriptor & 0b11]
+    size_bytes = (is_single_segment, 2, 4, 8)[descriptor >> 6]
+    if not size_bytes:
+        return None
+    start = 5 + window_bytes + dictionary_bytes
+    declared = int.from_bytes(content[start : start + size_bytes], "little")
+    return declared + 256 if size_bytes == 2 else declared
+
+
+def _check_codecs(metadata: Any) -> list[str]:
+    """Return the names of an array's codecs.
+
+    Raises ContentError if its chunks are encoded, divided or named in another way than by default.
+    """
+    codecs = metadata["codecs"]
+    names = [str(codec["name"]) for codec in codecs]
+    endian = codecs[0].get("configuration", {}).get("endian", "little")
+    keys = metadata["chunk_key_encoding"]
+    separator = keys.get("configuration", {}).get("separator", "/")
+    rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
+    if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
+        raise ContentError(f"is encoded with {', '.join(names):.80}", rule, _CODEC_HINT)
+    if (keys["name"], separator) != ("default", "/") or metadata["chunk_grid"]["name"] != "regular":
+        raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
+    return names
 
 
 def missing_chunk(name: str) -> ContentError:
     """Return the error for an array that lacks one or more chunks."""
-    attribute = MISSING_CHUNKS_ATTRIBUTE
-    return ContentError(
-        f"lacks {name}",
-        "a lost chunk would pass for free space",
+    hint = (
         "copy the array again, or write it with zarr.create_array(..., "
-        "config={'write_empty_chunks': "
-        "True}); if missing chunks hold the fill value, set "
-        f'array.attrs["{attribute}"] = "fill_value"',
+        "config={'write_empty_chunks': True}); if missing chunks hold the fill value, set "
+        f'array.attrs["{MISSING_CHUNKS_ATTRIBUTE}"] = "fill_value"'
     )
+    return ContentError(f"lacks {name}", "a lost chunk would pass for free space", hint)
 
 
 def _check_counts(numbers: Any) -> tuple[int, ...]:
@@ -243,10 +252,10 @@ class ZarrArray:
             metadata = read_json(file, _ARRAY_KIND)
             self._layout = Layout.parse(metadata)
             self._fill = metadata["fill_value"]
-            declared = (metadata.get("attributes") or {}).get(MISSING_CHUNKS_ATTRIBUTE)
-        self._may_miss_chunks = declared == "fill_value" and isinstance(
-            self._fill, bool | int | float
-        )
+            attributes = metadata.get("attributes") or {}
+            meaning = attributes.get(MISSING_CHUNKS_ATTRIBUTE)
+        is_number = isinstance(self._fill, bool | int | float)
+        self._may_miss_chunks = is_number and meaning == "fill_value"
         self.shape = self._layout.shape
         self.dtype = self._layout.dtype
         self.ndim = len(self.shape)
@@ -256,7 +265,7 @@ class ZarrArray:
 
         Raises FileError if a chunk is missing, damaged, of the wrong size, or not a plain file.
         """
-        entries = np.empty([part.stop - part.start for part in box], dtype=self.dtype)
+        entries = np.empty([cells.stop - cells.start for cells in box], dtype=self.dtype)
         with decoding(self.filename, _ARRAY_KIND):
             for name, cells in self._layout.iterate_chunks(tuple(box)):
                 here, there = intersect_boxes(box, cells)
@@ -275,4 +284,5 @@ class ZarrArray:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Read all entries as a NumPy array."""
-        return np.asarray(self[tuple(slice(0, n) for n in self.shape)], dtype=dtype)
+        whole = tuple(slice(0, count) for count in self.shape)
+        return np.asarray(self[whole], dtype=dtype)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 DEFAULT_SECONDS: Final = 6.0
 """Duration of an animation of a path without times, seconds."""
 _MAX_FRAMES: Final = 1000
+"""Largest number of frames of an animation."""
 _FRAME_DPI: Final = 90.0
 """Pixels per inch of the frames."""
 _PALETTE_COLORS: Final = 96
@@ -119,30 +120,36 @@ def animate(
         raise InputError("path", "is empty", "an animation needs a path", hint, value=path)
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
-        seconds = (motion.duration if motion is not None else 0.0) or DEFAULT_SECONDS
-    pause, count = _frame_timing(seconds, rate)
-    shares = np.linspace(0.0, 1.0, count if (points != points[0]).any() else 1)
+        duration = 0.0 if motion is None else motion.duration
+        seconds = duration or DEFAULT_SECONDS
+    pause, count = _plan_frames(seconds, rate)
+    if (points == points[0]).all():
+        count = 1
+    shares = np.linspace(0.0, 1.0, count)
     with replacing(target, overwrite) as temporary:
         draw = _draw_arm if hasattr(space, "arm") else _draw_map
         axes, move, reach = draw(space, points, title, camera)
-        rows = interpolate_path(space.rotations, points, shares, reach)
-        if motion is not None:
-            rows = motion.sample(shares * motion.duration)[0]
-        axes.figure.set_dpi(_FRAME_DPI)
+        if motion is None:
+            rows = interpolate_path(space.rotations, points, shares, reach)
+        else:
+            rows, *_ = motion.sample(shares * motion.duration)
+        figure = axes.figure
+        figure.set_dpi(_FRAME_DPI)
         frames = []
         for q in rows:
             move(q)
-            axes.figure.canvas.draw()
+            figure.canvas.draw()
             # The layout of the first frame stays, so that nothing but the robot moves.
-            axes.figure.set_layout_engine("none")
-            frames.append(np.asarray(axes.figure.canvas.buffer_rgba())[..., :3].copy())
+            figure.set_layout_engine("none")
+            pixels = np.asarray(figure.canvas.buffer_rgba())
+            frames.append(pixels[..., :3].copy())
             if progress is not None:
                 progress(len(frames), len(rows))
-        _write(frames, temporary, pause)
+        _write_gif(frames, temporary, pause)
     return target
 
 
-def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
+def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     """Return the milliseconds per frame, in GIF's steps of 10 ms, and the frame count."""
     duration = check_positive(seconds, "seconds", "seconds")
     frequency = check_positive(rate, "rate", "frames per second")
@@ -160,18 +167,19 @@ def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
 def _draw_map(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Return axes, a function that moves the robot there, and the reach of the robot."""
+    """Draw a map; return its axes, a function that moves the robot, and the robot's reach."""
     dim = space.grid.dim
     if dim == 2 and camera is not None:
         problem = "is given for a plane map"
         rule = "it needs a map in space"
         raise InputError("camera", problem, rule, "omit it", value=camera)
     scene = make_scene(space, path=points)
-    still = replace(scene, rotation=points[0, dim:], stations=scene.stations[:0])
+    no_stations = np.empty((0, points.shape[1]))
+    scene = replace(scene, rotation=points[0, dim:], stations=no_stations)
     if dim == 2:
-        axes, move, handles = _draw_plane(still)
+        axes, move, handles = _draw_plane(scene)
     else:
-        axes, move, handles = _draw_solid(still, camera)
+        axes, move, handles = _draw_solid(scene, camera)
     robot = artists.patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
     artists.annotate(axes, True, title, title_of(space), [*handles, robot])
     return axes, move, scene.body.reach
@@ -180,12 +188,12 @@ def _draw_map(
 def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
     """Draw a plane map whose slice follows the robot."""
     axes, handles = draw_plane(scene, None)
-    image = axes.images[0]
-    still = len(axes.collections)
+    (image,) = axes.images
+    fixed_count = len(axes.collections)
     side = artists.block_side(axes, scene.space.grid.shape)
 
     def move(q: Floats) -> None:
-        for robot in list(axes.collections[still:]):
+        for robot in list(axes.collections[fixed_count:]):
             robot.remove()
         artists.draw_robots(axes, scene.body, q[np.newaxis], opacity=1.0, zorder=6.0)
         classes = artists.classify_cells(scene.space, q[2:], scene.window)
@@ -197,10 +205,11 @@ def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
 def _draw_solid(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
     """Draw a map in space in which the robot moves."""
     painting = draw_surface(scene, camera=camera)
-    robot = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
+    corners = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
 
     def move(q: Floats) -> None:
-        painting.show(scene.body.transform(robot, q).reshape(-1, 4, 3))
+        polygons = scene.body.transform(corners, q).reshape(-1, 4, 3)
+        painting.show(polygons)
 
     return painting.axes, move, list(painting.handles.values())
 
@@ -208,28 +217,33 @@ def _draw_solid(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list
 def _draw_arm(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Return axes, a function that moves the arm there, and 0, because joints have no reach."""
+    """Draw an arm; return axes, a function that moves it, and 0, because joints have no reach."""
     figure = ArmFigure(space)
-    stands = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, _FRAMED))
-    painting = paint_arm(figure, stands, camera)
-    links = {name: split_surface(each, painting.size) for name, each in figure.links.items()}
+    framed = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, _FRAMED))
+    painting = paint_arm(figure, framed, camera)
+    links = {name: split_surface(link, painting.size) for name, link in figure.links.items()}
     draw_tip_path(painting, figure, points, np.zeros(0, dtype=np.bool_))
     entries = [*painting.handles.values(), artists.patch("arm", artists.ROBOT_FILL_COLOR)]
     artists.annotate(painting.axes, True, title, space.arm.name, entries)
 
     def move(q: Floats) -> None:
         poses = space.arm.poses(q)
-        placed = [links[name] @ poses[name][:3, :3].T + poses[name][:3, 3] for name in links]
+        placed = []
+        for name, polygons in links.items():
+            rotation = poses[name][:3, :3]
+            translation = poses[name][:3, 3]
+            placed.append(polygons @ rotation.T + translation)
         painting.show(np.concatenate(placed))
 
     return painting.axes, move, 0.0
 
 
-def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
+def _write_gif(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     """Write frames as a GIF that repeats forever; ``pause`` is in milliseconds."""
     from PIL import Image
 
-    samples = np.concatenate(frames[:: max(1, len(frames) // 6)])
+    step = max(1, len(frames) // 6)
+    samples = np.concatenate(frames[::step])
     palette = Image.fromarray(samples).quantize(_PALETTE_COLORS, Image.Quantize.MAXCOVERAGE)
     # No dithering: it would flicker and enlarge the file.
     style: dict[str, Any] = {"palette": palette, "dither": Image.Dither.NONE}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
@@ -62,8 +63,8 @@ class ArmFigure:
         self._arm = arm = space.arm
         self.links = {link.name: _link_surface(arm, link) for link in arm.links}
         self.obstacles = {
-            name: transform_surface(_surface(each.shape.outer, max_balls), each.pose)
-            for name, each in space.obstacles.items()
+            name: transform_surface(_surface(obstacle.shape.outer, max_balls), obstacle.pose)
+            for name, obstacle in space.obstacles.items()
         }
         depths = {link.name: count_joints(arm, link.name) for link in arm.links}
         self.moving = [name for name, depth in depths.items() if depth]
@@ -73,24 +74,28 @@ class ArmFigure:
     def pose_links(self, q: Floats) -> dict[str, Surface]:
         """Return the surfaces of the links at a configuration, by name."""
         poses = self._arm.poses(q)
-        return {name: transform_surface(each, poses[name]) for name, each in self.links.items()}
+        return {name: transform_surface(link, poses[name]) for name, link in self.links.items()}
 
     def tip_positions(self, points: Floats) -> Floats:
         """Return the positions of the center of the :attr:`tip`, shape (n, 3)."""
-        return np.asarray(self._arm.pose(points, self.tip)[..., :3, :] @ self._tip_center)
+        to_base = self._arm.pose(points, self.tip)[..., :3, :]
+        return np.asarray(to_base @ self._tip_center)
 
-    def measure(self, stands: Floats) -> tuple[Floats, Floats, float]:
-        """Return the corners of the box around an arm at configurations, and its margin, metres."""
-        placed = [self.pose_links(q) for q in stands]
-        corners = np.concatenate([vertices for arm in placed for vertices, _ in arm.values()])
+    def measure(self, configurations: Floats) -> tuple[Floats, Floats, float]:
+        """Return the box around an arm at configurations: its corners and its margin, metres."""
+        surfaces = chain.from_iterable(self.pose_links(q).values() for q in configurations)
+        corners = np.concatenate([vertices for vertices, _ in surfaces])
         low = corners.min(axis=0)
         high = corners.max(axis=0)
         return low, high, VIEW_MARGIN_SHARE * float(np.max(high - low))
 
 
 def count_joints(arm: Any, frame: str) -> int:
-    """Return the number of joints that move a frame."""
-    return len(arm.branch_to(frame)[0].joints) if arm.placements[frame].body else 0
+    """Return the number of joints that move a frame of an arm."""
+    if not arm.placements[frame].body:
+        return 0
+    branch, *_ = arm.branch_to(frame)
+    return len(branch.joints)
 
 
 def _link_surface(arm: Any, link: Any) -> Surface:
@@ -101,9 +106,10 @@ def _link_surface(arm: Any, link: Any) -> Surface:
 
 
 def _surface(shape: ExactShape, max_balls: float) -> Surface:
-    """Return the surface of a shape; of many balls of one radius, the centers without triangles."""
+    """Return the surface of a shape, or only centers for many balls of one radius."""
     if isinstance(shape, Balls) and len(shape.radii) > max_balls and not np.ptp(shape.radii):
-        return shape.centers, np.empty((0, 3), dtype=np.int64)
+        no_faces = np.empty((0, 3), dtype=np.int64)
+        return shape.centers, no_faces
     return shape.surface
 
 
@@ -130,10 +136,11 @@ def draw_arm(
     """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`."""
     points = check_path(space, path)
     marks = collect_marks(space, path, points, None, None)
-    stand = marks.get("goal", space.arm.rest) if q is None else q
-    stand = space.arm.check_configuration(stand, "q")
+    if q is None:
+        q = marks.get("goal", space.arm.rest)
+    shown = space.arm.check_configuration(q, "q")
     label = "arm along the path"
-    ghosts = points[:0]
+    ghosts = np.empty((0, len(shown)))
     if len(points) > 1:
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
         ghosts = interpolate_path(space.rotations, points, shares)
@@ -141,12 +148,13 @@ def draw_arm(
         label = "arm at the start"
         ghosts = marks["start"][np.newaxis]
     figure = ArmFigure(space)
-    painting = paint_arm(figure, np.vstack([stand, ghosts]), camera, ax)
-    for surface in figure.pose_links(stand).values():
+    painting = paint_arm(figure, np.vstack([shown, ghosts]), camera, ax)
+    for surface in figure.pose_links(shown).values():
         painting.add(split_surface(surface, painting.size), artists.ROBOT_FILL_COLOR, "arm")
-    for placed in map(figure.pose_links, ghosts):
+    for ghost in ghosts:
+        links = figure.pose_links(ghost)
         for name in figure.moving:
-            painting.add(split_surface(placed[name], painting.size), GHOST_COLOR, label)
+            painting.add(split_surface(links[name], painting.size), GHOST_COLOR, label)
     draw_tip_path(painting, figure, points, find_lost_steps(space, path))
     painting.show()
     entries = list(painting.handles.values()) if legend else []
@@ -155,9 +163,11 @@ def draw_arm(
     return axes
 
 
-def paint_arm(figure: ArmFigure, stands: Floats, camera: Any = None, ax: Any = None) -> Painting:
-    """Return a picture of the obstacles near an arm, with space for it at configurations."""
-    low, high, margin = figure.measure(stands)
+def paint_arm(
+    figure: ArmFigure, configurations: Floats, camera: Any = None, ax: Any = None
+) -> Painting:
+    """Paint the obstacles near an arm, with space for it at configurations (n, size)."""
+    low, high, margin = figure.measure(configurations)
     near = [_clip(surface, low - margin, high + margin) for surface in figure.obstacles.values()]
     corners = np.concatenate([[low, high], *(vertices for vertices, _ in near)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
@@ -176,7 +186,7 @@ def draw_tip_path(painting: Painting, figure: ArmFigure, points: Floats, lost: B
 
 
 def split_surface(surface: Surface, size: float) -> Floats:
-    """Return a simplified surface as small polygons with four corners, shape (n, 4, 3)."""
+    """Simplify a surface and split it into small polygons, shape (n, 4, 3)."""
     vertices, faces = simplify_surface(surface)
     return split_triangles(vertices[faces], size)
 

@@ -100,7 +100,7 @@ CURVE_POINTS: Final = 400
 
 
 def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each cell at one or all rotations.
+    """Classify cells at one or all rotations, by obstacles and states.
 
     ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
     arrays of the grid.
@@ -110,7 +110,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
         ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
     if rotation is not None:
         return _merge_classes(ground, space.states_at(rotation)[layer])
-    slices = (space.states_at(each)[layer] for each in space.slice_rotations)
+    slices = (space.states_at(center)[layer] for center in space.slice_rotations)
     lowest = highest = next(slices)
     for states in slices:
         lowest = np.minimum(lowest, states)
@@ -121,7 +121,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
 
 
 def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each cell of a workspace without a robot."""
+    """Classify cells of a workspace without a robot."""
     occupied = workspace.outer[layer]
     classes = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
     if workspace.unknown is not None:
@@ -132,7 +132,7 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
 
 def _merge_classes(ground: Classes, states: NDArray[np.uint8]) -> Classes:
     """Combine classes in the workspace with states of a slice, both of the same shape."""
-    table = np.empty((len(CLASSES), 3), np.uint8)
+    table = np.empty((len(CLASSES), 3), np.uint8)  # class by ground and state
     table[:, FREE] = HOLLOW
     table[:, MIXED] = UNDECIDED
     table[:, BLOCKED] = COLLIDES
@@ -155,7 +155,7 @@ def draw_cells(
     colors = color_blocks(classes, side)
     left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
     # The last blocks may reach beyond the window; the limits of the axes hide that.
-    rows, columns = colors.shape[:2]
+    rows, columns, _ = colors.shape
     right = left + grid.spacing * side * columns
     top = bottom + grid.spacing * side * rows
     return ax.imshow(
@@ -180,9 +180,10 @@ def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
 
 
 def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
-    """Return legend entries of classes, obstacles first, and of the exterior."""
+    """Create legend entries of classes, obstacles first, and of the exterior."""
     entries = []
-    for index in sorted({*np.concatenate([np.unique(part) for part in classes])}, reverse=True):
+    present = np.unique(np.concatenate([np.unique(part) for part in classes]))
+    for index in present[::-1].tolist():
         label, color = CLASSES[index]
         if scene.rotation is None:
             label = LABELS_OVER_ROTATIONS.get(index, label)
@@ -193,7 +194,7 @@ def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
 
 
 def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
-    """Return a legend entry."""
+    """Create a legend entry: a box filled with a colour."""
     from matplotlib.patches import Patch
 
     return Patch(facecolor=color, edgecolor=edge, linewidth=0.6, label=label, **style)
@@ -208,12 +209,12 @@ def draw_path(
     """
     if not len(points):
         return []
-    columns = list(pair)
+    points = points[:, list(pair)]
     proven = with_gaps(points, ~lost) if lost.any() else points
     line: dict[str, Any] = {"color": PATH_COLOR, "linewidth": 1.8, "zorder": 4, **style}
-    lines: list[Any] = ax.plot(*proven[:, columns].T, label="path", **line)
+    lines: list[Any] = ax.plot(*proven.T, label="path", **line)
     if lost.any():
-        lines += ax.plot(*with_gaps(points, lost)[:, columns].T, zorder=4.1, **LOST_STYLE)
+        lines += ax.plot(*with_gaps(points, lost).T, zorder=4.1, **LOST_STYLE)
     return lines
 
 
@@ -238,14 +239,20 @@ def draw_robots(
     outlines = [join_rings(body.outlines(q, pair)) for q in stations]
     noses = [join_rings(body.noses(q)) for q in stations]
     for paths, color, width in ((outlines, fill, 0.9), (noses, ROBOT_EDGE_COLOR, 0.0)):
-        robots = PathCollection(paths, facecolor=color, edgecolor=ROBOT_EDGE_COLOR, zorder=zorder)
-        robots.set(linewidth=width, transform=ax.transData)
+        robots = PathCollection(
+            paths,
+            facecolor=color,
+            edgecolor=ROBOT_EDGE_COLOR,
+            linewidth=width,
+            transform=ax.transData,
+            zorder=zorder,
+        )
         ax.add_collection(robots, autolim=False)
     return [patch("robot", fill, ROBOT_EDGE_COLOR)]
 
 
 def join_rings(rings: Sequence[Floats]) -> Path:
-    """Return closed outlines as one path of matplotlib."""
+    """Join closed outlines into one path of matplotlib."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
@@ -264,12 +271,19 @@ def draw_marks(
     handles = []
     for name, q in marks.items():
         position = [[coordinate] for coordinate in q[list(pair)]]
-        yaw = None if rotations is None else rotations.find_yaw(q)
+        yaw = rotations.find_yaw(q) if rotations is not None else None
         if yaw is not None:
             arrow = (math.cos(yaw), math.sin(yaw))
             ax.quiver(*position, *arrow, scale=16.0, width=0.006, pivot="tail", zorder=4.9)
-        style = {"linestyle": "none", "markeredgecolor": "black", "clip_on": False, "zorder": 5}
-        handles += ax.plot(*position, label=name, **style, **MARK_STYLES[name])
+        handles += ax.plot(
+            *position,
+            label=name,
+            linestyle="none",
+            markeredgecolor="black",
+            clip_on=False,
+            zorder=5,
+            **MARK_STYLES[name],
+        )
     return handles
 
 
@@ -284,14 +298,14 @@ def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> 
 
 
 def axes_size(box: Floats) -> tuple[float, float]:
-    """Return width and height of axes for the first two axes of a box, inches."""
+    """Choose width and height, inches, of axes for the first two axes of a box."""
     lengths = (box[1] - box[0])[:2]
     width, height = AXES_INCHES * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
     return float(width), float(height)
 
 
 def new_figure(width: float, height: float, layout: Any = "compressed") -> Figure:
-    """Return a figure without a window; sizes are in inches."""
+    """Create a figure without a window; sizes are in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -302,7 +316,8 @@ def new_figure(width: float, height: float, layout: Any = "compressed") -> Figur
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """Add a legend below a figure, in as many columns as fit."""
-    columns = max(1, min(len(handles), int(figure.get_figwidth() / 2.4)))
+    most = int(figure.get_figwidth() / 2.4)  # inches of the widest entry
+    columns = max(1, min(len(handles), most))
     style: dict[str, Any] = {"fontsize": 9, "frameon": False}
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
@@ -322,12 +337,18 @@ def annotate(
         return
     ax.set_title(heading, fontsize=10)
     if handles:
-        style: dict[str, Any] = {"fontsize": 9, "frameon": False, "borderaxespad": 0.0}
-        ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), **style)
+        ax.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(1.02, 1.0),
+            fontsize=9,
+            frameon=False,
+            borderaxespad=0.0,
+        )
 
 
 def figure_png(figure: Any) -> bytes:
-    """Return a figure as PNG."""
+    """Encode a figure as PNG, in the resolution for notebooks."""
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=NOTEBOOK_DPI)
     return file.getvalue()

@@ -151,9 +151,9 @@ def plot(
     """
     from matplotlib.axes import Axes
 
-    given: object = ax
-    if given is not None and not isinstance(given, Axes):
-        problem = f"is a {type(given).__name__}"
+    argument: object = ax
+    if argument is not None and not isinstance(argument, Axes):
+        problem = f"is a {type(argument).__name__}"
         hint = "pass figure.add_subplot()"
         raise InputError("ax", problem, "it must be matplotlib axes", hint, value=ax)
     drawn: Any = space
@@ -183,14 +183,14 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    about = drawn.rotations.describe(scene.rotation)
-    heading = "\n".join(filter(None, [title_of(drawn), about]))
+    rotation_text = drawn.rotations.describe(scene.rotation)
+    heading = "\n".join(filter(None, [title_of(drawn), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
 
 def title_of(space: MapLike) -> str:
-    """Return the default title: the robot and the side of a cell."""
+    """Return the default title of a map: the robot and the side of a cell."""
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
@@ -203,9 +203,8 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
     views = VIEWS[space.grid.dim]
     kind = view or views[0]
     if kind not in views:
-        rule = (
-            f"it must be {' or '.join(views)}, because configurations are ({', '.join(space.axes)})"
-        )
+        axes = ", ".join(space.axes)
+        rule = f"it must be {' or '.join(views)}, because configurations are ({axes})"
         hint = "or omit it; loop over plot(rotation=) for several slices"
         raise InputError("view", f"is {view!r}", rule, hint, value=view)
     for name, kinds in VIEW_OPTIONS.items():
@@ -271,10 +270,9 @@ def save_plot(
     'map.png'
     """
     if "ax" in options:
+        rule = "save_plot draws a new figure"
         hint = "use plot and ax.figure.savefig instead"
-        raise InputError(
-            "ax", "is given", "save_plot draws a new figure", hint, value=options["ax"]
-        )
+        raise InputError("ax", "is given", rule, hint, value=options["ax"])
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 

@@ -123,15 +123,16 @@ class Body:
         """Return closed outlines at a configuration, projected on two axes."""
         if self.rings:
             return [self.transform(ring, q) for ring in self.rings]
+        columns = list(pair)
         # At the origin, so that rounding does not grow with the distance from it.
         position = q[: self.dim]
-        placed = self.transform(self.triangles.reshape(-1, 3), q) - position
-        triangles = shapely.polygons(placed.reshape(-1, 3, 3)[..., list(pair)])
+        corners = self.transform(self.triangles.reshape(-1, 3), q) - position
+        triangles = shapely.polygons(corners[:, columns].reshape(-1, 3, 2))
         seen = triangles[shapely.area(triangles) > 0.0]
         rings = outline_rings(shapely.union_all(seen, grid_size=1e-9 * self.size))
         # Rounding leaves thin gaps between triangles, which would appear as dashes.
-        outer = [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
-        return [ring + position[list(pair)] for ring in outer]
+        wide = [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
+        return [ring + position[columns] for ring in wide]
 
     def noses(self, q: Floats) -> list[Floats]:
         """Return the nose at a configuration, if it has a heading."""
@@ -157,11 +158,12 @@ def interpolate_path(
 ) -> Floats:
     """Interpolate a path at shares, 0 to 1, of its :func:`path_lengths`; return (n, size)."""
     lengths = path_lengths(rotations, points, reach)
-    index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
-    first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
-    after = np.minimum(first + 1, len(points) - 1)
-    steps = rotations.steps_between(points[first], points[after])
-    return rotations.add_steps(points[first], (index - first)[:, np.newaxis] * steps)
+    places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))  # as rows
+    before = np.minimum(places.astype(np.int64), max(len(points) - 2, 0))
+    after = np.minimum(before + 1, len(points) - 1)
+    steps = rotations.steps_between(points[before], points[after])
+    step_shares = (places - before)[:, np.newaxis]
+    return rotations.add_steps(points[before], step_shares * steps)
 
 
 @dataclass(frozen=True)
@@ -228,9 +230,9 @@ def make_scene(
     body = Body(space.robot, rotations)
     point = _choose_center(space, center, body, points, marks)
     stations = _choose_stations(body, points, robot_every, zoom or 1.0)
-    stations = np.concatenate([stations, *(q[np.newaxis] for q in marks.values())])
+    stations = np.vstack([stations, *marks.values()])
     if not space.robot.shape.shown:
-        stations = stations[:0]
+        stations = np.empty((0, points.shape[1]))
     extents = body.extents(stations)
     lower = np.array(grid.lower)
     upper = np.array(grid.upper)
@@ -240,7 +242,7 @@ def make_scene(
         corners = np.concatenate([[lower, upper], points[:, :dim], *extents])
         box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     else:
-        side = math.ceil(max(grid.shape) / zoom)
+        side = math.ceil(max(grid.shape) / zoom)  # cells
         begin = np.rint((point - lower) / grid.spacing - 0.5 * side).astype(np.int64)
         first = np.clip(begin, 0, stop - 1)
         stop = np.clip(begin + side, first + 1, stop)
@@ -248,7 +250,7 @@ def make_scene(
         marks = {name: q for name, q in marks.items() if (q[:dim].clip(*box) == q[:dim]).all()}
         overlaps = (extents[:, 0] < box[1]) & (extents[:, 1] > box[0])
         stations = stations[overlaps.all(axis=1)]
-    window = tuple(slice(*pair) for pair in zip(first.tolist(), stop.tolist(), strict=True))
+    window = tuple(map(slice, first.tolist(), stop.tolist()))
     lost = find_lost_steps(space, path)
     return Scene(space, shown, window, box, point, body, points, lost, marks, stations)
 
@@ -261,10 +263,7 @@ def outline_rings(geometry: Any) -> list[Floats]:
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path or a plan's path as an array of shape (n, size).
-
-    Raises InputError otherwise.
-    """
+    """Return a path or a plan's path as an array of shape (n, size), or raise InputError."""
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else check_finite(values, "path")
     if points.shape == (0,):
@@ -289,17 +288,17 @@ def find_lost_steps(space: HasAxes, path: Any) -> Bools:
     The edges are checked on the drawn map, or on the plan's own map if their grids differ, as for
     an overview. Only certified plans have such steps.
     """
-    steps = np.zeros(max(len(getattr(path, "path", ())) - 1, 0), dtype=np.bool_)
+    step_count = max(len(getattr(path, "path", ())) - 1, 0)
     planned = getattr(path, "space", None)
-    if planned is None or not len(steps) or not getattr(path, "certified", False):
-        return steps
+    if planned is None or not step_count or not getattr(path, "certified", False):
+        return np.zeros(step_count, dtype=np.bool_)
     same_kind = type(space) is type(planned)
     is_same = same_kind and getattr(space, "grid", None) == getattr(planned, "grid", None)
-    lost = ~path.recheck(space if is_same else planned)
+    is_lost_edge = ~path.recheck(space if is_same else planned)
     # Waypoints are rows of the path; the steps between two waypoints lie on one edge.
-    is_waypoint = (path.path[:-1, np.newaxis] == path.waypoints).all(axis=2).any(axis=1)
-    edges = np.cumsum(is_waypoint) - 1
-    return np.asarray(lost[np.minimum(edges, len(lost) - 1)])
+    equals_waypoint = (path.path[:-1, np.newaxis] == path.waypoints).all(axis=2)
+    edges = np.cumsum(equals_waypoint.any(axis=1)) - 1
+    return np.asarray(is_lost_edge[np.minimum(edges, len(is_lost_edge) - 1)])
 
 
 def with_gaps(points: Floats, chosen: Bools) -> Floats:
@@ -307,9 +306,9 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
 
     ``chosen`` has shape (n - 1,). A line through the rows has gaps at the other steps.
     """
-    first = points[:-1][chosen]
-    second = points[1:][chosen]
-    rows = np.stack([first, second, np.full_like(first, np.nan)], axis=1)
+    starts = points[:-1][chosen]
+    ends = points[1:][chosen]
+    rows = np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1)
     return rows.reshape(-1, points.shape[1])
 
 
@@ -331,12 +330,12 @@ def _choose_stations(body: Body, points: Floats, every: float | None, zoom: floa
     if every is not None and every != math.inf:
         every = check_positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
-        return points[:0]
+        return np.empty((0, points.shape[1]))
     length = float(path_lengths(body.rotations, points, body.reach)[-1])
     if every is None:
         every = max(length / (ROBOTS_PER_PATH * zoom), 0.75 * body.size)
-    count = math.ceil(length / every)
-    shares = np.arange(1, count) / max(count, 1)
+    parts = math.ceil(length / every)
+    shares = np.arange(1, parts) / max(parts, 1)
     return interpolate_path(body.rotations, points, shares, body.reach)
 
 
@@ -352,9 +351,9 @@ def _choose_center(
     if center is None:
         position = np.add(grid.lower, grid.upper) / 2
         if len(points):
-            position = interpolate_path(body.rotations, points, np.array([0.5]), body.reach)[0]
+            (position,) = interpolate_path(body.rotations, points, np.array([0.5]), body.reach)
         elif marks:
-            position = next(iter(marks.values()))
+            position, *_ = marks.values()
         return np.clip(position[: grid.dim], grid.lower, grid.upper)
     point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
@@ -373,9 +372,9 @@ def simplify_surface(surface: Surface) -> Surface:
     vertices, faces = surface
     if len(faces) <= MAX_DETAILED_FACES:
         return vertices, faces
-    cell = np.ptp(vertices, axis=0).max() / CLUSTERS_PER_SIDE
-    places = np.rint(vertices / cell)
-    _, first, cluster = np.unique(places, axis=0, return_index=True, return_inverse=True)
-    merged = np.sort(cluster.reshape(-1)[faces], axis=1)
+    spacing = np.ptp(vertices, axis=0).max() / CLUSTERS_PER_SIDE
+    nodes = np.rint(vertices / spacing)  # of the lattice
+    _, first, clusters = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
+    merged = np.sort(clusters.reshape(-1)[faces], axis=1)
     is_triangle = (np.diff(merged, axis=1) > 0).all(axis=1)
     return vertices[first], np.unique(merged[is_triangle], axis=0)

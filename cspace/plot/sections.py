@@ -38,8 +38,11 @@ def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
     """Draw three sections; return the axes seen from above and the legend entries."""
     lengths = scene.box[1] - scene.box[0]
     x, y, z = np.maximum(lengths, lengths.max() / artists.MAX_ASPECT_RATIO)
-    scale = min(_SECTIONS_INCHES[0] / (x + y), _SECTIONS_INCHES[1] / (y + z))
-    figure = artists.new_figure(max(scale * (x + y) + 1.5, 5.0), scale * (y + z) + 2.5)
+    max_width, max_height = _SECTIONS_INCHES
+    scale = min(max_width / (x + y), max_height / (y + z))
+    width = scale * (x + y) + 1.5
+    height = scale * (y + z) + 2.5
+    figure = artists.new_figure(max(width, 5.0), height)
     cells = figure.add_gridspec(2, 2, width_ratios=(x, y), height_ratios=(z, y))
     plan = figure.add_subplot(cells[1, 0])
     front = figure.add_subplot(cells[0, 0], sharex=plan)
@@ -58,11 +61,13 @@ def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
 
 
 def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> artists.Classes:
-    """Draw the cells of a section and lines where the others cut it; return the classes."""
+    """Draw the cells of a section and lines where the others cut it; return the classes.
+
+    ``pair`` are the axes of the section, and ``across`` is the third axis.
+    """
     grid = scene.space.grid
-    cell = int(grid.cell_of(scene.center)[across])
     layer: list[Any] = list(scene.window)
-    layer[across] = cell
+    layer[across] = int(grid.cell_of(scene.center)[across])
     classes = artists.classify_cells(scene.space, scene.rotation, tuple(layer))
     artists.frame(ax, scene.box, pair, grid.labels)
     artists.draw_cells(ax, grid, classes, scene.window, pair)
@@ -93,11 +98,12 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
 
     handles = artists.draw_path(ax, scene.points, scene.lost, pair, alpha=0.4)
     if len(scene.points) > 1:
+        handles[0].set_label("path, away from the section")
         shares = np.linspace(0.0, 1.0, artists.CURVE_POINTS)
         points = interpolate_path(body.rotations, scene.points, shares, body.reach)
-        near = np.where(meets(points)[:, np.newaxis], points, np.nan)
-        handles[0].set_label("path, away from the section")
-        handles = artists.draw_path(ax, near, np.zeros(len(near) - 1, np.bool_), pair) + handles
+        near = np.where(meets(points)[:, np.newaxis], points, np.nan)  # NaN makes gaps
+        is_lost = np.zeros(len(near) - 1, np.bool_)
+        handles = artists.draw_path(ax, near, is_lost, pair) + handles
     handles += artists.draw_robots(ax, body, scene.stations[meets(scene.stations)], pair)
     rotations = scene.space.rotations if across == 2 else None
     return handles + artists.draw_marks(ax, scene.marks, pair, rotations)

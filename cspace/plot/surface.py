@@ -31,9 +31,11 @@ MAX_FACES: Final = 20_000
 _WALL_SHARE: Final = 0.8
 """Minimum share of solid cells in a layer of a wall in front of the map."""
 _DARKEST: Final = 0.42
+"""Smallest brightness of a face, as a share of its colour."""
 _NORMAL_BRIGHTNESS: Final = (0.2, 0.32, 0.5)
 """Brightness added to the darkest for the components of a face's normal along x, y and z."""
 _FIGURE_INCHES: Final = (7.0, 6.0)
+"""Width and height of a new figure."""
 _PIECES: Final = 64
 """Number of pieces of each step of a path."""
 FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -113,8 +115,7 @@ class Painting:
         parts = list(self._parts)
         if moving is not None:
             parts.append((moving, shade(moving, artists.ROBOT_FILL_COLOR)))
-        polygons = np.concatenate([part for part, _ in parts])
-        colors = np.concatenate([part for _, part in parts])
+        polygons, colors = map(np.concatenate, zip(*parts, strict=True))
         if self._collection is not None:
             self._collection.remove()
         # One collection, because matplotlib does not sort the polygons of several together.
@@ -130,8 +131,10 @@ class Painting:
 
 
 def check_camera(camera: ArrayLike | None) -> Floats:
-    """Return elevation and azimuth, degrees; raise InputError otherwise."""
-    angles = check_finite(DEFAULT_CAMERA if camera is None else camera, "camera")
+    """Return elevation and azimuth of a camera, degrees, or raise InputError."""
+    if camera is None:
+        return np.array(DEFAULT_CAMERA)
+    angles = check_finite(camera, "camera")
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
         rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
         hint = f"pass e.g. {DEFAULT_CAMERA}"
@@ -153,7 +156,8 @@ def shade(polygons: Floats, color: str) -> Floats:
 
     sides = np.diff(polygons[:, :3], axis=1)
     normals = np.abs(np.cross(sides[:, 0], sides[:, 1]))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.maximum(lengths, np.finfo(float).tiny)
     brightness = np.minimum(_DARKEST + normals @ _NORMAL_BRIGHTNESS, 1.0)
     return np.asarray(brightness[:, np.newaxis] * to_rgb(color))
 
@@ -165,33 +169,36 @@ def draw_surface(
     cut: float | None = None,
     camera: ArrayLike | None = None,
 ) -> Painting:
-    """Return a picture of a map in three dimensions, not shown yet."""
+    """Draw a map in three dimensions, but do not show it yet."""
     surface = surface or "obstacles"
     check_word(surface, "surface", tuple(SURFACES), "or leave it out")
     grid = scene.space.grid
     painting = Painting(scene.box, ax, camera, grid.labels)
     top = _choose_top(scene, cut)
-    lowest = artists.UNSEEN if surface == "obstacles" else artists.UNDECIDED
-    if surface == "obstacles":
+    shows_obstacles = surface == "obstacles"
+    if shows_obstacles:
         classes = artists.classify_ground(scene.space.workspace, scene.window)
+        lowest = artists.UNSEEN
     else:
         classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
+        lowest = artists.UNDECIDED
     levels = np.where(classes >= lowest, classes, np.uint8(0))
-    begins = np.array([part.start for part in scene.window])
-    corner = np.array(grid.lower) + grid.spacing * begins
-    if top < grid.upper[2]:
-        count = math.ceil((top - corner[2]) / grid.spacing - 1e-9)
-        levels = levels[..., : max(1, count)]
-    faces, kinds = border_faces(levels, painting.towards, is_cut=top < grid.upper[2])
+    first_cell = np.array([part.start for part in scene.window])
+    corner = np.array(grid.lower) + grid.spacing * first_cell
+    is_cut = top < grid.upper[2]
+    if is_cut:
+        layers = math.ceil((top - corner[2]) / grid.spacing - 1e-9)
+        levels = levels[..., : max(1, layers)]
+    faces, face_levels = border_faces(levels, painting.towards, is_cut=is_cut)
     polygons = corner + grid.spacing * faces
-    unknown = (kinds == artists.UNSEEN) & (surface == "obstacles")
-    for chosen, (label, color) in ((~unknown, SURFACES[surface]), (unknown, UNKNOWN_SURFACE)):
+    is_unknown = (face_levels == artists.UNSEEN) & shows_obstacles
+    for chosen, (label, color) in ((~is_unknown, SURFACES[surface]), (is_unknown, UNKNOWN_SURFACE)):
         if chosen.any():
             painting.add(polygons[chosen], color, label)
-    if surface == "obstacles" and len(scene.stations):
-        robot = split_triangles(scene.body.triangles, scene.body.size)
-        placed = scene.body.transform(robot.reshape(-1, 3), scene.stations)
-        painting.add(placed.reshape(-1, 4, 3), artists.ROBOT_FILL_COLOR, "robot")
+    if shows_obstacles and len(scene.stations):
+        corners = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
+        robots = scene.body.transform(corners, scene.stations).reshape(-1, 4, 3)
+        painting.add(robots, artists.ROBOT_FILL_COLOR, "robot")
     painting.add_path(*split_steps(scene.points[:, :3], scene.lost))
     for handle in artists.draw_marks(painting.axes, scene.marks, (0, 1, 2)):
         painting.handles[handle.get_label()] = handle
@@ -199,15 +206,17 @@ def draw_surface(
 
 
 def split_steps(points: Floats, lost: Bools) -> tuple[Floats, Bools]:
-    """Split each step of a path into short pieces, which end close to the border of a box.
+    """Split each step of a path into short pieces.
 
-    Return their ends, and which of them are ``lost``.
+    A path that is cut at a box then ends close to its border. Returns the ends of the pieces, and a
+    mask of the pieces of ``lost`` steps.
     """
-    if len(points) < 2:
+    count = len(points)
+    if count < 2:
         return points, lost
-    rows = np.arange((len(points) - 1) * _PIECES + 1) / _PIECES
-    ends = [np.interp(rows, np.arange(len(points)), column) for column in points.T]
-    return np.stack(ends, axis=-1), np.repeat(lost, _PIECES)
+    places = np.arange((count - 1) * _PIECES + 1) / _PIECES  # as rows of the path
+    columns = [np.interp(places, np.arange(count), column) for column in points.T]
+    return np.column_stack(columns), np.repeat(lost, _PIECES)
 
 
 def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
@@ -228,57 +237,67 @@ def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
     side = math.ceil(max(levels.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
         blocks = reduce_blocks(levels, block_starts(levels.shape, side))
-        cells, lattice = _visible_faces(blocks > 0, towards)
-        if len(cells) <= MAX_FACES:
+        solid_blocks, corners = _visible_faces(blocks > 0, towards)
+        if len(solid_blocks) <= MAX_FACES:
             break
         side += max(1, side // 4)
-    return first + np.minimum(side * lattice, levels.shape), blocks[tuple(cells.T)]
+    # The last blocks may reach beyond the cells.
+    cell_corners = np.minimum(side * corners, levels.shape)
+    return first + cell_corners, blocks[tuple(solid_blocks.T)]
 
 
 def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
-    """Return the first and last cells behind the walls at the camera's side.
+    """Return the first and the stop cells of a map without the walls at the camera's side.
 
     A wall is mostly solid layers, fewer than half of all.
     """
     first = np.zeros(3, np.int64)
     stop = np.array(solid.shape)
     for axis in range(2 if is_cut else 3):
-        shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))
-        up = towards[axis] > 0.0
-        layers = int(np.argmin((shares[::-1] if up else shares) >= _WALL_SHARE))
-        if towards[axis] and 2 * layers < len(shares):
-            first[axis] += layers * (not up)
-            stop[axis] -= layers * up
+        shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))  # of solid cells, by layer
+        is_seen_from_above = towards[axis] > 0.0
+        if is_seen_from_above:
+            shares = shares[::-1]
+        layers = int(np.argmin(shares >= _WALL_SHARE))
+        if not towards[axis] or 2 * layers >= len(shares):
+            continue
+        if is_seen_from_above:
+            stop[axis] -= layers
+        else:
+            first[axis] += layers
     return first, stop
 
 
 def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
-    """Return cells, (n, 3), and corners, (n, 4, 3), of faces towards the camera."""
+    """Return the faces towards the camera: their cells (n, 3), and their corners (n, 4, 3)."""
     cells = [np.empty((0, 3), np.int64)]
     corners = [np.empty((0, 4, 3), np.int64)]
     for axis in np.flatnonzero(towards).tolist():
         up = int(towards[axis] > 0.0)
         exposed = np.argwhere(exposed_cells(solid, axis, up))
+        face = np.insert(FACE_CORNERS, axis, up, axis=1)
         cells.append(exposed)
-        corners.append(exposed[:, np.newaxis] + np.insert(FACE_CORNERS, axis, up, axis=1))
+        corners.append(exposed[:, np.newaxis] + face)
     return np.concatenate(cells), np.concatenate(corners)
 
 
 def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
     """Return a mask of the solid cells with no solid cell below (0) or above (1) on an axis."""
-    ahead = np.roll(np.pad(solid, 1), 1 - 2 * up, axis)[1:-1, 1:-1, 1:-1]
-    return solid & ~ahead
+    shift = -1 if up else 1
+    neighbors = np.roll(np.pad(solid, 1), shift, axis)[1:-1, 1:-1, 1:-1]
+    return solid & ~neighbors
 
 
 def _choose_top(scene: Scene, cut: float | None) -> float:
     """Return the height above which no cells are drawn, metres."""
     grid = scene.space.grid
-    heights = np.array(grid.upper[2])
+    top = grid.upper[2]
     if cut is not None:
-        heights = check_finite(cut, "cut")
+        top = check_finite(cut, "cut").max()
     elif len(scene.points):
-        heights = scene.body.extents(np.concatenate([scene.stations, scene.points]))[:, 1, 2]
-    return float(np.clip(heights.max(), grid.lower[2] + grid.spacing, grid.upper[2]))
+        extents = scene.body.extents(np.concatenate([scene.stations, scene.points]))
+        top = extents[:, 1, 2].max()
+    return float(np.clip(top, grid.lower[2] + grid.spacing, grid.upper[2]))
 
 
 def split_triangles(triangles: Floats, size: float) -> Floats:
@@ -293,5 +312,5 @@ def split_triangles(triangles: Floats, size: float) -> Floats:
     faces = np.arange(len(corners)).reshape(-1, 3)
     subdivide: Any = subdivide_to_size
     vertices, faces = subdivide(corners, faces, size / 10.0)
-    with_last_corner_twice = [0, 1, 2, 2]
-    return np.asarray(vertices[faces][:, with_last_corner_twice])
+    faces_of_four = faces[:, [0, 1, 2, 2]]
+    return np.asarray(vertices[faces_of_four])

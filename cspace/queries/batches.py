@@ -39,7 +39,7 @@ def evaluate(
     q: ArrayLike,
     size: int,
     write: Write,
-    kind: type[Entry],
+    dtype: type[Entry],
     angles: Mapping[int, str] = NO_ANGLES,
     name: str = "q",
 ) -> Any:
@@ -53,7 +53,7 @@ def evaluate(
         Length d of a configuration.
     write : callable
         Writes the answers of rows.
-    kind : numpy scalar type
+    dtype : numpy scalar type
         Type of an answer.
     angles : mapping of int to str
         Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a
@@ -72,7 +72,7 @@ def evaluate(
     """
     points = check_rows(q, name, size)
     rows = as_contiguous(points.reshape(-1, size))
-    out = np.empty(len(rows), dtype=kind)
+    out = np.empty(len(rows), dtype=dtype)
     bad = write(rows, out)
     if bad >= 0:
         raise _unusable_error(rows[bad], name, bad)
@@ -90,7 +90,7 @@ def evaluate_edges(
 ) -> Any:
     """Evaluate a query on straight edges between configurations, which broadcast.
 
-    Raises InputError as :func:`evaluate` does.
+    Parameters, results and errors are those of :func:`evaluate`.
     """
     starts = check_rows(q0, "q0", size)
     ends = check_rows(q1, "q1", size)
@@ -130,25 +130,24 @@ def write_in_threads(
     Returns the index of the first unusable row, or -1. Each thread gets at least ``min_items``.
     """
 
-    def write(start: int, stop: int) -> int:
-        return int(kernel(*(array[start:stop] for array in arrays)))
+    def write_chunk(start: int, stop: int) -> int:
+        chunks = [array[start:stop] for array in arrays]
+        return int(kernel(*chunks))
 
-    return in_chunks(write, len(arrays[0]), min_items)
+    return in_chunks(write_chunk, len(arrays[0]), min_items)
 
 
 def as_contiguous(rows: NDArray[Any]) -> Floats:
-    """Return rows as a contiguous, writeable float64 array.
-
-    Kernels accept no other type.
-    """
+    """Return rows as a contiguous, writeable float64 array, the only type kernels accept."""
     floats = np.ascontiguousarray(rows, dtype=np.float64)
     return floats if floats.flags.writeable else floats.copy()
 
 
 def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool) -> Any:
-    """Return answers in a shape; a Python value for a single one that no array asked for."""
-    shaped = answers.reshape(shape)[()]
-    return shaped if shape or is_array else shaped.item()
+    """Reshape answers; return a Python value for one configuration that is not an array."""
+    if shape or is_array:
+        return answers.reshape(shape)[()]  # a numpy scalar if the shape is ()
+    return answers.item()
 
 
 def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:

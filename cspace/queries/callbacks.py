@@ -25,10 +25,7 @@ def state_lookup(map_: Map, size: int) -> Callable[..., int]:
 
 
 def place_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return ``look_up(*q)``: the index of a cell over all rotation cells.
-
-    -1 if it is not in the grid.
-    """
+    """Return ``look_up(*q)``: the index of a cell over all rotation cells, or -1 outside."""
     return bind_numbers(place_of, (map_,), size)
 
 
@@ -40,17 +37,18 @@ def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
     """Return ``check(*q0, *q1)``, True if an edge is FREE."""
     look_up = motion_lookup(map_, size)
-    return lambda *both: look_up(*both) == FREE
+    return lambda *endpoints: look_up(*endpoints) == FREE
 
 
-def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *others: Any) -> Callable[..., Any]:
+def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable[..., Any]:
     """Bind a kernel to its first arguments.
 
-    Calls skip numba's dispatch, so that all other arguments must have the types of ``others``.
+    Calls skip numba's dispatch, so that all other arguments must have the types of ``examples``.
     """
-    argument_types = tuple(map(numba.typeof, (*fixed, *others)))
+    argument_types = tuple(map(numba.typeof, (*fixed, *examples)))
     kernel.compile(argument_types)
-    return partial(kernel.get_overload(argument_types), *fixed)
+    compiled = kernel.get_overload(argument_types)
+    return partial(compiled, *fixed)
 
 
 def bind_numbers(
@@ -61,8 +59,8 @@ def bind_numbers(
     So a kernel is compiled once for configurations of all sizes.
     """
     look_up = bind_kernel(kernel, fixed, (0.0,) * total)
-    before = (0.0,) * (total - given)
-    return lambda *numbers: look_up((*before, *numbers))
+    padding = (0.0,) * (total - given)
+    return lambda *numbers: look_up((*padding, *numbers))
 
 
 @inlined
@@ -70,26 +68,32 @@ def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Nu
     """Return position and rotation of the configuration whose numbers end before ``end``."""
     borders = map_.rotations.borders
     rotation = rotation_before(borders, numbers, end)
-    turns = len(rotation) if borders.shape[0] > 0 else 0
-    first = end - turns - map_.dim
+    first = end - map_.dim
+    if borders.shape[0] > 0:  # otherwise the rotation is no part of the configuration
+        first -= len(rotation)
+    x = numbers[first]
+    y = numbers[first + 1]
     if map_.dim == 2:
-        return position_in_plane(map_, numbers[first], numbers[first + 1]), rotation
-    return (numbers[first], numbers[first + 1], numbers[first + 2]), rotation
+        return position_in_plane(map_, x, y), rotation
+    return (x, y, numbers[first + 2]), rotation
 
 
 @inlined
 def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     """Return the rotation of the configuration whose numbers end before ``end``."""
-    if borders.ndim == 2:
+    if borders.ndim == 2:  # a quaternion
         return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
-    return (numbers[end - 1] if borders.shape[0] > 0 else 0.0,)
+    yaw = numbers[end - 1] if borders.shape[0] > 0 else 0.0
+    return (yaw,)
 
 
 @kernel
 def state_of(map_: Map, numbers: Numbers) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
-    return state_at(map_, position, rotation) if is_rotation(rotation) else NOT_USABLE
+    if not is_rotation(rotation):
+        return NOT_USABLE
+    return state_at(map_, position, rotation)
 
 
 @kernel
@@ -101,15 +105,16 @@ def place_of(map_: Map, numbers: Numbers) -> int:
     is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
     if not (is_inside and is_usable(position, rotation)):
         return -1
-    r = rotation_cell(map_.rotations.borders, rotation)
-    return int(((r * nx + i) * ny + j) * nz + k)
+    number = rotation_cell(map_.rotations.borders, rotation)
+    return int(((number * nx + i) * ny + j) * nz + k)
 
 
 @kernel
 def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
     """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
-    p0, r0 = configuration_before(map_, numbers, 2 * MAX_SIZE - size)
-    p1, r1 = configuration_before(map_, numbers, 2 * MAX_SIZE)
+    end = 2 * MAX_SIZE
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
     return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

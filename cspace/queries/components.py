@@ -20,6 +20,9 @@ from cspace.support.arrays import FREE, MIXED, Bools, Ints, States
 MAX_SHORT_LABEL: Final = np.iinfo(np.uint16).max
 """Largest label that takes two bytes a cell."""
 
+PAIR_BASE: Final = 2**32
+"""Base of the number that codes a pair of labels, above all labels."""
+
 Labels = NDArray[np.uint16] | NDArray[np.int32]
 
 
@@ -55,14 +58,16 @@ class Components:
     @cached_property
     def _free(self) -> LabelledCells:
         """Components of FREE cells; no exterior counts as FREE."""
-        nowhere = np.zeros(len(self._states), dtype=np.bool_)
-        return LabelledCells.of(self._states <= FREE, self._slice_of, self._rotation_pairs, nowhere)
+        never_open = np.zeros_like(self._exterior_open)
+        is_free = self._states == FREE
+        return LabelledCells.of(is_free, self._slice_of, self._rotation_pairs, never_open)
 
     @cached_property
     def _passable(self) -> LabelledCells:
         """Components of FREE and MIXED cells."""
+        is_passable = self._states <= MIXED
         return LabelledCells.of(
-            self._states <= MIXED, self._slice_of, self._rotation_pairs, self._exterior_open
+            is_passable, self._slice_of, self._rotation_pairs, self._exterior_open
         )
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
@@ -127,31 +132,34 @@ class LabelledCells:
         ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells.
         """
         labels, counts = _label_slices(members)
-        n_nodes = counts[slice_of] + 1
-        first_node = np.cumsum(n_nodes) - n_nodes
+        node_counts = counts[slice_of] + 1
+        first_node = np.cumsum(node_counts) - node_counts
+        is_open = exterior_open[slice_of]
         links = [np.empty((2, 0), dtype=np.int64)]
-        for rotation in np.flatnonzero(exterior_open[slice_of]).tolist():
-            at_border = _labels_at_border(labels[slice_of[rotation]])
-            links.append(first_node[rotation] + np.stack([at_border, np.zeros_like(at_border)]))
+        for rotation in np.flatnonzero(is_open).tolist():
+            border_labels = _labels_at_border(labels[slice_of[rotation]])
+            outside = np.zeros_like(border_labels)
+            links.append(first_node[rotation] + np.stack([border_labels, outside]))
         for pair in rotation_pairs:
-            links.append(first_node[pair, np.newaxis] + _shared_labels(labels, slice_of[pair]))
-            if exterior_open[slice_of[pair]].all():
-                links.append(first_node[pair, np.newaxis])
+            pair_nodes = first_node[pair, np.newaxis]
+            links.append(pair_nodes + _shared_labels(labels, slice_of[pair]))
+            if is_open[pair].all():
+                links.append(pair_nodes)  # the space outside is open at both rotations
         first, second = np.concatenate(links, axis=1)
-        shape = int(n_nodes.sum()), int(n_nodes.sum())
-        graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape)
-        components = csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
-        components[first_node[~exterior_open[slice_of]]] = -1
+        n_nodes = int(node_counts.sum())
+        graph = sparse.coo_array((np.ones(len(first)), (first, second)), (n_nodes, n_nodes))
+        _, numbers = csgraph.connected_components(graph, directed=False)
+        components = numbers.astype(np.int64)
+        components[first_node[~is_open]] = -1
         return cls(labels, slice_of, first_node, components)
 
     def component_at(self, place: int) -> int:
-        """Return the component of a cell of the grid by its index over all rotation cells.
-
-        -1 without one.
-        """
+        """Return the component of a cell, given by its index over all rotation cells, or -1."""
         rotation, position = divmod(place, self._rows.shape[1])
         label = int(self._rows[self.slice_of[rotation], position])
-        return int(self.components[self.first_node[rotation] + label]) if label else -1
+        if label == 0:
+            return -1
+        return int(self.components[self.first_node[rotation] + label])
 
     @cached_property
     def _rows(self) -> Labels:
@@ -164,8 +172,8 @@ class LabelledCells:
         positions = cells[..., 1:]
         shape = np.array(self.labels.shape[1:])
         inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
-        within = np.clip(positions, 0, shape - 1)
-        labels = self.labels[(self.slice_of[rotations], *np.moveaxis(within, -1, 0))]
+        coordinates = np.moveaxis(np.clip(positions, 0, shape - 1), -1, 0)
+        labels = self.labels[self.slice_of[rotations], *coordinates]
         # Label 0 stands for the outside, so that other cells of the grid have no component.
         nodes = self.first_node[rotations] + np.where(inside, labels, 0)
         return np.where(inside & (labels == 0), -1, self.components[nodes])
@@ -174,15 +182,16 @@ class LabelledCells:
     def boxes(self) -> Ints:
         """First and last cell of each component, shape (components, 2, d)."""
         dim = self.labels.ndim - 1
-        boxes = np.empty((int(self.components.max(initial=-1)) + 1, 2, dim), dtype=np.int64)
-        boxes[:] = [[max(self.labels.shape)] * dim, [-1] * dim]
+        n_components = int(self.components.max(initial=-1)) + 1
+        lowest = np.full((n_components, dim), max(self.labels.shape))
+        highest = np.full((n_components, dim), -1)
         corners = [_label_corners(part) for part in self.labels]
-        for number, first in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
-            low, high = np.moveaxis(corners[number], -1, 0)
-            components = self.components[first + 1 : first + 1 + len(low)]
-            np.minimum.at(boxes[:, 0], components, low)
-            np.maximum.at(boxes[:, 1], components, high)
-        return boxes
+        for number, outside in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
+            low, high = corners[number]
+            components = self.components[outside + 1 : outside + 1 + len(low)]
+            np.minimum.at(lowest, components, low)
+            np.maximum.at(highest, components, high)
+        return np.stack([lowest, highest], axis=1)
 
 
 def _label_slices(members: Bools) -> tuple[Labels, Ints]:
@@ -197,27 +206,31 @@ def _label_slices(members: Bools) -> tuple[Labels, Ints]:
     return labels, counts
 
 
-def _label_corners(labels: Labels) -> Ints:
-    """Return the first and the last cell along each axis of each label, shape (labels, d, 2)."""
+def _label_corners(labels: Labels) -> tuple[Ints, Ints]:
+    """Return the first and the last cell of each label's box, shapes (labels, d)."""
     boxes = ndimage.find_objects(labels)
     corners = [[(side.start, side.stop - 1) for side in box] for box in boxes]
-    return np.array(corners, dtype=np.int64).reshape(-1, labels.ndim, 2)
+    array = np.array(corners, dtype=np.int64).reshape(-1, labels.ndim, 2)
+    return array[..., 0], array[..., 1]
 
 
 def _labels_at_border(labels: Labels) -> Ints:
     """Return the labels of cells at the border of a slice."""
-    faces = [labels.take(side, axis).ravel() for axis in range(labels.ndim) for side in (0, -1)]
-    found = np.unique(np.concatenate(faces)).astype(np.int64)
-    return found[found > 0]
+    faces = list[Labels]()
+    for axis in range(labels.ndim):
+        faces += [labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]
+    border_labels = np.unique(np.concatenate(faces)).astype(np.int64)
+    return border_labels[border_labels > 0]
 
 
 def _shared_labels(labels: Labels, slices: Ints) -> Ints:
     """Return the pairs of labels that share a cell of two slices, shape (2, n)."""
     first = labels[slices[0]].ravel()
     second = labels[slices[1]].ravel()
-    # A pair that equals that of the cell before is left out, before the rest is sorted.
+    # Runs of one pair are long, so repeated pairs are dropped before the rest is sorted.
     is_new = np.ones(len(first), dtype=np.bool_)
     is_new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
     is_new &= (first > 0) & (second > 0)
-    codes = first[is_new].astype(np.int64) * 2**32 + second[is_new]
-    return np.stack(np.divmod(np.unique(codes), 2**32))
+    # Numbers are sorted faster than pairs.
+    codes = first[is_new].astype(np.int64) * PAIR_BASE + second[is_new]
+    return np.stack(np.divmod(np.unique(codes), PAIR_BASE))

@@ -34,6 +34,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -122,23 +123,24 @@ class DistanceMap:
         """Return a table with the distances of at least the given slices."""
         with self._lock:
             if self._table is None:
-                dim = self._states.ndim - 1
+                n_slices, *shape = self._states.shape
                 cells = np.empty(self._states.size, dtype=np.float32)
-                self._table = DistanceTable(cells, np.empty((len(self._states), 2, dim)))
+                self._table = DistanceTable(cells, np.empty((n_slices, 2, len(shape))))
             table = self._table
-            missing = [s for s in slices if not self._ready[s]]
-            in_threads(lambda s: self._fill(table, s), missing, cores())
+            missing = [number for number in slices if not self._ready[number]]
+            in_threads(partial(self._fill, table), missing, cores())
             self._ready[missing] = True
             if self._ready.all():
                 self.known = table
             return table
 
-    def _fill(self, table: DistanceTable, s: int) -> None:
+    def _fill(self, table: DistanceTable, number: int) -> None:
         """Compute the distances and the box of a slice."""
-        states = self._states[s]
-        exterior = self._exterior[s]
-        table.boxes[s] = find_box(states, exterior)
-        compute_distances(states, exterior, table.cells.reshape(self._states.shape)[s])
+        states = self._states[number]
+        exterior = self._exterior[number]
+        table.boxes[number] = find_box(states, exterior)
+        distances = table.cells.reshape(self._states.shape)
+        compute_distances(states, exterior, distances[number])
 
 
 # ---- the table -----------------------------------------------------------------------------------
@@ -151,18 +153,18 @@ def find_box(states: States, exterior: Ints) -> Floats:
     """
     dim = states.ndim
     if exterior[-1] != FREE:
-        return np.repeat([[-math.inf], [math.inf]], dim, axis=1)
-    box = np.repeat([[math.inf], [-math.inf]], dim, axis=1)
+        return np.stack([np.full(dim, -math.inf), np.full(dim, math.inf)])
+    low = np.full(dim, math.inf)
+    high = np.full(dim, -math.inf)
     first = exterior[:dim]
     last = exterior[dim:-1]
     if (first <= last).all():
-        box[:] = first, last + 1.0
-    taken = ndimage.find_objects((states != FREE).view(np.uint8))
-    if taken:
-        cells = np.array([(side.start, side.stop) for side in taken[0]]).T
-        box[0] = np.minimum(box[0], cells[0])
-        box[1] = np.maximum(box[1], cells[1])
-    return box
+        low = first.astype(np.float64)
+        high = last + 1.0
+    for sides in ndimage.find_objects((states != FREE).view(np.uint8)):  # at most one box
+        low = np.minimum(low, [side.start for side in sides])
+        high = np.maximum(high, [side.stop for side in sides])
+    return np.stack([low, high])
 
 
 def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
@@ -172,7 +174,8 @@ def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
     """
     out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
     for axis, count in enumerate(out.shape):
-        _spread_along(out.reshape(math.prod(out.shape[:axis]), count, -1))
+        n_before = math.prod(out.shape[:axis])
+        _spread_along(out.reshape(n_before, count, -1))
     for low, high in boxes_outside(exterior, out.shape):
         np.minimum(out, measure_squares(low, high, out.shape), out=out)
     np.sqrt(out, out=out)
@@ -214,15 +217,17 @@ def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distan
 
 def _spread_along(squares: Distances) -> None:
     """Lower squared distances to those by way of other cells along the middle axis, in place."""
-    count = squares.shape[1] + 1
+    n_before, count, n_after = squares.shape
+    n_borders = count + 1
 
     def spread(start: int, stop: int) -> int:
-        borders = np.empty(count, dtype=np.int64)
-        firsts = np.empty(count, dtype=np.int64)
-        spread_squares(squares, borders, np.empty(count), firsts, start, stop)
+        borders = np.empty(n_borders, dtype=np.int64)
+        heights = np.empty(n_borders)
+        firsts = np.empty(n_borders, dtype=np.int64)
+        spread_squares(squares, borders, heights, firsts, start, stop)
         return -1
 
-    in_chunks(spread, squares.shape[0] * squares.shape[2], MIN_LINES_PER_THREAD)
+    in_chunks(spread, n_before * n_after, MIN_LINES_PER_THREAD)
 
 
 @kernel
@@ -237,21 +242,23 @@ def spread_squares(
     """Lower squared distances of lines [start, stop) along the middle axis.
 
     Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
-    stands on it, as high as the lower square of the two cells. The scratch arrays have the
-    parabolas of the lower envelope: border, height, and the first cell whose center is nearer to
-    this parabola than to the one before.
+    stands on it, as high as the lower square of the two cells. The scratch arrays are a stack of
+    the parabolas of the lower envelope: border, height, and the first cell whose center is nearer
+    to this parabola than to the one below it in the stack.
     """
     _, count, depth = squares.shape
     for line in range(start, stop):
-        a, b = line // depth, line % depth
+        i = line // depth
+        k = line % depth
         top = -1
-        before = math.inf
+        square_before = math.inf
         for border in range(count + 1):
-            after = float(squares[a, border, b]) if border < count else math.inf
-            height = min(before, after)
-            before = after
+            square_after = float(squares[i, border, k]) if border < count else math.inf
+            height = min(square_before, square_after)
+            square_before = square_after
             if height == math.inf:
                 continue
+            # Remove the parabolas that lie above this one wherever they are the lowest.
             first = 0
             while top >= 0:
                 width = border - borders[top]
@@ -268,13 +275,13 @@ def spread_squares(
                 firsts[top] = first
         if top < 0:
             continue
-        for k in range(count - 1, -1, -1):
-            while firsts[top] > k:
+        for j in range(count - 1, -1, -1):
+            while firsts[top] > j:
                 top -= 1
-            gap = k + 0.5 - borders[top]
+            gap = j + 0.5 - borders[top]
             square = heights[top] + gap * gap
-            if square < squares[a, k, b]:
-                squares[a, k, b] = square
+            if square < squares[i, j, k]:
+                squares[i, j, k] = square
 
 
 # ---- look-ups ------------------------------------------------------------------------------------
@@ -289,35 +296,40 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     if state_at(map_, position, rotation) != FREE:
         return 0.0
     s = slice_of(map_, rotation)
-    skipped = 3 - map_.dim
-    box_square = beyond_square = spread = 0.0
-    for axis in range(skipped, 3):
-        u, v = coordinates(map_, position, axis)
-        low = table.boxes[s, 0, axis - skipped]
-        high = table.boxes[s, 1, axis - skipped]
-        box_gap = max(0.0, low - u, u - high)
+    first_axis = 3 - map_.dim
+    box_square = 0.0
+    beyond_square = 0.0
+    spread = 0.0
+    for axis in range(first_axis, 3):
+        place, nearest = center_coordinates(map_, position, axis)
+        cell_place = place + 0.5
+        low = table.boxes[s, 0, axis - first_axis]
+        high = table.boxes[s, 1, axis - first_axis]
+        box_gap = max(0.0, low - cell_place, cell_place - high)
         box_square += box_gap * box_gap
-        beyond = u - 0.5 - v
+        beyond = place - nearest
         beyond_square += beyond * beyond
-        share = v - math.floor(v)
+        share = nearest - math.floor(nearest)
         spread += share * (1.0 - share)
     best = math.sqrt(box_square) * ROUNDING_FACTOR
     mean_square = 0.0
-    for corner in range(1 << map_.dim):
+    for corner in range(2**map_.dim):
         cell = s
         weight = 1.0
         gap_square = 0.0
-        for axis in range(skipped, 3):
-            u, v = coordinates(map_, position, axis)
-            k = math.floor(v)
+        for axis in range(first_axis, 3):
+            place, nearest = center_coordinates(map_, position, axis)
             count = map_.states.shape[axis + 1]
-            share = v - k
-            if (corner >> (axis - skipped)) & 1:
+            k = math.floor(nearest)
+            share = nearest - k
+            # Each bit of the corner selects the lower or the upper center along an axis.
+            is_upper = (corner >> (axis - first_axis)) & 1
+            if is_upper:
                 k = min(k + 1, count - 1)
             else:
                 share = 1.0 - share
             weight *= share
-            gap = u - 0.5 - k
+            gap = place - k
             gap_square += gap * gap
             cell = cell * count + k
         distance = table.cells[cell] * ROUNDING_FACTOR
@@ -330,15 +342,15 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
 
 
 @kernel
-def coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
-    """Return a coordinate in cells from the grid's corner, and among the centers of cells.
+def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
+    """Return a coordinate in cells from the first center, and the nearest one among centers.
 
-    Coordinates farther than MAX_CELL are as far from everything. The second one counts from the
-    first center, and is at most at the last one.
+    Coordinates farther than MAX_CELL are as far from everything.
     """
-    place = min(max((position[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
+    cell_place = (position[axis] - map_.lower[axis]) / map_.spacing
+    place = min(max(cell_place, -MAX_CELL), MAX_CELL) - 0.5
     last = float(map_.states.shape[axis + 1] - 1)
-    return place, min(max(place - 0.5, 0.0), last)
+    return place, min(max(place, 0.0), last)
 
 
 @kernel
@@ -357,9 +369,9 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 @kernel
 def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
-    """Return the clearance of one configuration, in metres, or 0 if it is none.
+    """Return the clearance of one configuration, in metres; 0 if it is not usable.
 
-    See :func:`bind_numbers`.
+    The numbers are those of :func:`cspace.queries.callbacks.bind_numbers`.
     """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     if not is_usable(position, rotation):
@@ -372,6 +384,6 @@ def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[
 
     It follows all changes of the map.
     """
-    before = (0.0,) * (MAX_SIZE - size)
+    padding = (0.0,) * (MAX_SIZE - size)
     measure = bind_kernel(clearance_of, (map_,), distances.whole(), (0.0,) * MAX_SIZE)
-    return lambda *q: measure(distances.whole(), (*before, *q))
+    return lambda *q: measure(distances.whole(), (*padding, *q))

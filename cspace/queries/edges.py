@@ -39,10 +39,9 @@ it would overflow."""
 
 @kernel
 def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
-    """Test whether edges are FREE.
+    """Write which edges are FREE; return the index of the first unusable edge, or -1.
 
-    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,). Returns the index
-    of the first unusable edge, or -1.
+    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,).
     """
     for k in range(starts.shape[0]):
         p0, r0 = configuration_in(map_, starts, k)
@@ -63,59 +62,67 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """
     if len(r0) == 4:
         return quaternion_edge_is_free(map_, p0, r0, p1, r1)
-    if state_at(map_, p1, r1) != FREE:  # most edges of a planner that collide do so at their end
+    # Most edges of a planner that collide do so at their end.
+    if state_at(map_, p1, r1) != FREE:
         return False
     borders = map_.rotations.borders
-    yaw0 = r0[0]
-    yaw1 = r1[0]
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
-    start = wrap_to_cells(borders, yaw0)
+    start = wrap_to_cells(borders, r0[0])
     for arc in range(arc_count(r0, r1)):
-        angle = signed_angle(yaw0, yaw1, arc)
+        angle = signed_angle(r0[0], r1[0], arc)
         cell = first_widened_cell(borders, min(start, start + angle))
-        k, low, high = widened_bounds(borders, cell)
-        while not low > max(
-            start, start + angle
-        ):  # also for NaN, which the test of the segment refuses
-            begin = 0.0
-            stop = 1.0
-            if angle != 0.0:
-                enter = min(max((low - start) / angle, 0.0), 1.0)
-                leave = min(max((high - start) / angle, 0.0), 1.0)
-                begin = min(enter, leave)
-                stop = max(enter, leave)
-            s = int(map_.rotations.slice_of[k])
-            if not segment_is_free(
-                map_, s, position_along(p0, p1, begin), position_along(p0, p1, stop)
-            ):
+        index, low, high = widened_bounds(borders, cell)
+        # This goes on for NaN as well, which the test of the segment refuses.
+        while not low > max(start, start + angle):
+            enter, leave = shares_of_turn(start, angle, low, high)
+            s = int(map_.rotations.slice_of[index])
+            first = position_along(p0, p1, enter)
+            last = position_along(p0, p1, leave)
+            if not segment_is_free(map_, s, first, last):
                 return False
             cell += 1
-            k, low, high = widened_bounds(borders, cell)
+            index, low, high = widened_bounds(borders, cell)
     return True
+
+
+@inlined
+def shares_of_turn(start: float, angle: float, low: float, high: float) -> tuple[float, float]:
+    """Return the range of shares of a turn, in [0, 1], that is between two yaws.
+
+    The turn leads from the yaw ``start`` by ``angle``.
+    """
+    if angle == 0.0:
+        return 0.0, 1.0
+    at_low = min(max((low - start) / angle, 0.0), 1.0)
+    at_high = min(max((high - start) / angle, 0.0), 1.0)
+    return min(at_low, at_high), max(at_low, at_high)
 
 
 @kernel
 def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
-    """Return the answer of :func:`edge_is_free` for quaternions."""
+    """Test whether an edge of a robot with quaternions is FREE, as :func:`edge_is_free`."""
     borders = map_.rotations.borders[0]
     for number in range(arc_count(r0, r1)):
         arc = find_arc(r0, r1, number)
         if not arc.tangent < 2.0:  # NaN
             return False
-        done = 0.0
-        begin = 0.0
-        more = True
-        while more:
-            cell, done, time, more = next_part(borders, arc, done)
-            stop = max(time, begin) if more else 1.0
+        chord_share = 0.0
+        enter = 0.0
+        has_next = True
+        while has_next:
+            cell, chord_share, time, has_next = next_part(borders, arc, chord_share)
+            leave = max(time, enter) if has_next else 1.0
+            first = p0
+            last = p1
+            # OMPL's rotation may jump along a tiny arc, so each part must be FREE everywhere.
+            if not arc.is_tiny:
+                first = position_along(p0, p1, enter)
+                last = position_along(p0, p1, leave)
             s = int(map_.rotations.slice_of[cell])
-            # Where OMPL's rotation may jump, each part must be FREE along the whole edge.
-            first = p0 if arc.is_tiny else position_along(p0, p1, begin)
-            last = p1 if arc.is_tiny else position_along(p0, p1, stop)
             if not segment_is_free(map_, s, first, last):
                 return False
-            begin = stop
+            enter = leave
     return True
 
 
@@ -142,17 +149,13 @@ def between(first: float, second: float, t: float) -> float:
 @kernel
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
-    lower = map_.lower
-    upper = map_.upper
     p = in_cells(map_, first)
     q = in_cells(map_, last)
     inside = True
     total = 0.0
     for axis in range(3):
-        inside &= (
-            min(first[axis], last[axis]) >= lower[axis]
-            and max(first[axis], last[axis]) <= upper[axis]
-        )
+        inside &= min(first[axis], last[axis]) >= map_.lower[axis]
+        inside &= max(first[axis], last[axis]) <= map_.upper[axis]
         total += abs(p[axis]) + abs(q[axis])
     if not total <= MAX_POSITION:  # True for NaN
         return False
@@ -183,10 +186,10 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
 
 @inlined
 def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
-    """Return the range of t in which p + t (q - p), in cells, is in a slab of cells.
+    """Return the range of t in [0, 1] in which p + t (q - p) is in a slab of cells.
 
-    The range is widened by SLACK; it is empty, with start > stop, if the segment misses the slab.
-    SLACK covers rounding, which grows with the length of the segment.
+    Coordinates are in cells. The slab is widened by SLACK, which covers rounding, because that
+    grows with the length of the segment. If the segment misses the slab, start > stop.
     """
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
@@ -198,10 +201,9 @@ def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
 
 @inlined
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the range of cells in a range of t.
+    """Return the first and last cell that p + t (q - p) touches for t from start to stop.
 
-    The result is the first and the last cell. A segment has the coordinates p + t (q - p), in
-    cells, for t from ``start`` to ``stop``.
+    Coordinates are in cells.
     """
     begin = p + start * (q - p)
     end = p + stop * (q - p)

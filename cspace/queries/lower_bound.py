@@ -91,23 +91,22 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
         passable = np.pad(passable, 1, constant_values=True)
         start = start + 1.0
         goal = goal + 1.0
-    last = np.array(passable.shape) - 1
-    cells = [np.clip(np.floor(q), 0, last).astype(np.int64) for q in (start, goal)]
-    if not all(passable[tuple(cell)] for cell in cells):
-        return math.inf
+    last_cell = np.array(passable.shape) - 1
+    start_cell = np.clip(np.floor(start), 0, last_cell).astype(np.int64)
+    goal_cell = np.clip(np.floor(goal), 0, last_cell).astype(np.int64)
     labels, _ = ndimage.label(passable)
-    if labels[tuple(cells[0])] != labels[tuple(cells[1])]:
+    label = labels[tuple(start_cell)]
+    if label == 0 or label != labels[tuple(goal_cell)]:
         return math.inf
     straight = float(np.linalg.norm(goal - start)) * (1.0 - STRAIGHT_ROUNDING_SHARE)
     pinches = _find_pinches(passable)
-    corners = [
-        _nearest_corner(q, cell, pinches) for q, cell in zip((start, goal), cells, strict=True)
-    ]
-    if corners[0] is None or corners[1] is None:
+    start_corner = _nearest_corner(start, start_cell, pinches)
+    goal_corner = _nearest_corner(goal, goal_cell, pinches)
+    if start_corner is None or goal_corner is None:
         return straight
-    distance = _distance_of_corners(passable, pinches, corners[0], corners[1])
-    to_corners = float(np.linalg.norm(start - corners[0]) + np.linalg.norm(goal - corners[1]))
-    return max(straight, distance * (1.0 - ROUNDING_SHARE) / STRETCH - to_corners)
+    distance = _distance_of_corners(passable, pinches, start_corner, goal_corner)
+    to_corners = np.linalg.norm(start - start_corner) + np.linalg.norm(goal - goal_corner)
+    return max(straight, distance * (1.0 - ROUNDING_SHARE) / STRETCH - float(to_corners))
 
 
 def _find_pinches(passable: Bools) -> Bools:
@@ -124,26 +123,31 @@ def _nearest_corner(q: Floats, cell: Ints, pinches: Bools) -> Ints | None:
     """Return the nearest corner of a position's cell that is no pinch; None if all are."""
     corners = [cell + offset for offset in itertools.product((0, 1), repeat=2)]
     usable = [corner for corner in corners if not pinches[tuple(corner)]]
-    return min(usable, key=lambda corner: float(np.linalg.norm(q - corner)), default=None)
+
+    def distance_to(corner: Ints) -> float:
+        return float(np.linalg.norm(q - corner))
+
+    return min(usable, key=distance_to, default=None)
 
 
 def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Ints) -> float:
     """Return the distance of two corners in the graph, in cells; infinite without a path."""
-    states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))[np.newaxis, np.newaxis]
-    shape = passable.shape[0] + 1, passable.shape[1] + 1
+    states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))
     no_rotations = np.empty((1, 0), dtype=np.int64)
     graph = Graph(
-        read_only(states),
-        np.zeros(1, dtype=np.int64),
-        no_rotations,
-        no_rotations.astype(np.float64),
-        _list_moves(),
-        NO_FACTORS,
+        states=read_only(states[np.newaxis, np.newaxis]),
+        slice_of=np.zeros(1, dtype=np.int64),
+        neighbors=no_rotations,
+        turns=no_rotations.astype(np.float64),
+        moves=_list_moves(),
+        factors=NO_FACTORS,
     )
-    x, y = np.ogrid[: shape[0], : shape[1]]
+    nx, ny = pinches.shape
+    x, y = np.ogrid[:nx, :ny]
     straight = np.hypot(x - goal[0], y - goal[1], dtype=np.float32)
     estimate = Estimate(1.0, straight[np.newaxis], np.zeros(1))
-    first, last = (int(np.ravel_multi_index(tuple(corner), shape)) for corner in (start, goal))
+    first = int(np.ravel_multi_index(tuple(start), pinches.shape))
+    last = int(np.ravel_multi_index(tuple(goal), pinches.shape))
     progress = search(graph, estimate, first, last, math.inf, pinches.ravel())
     return float(progress.cost[last]) if progress.closed[last] else math.inf
 
@@ -157,12 +161,12 @@ def _list_moves() -> Moves:
     for step in itertools.product((-2, -1, 0, 1, 2), repeat=2):
         if math.gcd(*step) != 1:
             continue
-        crossed = [cell for cell in near_cells if _crosses(step, cell)]
-        # A move along a side is listed twice, with the cell on either side of it.
-        ways = [[cell] for cell in crossed] if 0 in step else [crossed]
-        for way in ways:
-            steps.append((0, *step))
-            needed.append(sum(1 << near_cells.index(cell) for cell in way))
+        masks = [1 << bit for bit, cell in enumerate(near_cells) if _crosses(step, cell)]
+        # A move along a side needs one of two cells, so it is listed once with each.
+        if 0 not in step:
+            masks = [sum(masks)]
+        steps += [(0, *step)] * len(masks)
+        needed += masks
     in_space = np.array([(0, *cell) for cell in near_cells])
     return Moves(np.array(steps), np.linalg.norm(steps, axis=1), in_space, np.array(needed))
 

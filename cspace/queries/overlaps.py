@@ -43,9 +43,11 @@ def sum_columns(cells: Bools) -> NDArray[np.int32]:
     Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
     In the plane, nx is 1, and j and k are the two axes.
     """
-    spatial = cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
-    counts = np.zeros((*spatial.shape[:2], spatial.shape[2] + 1), dtype=np.int32)
-    np.cumsum(spatial, axis=-1, dtype=np.int32, out=counts[..., 1:])
+    missing_axes = (1,) * (3 - cells.ndim)
+    in_space = cells.reshape(*missing_axes, *cells.shape)
+    nx, ny, nz = in_space.shape
+    counts = np.zeros((nx, ny, nz + 1), dtype=np.int32)
+    np.cumsum(in_space, axis=-1, dtype=np.int32, out=counts[..., 1:])
     return counts
 
 
@@ -58,20 +60,24 @@ def count_overlaps(
     points: Floats,
     out: Ints,
 ) -> int:
-    """Compute overlaps; return the first unusable row, or -1.
+    """Write the overlaps of configurations; return the index of the first unusable one, or -1.
 
-    ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
+    ``counts`` are those of :func:`sum_columns`, and ``points`` has shape (n, size). ``outside`` is
+    1 if cells outside the grid are obstacles, otherwise 0.
     """
-    nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
+    nx, ny, n_sums = counts.shape
+    nz = n_sums - 1
     for n in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, n)
         if not is_usable(position, rotation):
             return n
         i, j, k = cell_of(map_, position)
         s = slice_of(map_, rotation)
+        first_row = robot.stops[s - 1] if s > 0 else 0
         total = 0
-        for row in range(robot.stops[s - 1] if s > 0 else 0, robot.stops[s]):
-            x, y = i + robot.rows[row, 0], j + robot.rows[row, 1]
+        for row in range(first_row, robot.stops[s]):
+            x = i + robot.rows[row, 0]
+            y = j + robot.rows[row, 1]
             first = k + robot.rows[row, 2]
             length = robot.rows[row, 3]
             inside = 0

@@ -27,9 +27,8 @@ MIN_GAIN_SHARE: Final = 1e-3
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
 
-LONGEST_STRIDE_LOG: Final = 6
-"""Binary logarithm of the number of waypoints that an edge may replace at a time, if edges have
-costs."""
+STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
+"""Numbers of edges that an edge may replace at a time, if edges have costs."""
 
 MAX_SHORTENING_SECONDS: Final = 0.1
 """Seconds after the time limit in which a path found in time may still be shortened."""
@@ -45,12 +44,11 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
 
 
 def in_time(check: Check, until: float) -> Check:
-    """Wrap a check to fail after a time limit.
-
-    A path that is being shortened then stays as it is.
-    """
+    """Wrap a check to fail after a time limit, so that shortening leaves the path as it is."""
     end = until + MAX_SHORTENING_SECONDS
-    return check if end == math.inf else lambda *both: clock() < end and check(*both)
+    if end == math.inf:
+        return check
+    return lambda *endpoints: clock() < end and check(*endpoints)
 
 
 def pulled_straight(
@@ -62,13 +60,8 @@ def pulled_straight(
     configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
     coordinates, each change lowers the cost of the path instead of its length.
     """
-    size = path.shape[1]
-
-    def check_reversed(*q: float) -> bool:
-        return check(*q[size:], *q[:size])  # check every edge in driving direction
-
     if cost is None:
-        path = _skip_points(_skip_points(path, check)[::-1], check_reversed)[::-1]
+        path = _skip_points_both_ways(path, check)
     else:
         path = _cheapest_subpath(path, check, cost)
     total = _measure(path, rotations, cost)
@@ -92,16 +85,12 @@ def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:
-    """Return the length of a path in metres.
-
-    A radian counts as :data:`METRES_PER_RADIAN`.
-    """
+    """Return the length of a path in metres; a radian counts as :data:`METRES_PER_RADIAN`."""
     steps = rotations.steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1) + METRES_PER_RADIAN * np.linalg.norm(
-        steps[:, dim:], axis=1
-    )
-    return float(lengths.sum())
+    lengths = np.linalg.norm(steps[:, :dim], axis=1)
+    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    return float((lengths + METRES_PER_RADIAN * angles).sum())
 
 
 def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | None) -> Floats:
@@ -110,87 +99,120 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
     """
-    shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, None]
     kept = [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
-        corners = np.repeat(corner[None], len(shares), axis=0)
-        backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, kept[-1]))
-        forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
-        first = kept[-1].tolist()
-        last = after.tolist()
-        if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
-            continue
-        low = 0
-        high = SHARES_PER_EDGE
-        while high - low > 1:
-            center = (low + high) // 2
-            before = backward[center].tolist()
-            beyond = forward[center].tolist()
-            # Rounding may make a part of a free edge fail.
-            is_free = check(*before, *beyond) and check(*first, *before) and check(*beyond, *last)
-            if is_free and _saves(cost, before, corner.tolist(), beyond):
-                low = center
-            else:
-                high = center
-        kept += [backward[low], forward[low]] if low else [corner]
-    is_yaw = [False] * (path.shape[1] - len(rotations.names)) + [
-        name == "yaw" for name in rotations.names
-    ]
+        kept += _cut_corner(kept[-1], corner, after, rotations, check, cost)
+    dim = path.shape[1] - len(rotations.names)
+    is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
     return wrapped(np.array([*kept, path[-1]]), is_yaw)
+
+
+def _cut_corner(
+    before: Floats,
+    corner: Floats,
+    after: Floats,
+    rotations: Rotations,
+    check: Check,
+    cost: Cost | None,
+) -> list[Floats]:
+    """Return the points that replace a corner: none, two, or the corner itself."""
+    first = before.tolist()
+    last = after.tolist()
+    if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
+        return []
+    shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
+    corners = np.repeat(corner[np.newaxis], len(shares), axis=0)
+    backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, before))
+    forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
+    low = 0
+    high = SHARES_PER_EDGE
+    while high - low > 1:
+        center = (low + high) // 2
+        start = backward[center].tolist()
+        end = forward[center].tolist()
+        # Rounding may make a part of a free edge fail.
+        is_free = check(*start, *end) and check(*first, *start) and check(*end, *last)
+        if is_free and _saves(cost, start, corner.tolist(), end):
+            low = center
+        else:
+            high = center
+    return [backward[low], forward[low]] if low else [corner]
 
 
 def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
     """Skip waypoints so that the cost of the path is least, by dynamic programming.
 
-    An edge may skip to the 2nd, 4th, 8th, ... waypoint ahead.
+    An edge replaces as many edges as one of :data:`STRIDES`.
     """
     rows = points.tolist()
     least = np.full(len(points), math.inf)
     previous = np.zeros(len(points), dtype=np.int64)
     least[0] = 0.0
-    for here in range(1, len(rows)):
-        for before in [here - 2**k for k in range(LONGEST_STRIDE_LOG + 1) if here >= 2**k]:
-            total = least[before] + cost(*rows[before], *rows[here])
-            if total < least[here] and (here == before + 1 or check(*rows[before], *rows[here])):
+    for here, row in enumerate(rows):
+        for stride in STRIDES:
+            before = here - stride
+            if before < 0:
+                break
+            total = least[before] + cost(*rows[before], *row)
+            if total < least[here] and (stride == 1 or check(*rows[before], *row)):
                 least[here] = total
                 previous[here] = before
     kept = [len(rows) - 1]
-    while kept[-1]:
+    while kept[-1] > 0:
         kept.append(int(previous[kept[-1]]))
-    return points[kept[::-1]]
+    kept.reverse()
+    return points[kept]
 
 
 def _saves(
     cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
 ) -> bool:
     """Return whether the edge past a corner costs at most as much as the edges to and from it."""
-    return cost is None or cost(*before, *beyond) <= cost(*before, *corner) + cost(*corner, *beyond)
+    if cost is None:
+        return True
+    around = cost(*before, *corner) + cost(*corner, *beyond)
+    return cost(*before, *beyond) <= around
+
+
+def _skip_points_both_ways(path: Floats, check: Check) -> Floats:
+    """Skip waypoints from the start on, then from the end on."""
+    size = path.shape[1]
+
+    def check_reversed(*endpoints: float) -> bool:
+        return check(*endpoints[size:], *endpoints[:size])
+
+    from_start = _skip_points(path, check)
+    from_end = _skip_points(np.flipud(from_start), check_reversed)
+    return np.flipud(from_end)
 
 
 def _skip_points(points: Floats, check: Check) -> Floats:
-    """Skip waypoints with strides of doubling length."""
+    """Skip waypoints, as many as possible at each edge."""
     kept = [0]
-    last = len(points) - 1
-    while kept[-1] < last:
-        here = kept[-1]
-        first = points[here].tolist()  # one at a time, because all may exceed the map's memory
-        farthest = here + 1
-        stride = 2
-        blocked = last + 1
-        while farthest < last:
-            candidate = min(here + stride, last)
-            if not check(*first, *points[candidate].tolist()):
-                blocked = candidate
-                break
-            farthest = candidate
-            stride = 2 * stride
-        while blocked - farthest > 1:
-            center = (farthest + blocked) // 2
-            if center > last:
-                break
-            if check(*first, *points[center].tolist()):
-                farthest = center
-            else:
-                blocked = center
-        kept.append(farthest)
+    while kept[-1] < len(points) - 1:
+        kept.append(_find_farthest(points, kept[-1], check))
     return points[kept]
+
+
+def _find_farthest(points: Floats, here: int, check: Check) -> int:
+    """Return a waypoint far ahead to which an edge passes: strides double, then are bisected."""
+    # Rows are converted one at a time, because all may exceed the map's memory.
+    start = points[here].tolist()
+    last = len(points) - 1
+    farthest = here + 1
+    stride = 2
+    while farthest < last:
+        blocked = min(here + stride, last)
+        if not check(*start, *points[blocked].tolist()):
+            break
+        farthest = blocked
+        stride *= 2
+    else:
+        return last
+    while blocked - farthest > 1:
+        center = (farthest + blocked) // 2
+        if check(*start, *points[center].tolist()):
+            farthest = center
+        else:
+            blocked = center
+    return farthest

@@ -71,9 +71,10 @@ def is_usable(position: Row, rotation: Numbers) -> bool:
 @inlined
 def in_cells(map_: Map, position: Row) -> Row:
     """Return a position in cells from the lower corner of the grid."""
-    a, b, c = map_.lower
+    x, y, z = position
+    x0, y0, z0 = map_.lower
     h = map_.spacing
-    return (position[0] - a) / h, (position[1] - b) / h, (position[2] - c) / h
+    return (x - x0) / h, (y - y0) / h, (z - z0) / h
 
 
 # ---- states --------------------------------------------------------------------------------------
@@ -128,9 +129,10 @@ def state_outside(map_: Map, s: int, position: Row) -> int:
     x, y, z = position
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         return NOT_USABLE
-    (a, b, c), (d, e, f) = exterior_box(map_, s)
-    in_box = a <= i <= d and b <= j <= e and c <= k <= f
-    return MIXED if in_box else int(map_.exterior[s, 2 * map_.dim])
+    first, last = exterior_box(map_, s)
+    if first[0] <= i <= last[0] and first[1] <= j <= last[1] and first[2] <= k <= last[2]:
+        return MIXED
+    return int(map_.exterior[s, 2 * map_.dim])
 
 
 @kernel
@@ -144,7 +146,7 @@ def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
 
 @kernel
 def classify(map_: Map, points: Floats, out: States) -> int:
-    """Write states; return the index of the first unusable configuration, or -1."""
+    """Write the states of points, shape (n, size); return the first unusable row, or -1."""
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
         if not is_rotation(rotation):
@@ -194,8 +196,10 @@ def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
     _, nx, ny, nz = map_.states.shape
     if inside:
         return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
-    (a, b, c), (x, y, z) = exterior_box(map_, s)
-    return (min(a, 0), min(b, 0), min(c, 0)), (max(x, nx - 1), max(y, ny - 1), max(z, nz - 1))
+    first, last = exterior_box(map_, s)
+    low = min(first[0], 0), min(first[1], 0), min(first[2], 0)
+    high = max(last[0], nx - 1), max(last[1], ny - 1), max(last[2], nz - 1)
+    return low, high
 
 
 @inlined
@@ -233,9 +237,9 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write if everything around configurations is FREE.
+    """Write :func:`around_is_free` of points, shape (n, size); return the first unusable row.
 
-    Return the index of the first unusable configuration, or -1. The distance is along each axis.
+    The result is -1 if all are usable.
     """
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
@@ -249,7 +253,10 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 def around_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all configurations within ``distance`` and ``angle`` are proven free."""
+    """Return True if all near configurations are proven free.
+
+    They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
+    """
     if len(rotation) == 4:
         return quaternions_around_are_free(map_, position, rotation, distance, angle)
     borders = map_.rotations.borders
@@ -258,11 +265,12 @@ def around_is_free(
     start = wrap_to_cells(borders, rotation[0])
     reach = min(angle, math.pi)
     first = first_widened_cell(borders, start - reach)
-    for cell in range(first, first + borders.shape[0] - 1):
-        k, low, _ = widened_bounds(borders, cell)
+    n_cells = borders.shape[0] - 1
+    for cell in range(first, first + n_cells):
+        index, low, _ = widened_bounds(borders, cell)
         if low > start + reach:
             return True
-        if not box_is_free(map_, int(map_.rotations.slice_of[k]), position, distance):
+        if not box_is_free(map_, int(map_.rotations.slice_of[index]), position, distance):
             return False
     return True
 
@@ -271,12 +279,11 @@ def around_is_free(
 def quaternions_around_are_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return the answer of :func:`around_is_free` for quaternions."""
+    """Test all configurations around one with a quaternion, as :func:`around_is_free`."""
     borders = map_.rotations.borders[0]
     q = normalise(rotation, 1.0)
-    reach = (
-        math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
-    )  # a rotation's angle is twice that of its quaternion
+    # A rotation's angle is twice that of its quaternion.
+    reach = math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
     for chart in range(4):
         a, b, c = OTHER_COMPONENTS[chart]
         i0, i1 = parts_around(borders, q[chart], q[a], reach)

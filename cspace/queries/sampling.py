@@ -9,6 +9,7 @@ import numpy as np
 
 from cspace.grid import Grid
 from cspace.rotations import Rotations
+from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.support.arrays import FREE, Floats, Ints, States
 
 BORDER_MARGIN: Final = 2.0**-20
@@ -44,8 +45,8 @@ class FreeCells:
         for number in np.unique(slices).tolist():
             if number not in self._indices:
                 self._indices[number] = np.flatnonzero(self._states[number] == FREE)
-            chosen = slices == number
-            drawn[chosen] = self._indices[number][ranks[chosen]]
+            in_slice = slices == number
+            drawn[in_slice] = self._indices[number][ranks[in_slice]]
         return drawn
 
 
@@ -57,15 +58,17 @@ def sample(
     n: int,
     rng: np.random.Generator,
 ) -> Floats:
-    """Return uniform configurations from all FREE cells.
+    """Draw ``n`` uniform configurations from all FREE cells.
 
     There must be at least one FREE cell.
     """
     rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
-    cells = np.unravel_index(free.draw(slice_of[rotation_cells], rng), grid.shape)
-    within = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
-    positions = grid.lower + grid.spacing * (np.stack(cells, axis=1) + within)
-    return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
+    indices = free.draw(slice_of[rotation_cells], rng)
+    cells = np.stack(np.unravel_index(indices, grid.shape), axis=1)
+    within_cell = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
+    positions = grid.lower + grid.spacing * (cells + within_cell)
+    turns = rotations.sample(rotation_cells, BORDER_MARGIN, rng)
+    return np.concatenate([positions, turns], axis=1)
 
 
 def nearest(
@@ -75,23 +78,26 @@ def nearest(
 
     A radian counts as half a metre.
     """
-    angular = rotations.angles_to_centers(q) / 2.0
+    position = q[: grid.dim]
+    turn_lengths = METRES_PER_RADIAN * rotations.angles_to_centers(q)
     best = None
     min_distance = math.inf
-    seen = set[int]()
-    for rotation in np.argsort(angular, kind="stable").tolist():
+    tested_slices = set[int]()
+    for rotation in np.argsort(turn_lengths, kind="stable").tolist():
         number = int(slice_of[rotation])
-        if angular[rotation] >= min_distance:
+        if turn_lengths[rotation] >= min_distance:
             break
-        if number in seen:  # the nearest rotation cell of this slice was tested
+        # The first rotation cell of a slice is the nearest one.
+        if number in tested_slices:
             continue
-        seen.add(number)
-        center = _nearest_center(states[number], grid, q[: grid.dim])
-        if center is not None:
-            distance = math.hypot(*(center - q[: grid.dim])) + angular[rotation]
-            if distance < min_distance:
-                best = np.array([*center, *rotations.centers[rotation]])
-                min_distance = distance
+        tested_slices.add(number)
+        center = _nearest_center(states[number], grid, position)
+        if center is None:
+            continue
+        distance = math.hypot(*(center - position)) + turn_lengths[rotation]
+        if distance < min_distance:
+            best = np.array([*center, *rotations.centers[rotation]])
+            min_distance = distance
     return best
 
 
@@ -110,18 +116,19 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
     while True:
         first = np.clip(np.floor(inside - reach), 0, shape).astype(np.int64)
         stop = np.clip(np.ceil(inside + reach) + 1.0, 0, shape).astype(np.int64)
-        cells = np.argwhere(states[tuple(map(slice, first, stop))] == FREE) + first
+        window = tuple(map(slice, first, stop))
+        cells = np.argwhere(states[window] == FREE) + first
         if len(cells):
             centers = grid.center_of(cells)
             center = centers[np.argmin(_order_by_distance(centers, nearest_point, position))]
-            enough = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
-            if enough <= reach or reach >= farthest:
+            needed_reach = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
+            if needed_reach <= reach or reach >= farthest:
                 return np.asarray(center)
-            reach = min(enough, farthest)
         elif reach >= farthest:
             return None
         else:
-            reach = min(2.0 * reach, farthest)
+            needed_reach = 2.0 * reach
+        reach = min(needed_reach, farthest)
 
 
 def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
@@ -133,4 +140,5 @@ def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats)
     offsets = centers - nearest_point
     beyond = nearest_point - position
     scale = max(1.0, float(np.abs(beyond).max()))
-    return np.asarray((offsets**2).sum(axis=1) / scale + 2.0 * (offsets @ (beyond / scale)))
+    squares = (offsets**2).sum(axis=1)
+    return np.asarray(squares / scale + 2.0 * (offsets @ (beyond / scale)))

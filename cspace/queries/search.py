@@ -181,19 +181,19 @@ def find_chain(
     """
     neighbors, turns = rotations
     dim = states.ndim - 1
-    shape = (1,) * (3 - dim) + states.shape[1:]
+    missing_axes = (1,) * (3 - dim)
+    shape = (*missing_axes, *states.shape[1:])
     graph = Graph(
-        read_only(states.reshape(-1, *shape)),
-        slice_of,
-        neighbors,
-        turns,
-        _list_moves(dim),
-        factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
+        states=read_only(states.reshape(-1, *shape)),
+        slice_of=slice_of,
+        neighbors=neighbors,
+        turns=turns,
+        moves=_list_moves(dim),
+        factors=factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
     )
     cells_shape = (len(slice_of), *states.shape[1:])
-    start_cell, goal_cell = (
-        int(np.ravel_multi_index(tuple(cell), cells_shape)) for cell in (start, goal)
-    )
+    start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
+    goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
     estimate = _estimate_cost(graph, start_cell, goal_cell, weight, until)
     progress = search(graph, estimate, start_cell, goal_cell, until)
     if not progress.closed[goal_cell]:
@@ -201,7 +201,8 @@ def find_chain(
     cells = [goal_cell]
     while cells[-1] != start_cell:
         cells.append(int(progress.previous[cells[-1]]) - 1)
-    return np.stack(np.unravel_index(cells[::-1], cells_shape), axis=1)
+    cells.reverse()
+    return np.stack(np.unravel_index(cells, cells_shape), axis=1)
 
 
 def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
@@ -210,9 +211,11 @@ def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
     Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
     in metres.
     """
-    centers = np.column_stack([np.zeros((len(rotations), dim)), rotations.centers])
-    steps = rotations.steps_between(centers[:, None], centers[rotations.neighbors])
-    return np.asarray(METRES_PER_RADIAN / spacing * np.linalg.norm(steps, axis=-1))
+    origins = np.zeros((len(rotations), dim))
+    centers = np.column_stack([origins, rotations.centers])
+    steps = rotations.steps_between(centers[:, np.newaxis], centers[rotations.neighbors])
+    angles = np.linalg.norm(steps, axis=-1)
+    return np.asarray(METRES_PER_RADIAN / spacing * angles)
 
 
 def check_deadline(until: float) -> None:
@@ -228,11 +231,11 @@ def _list_moves(dim: int) -> Moves:
     The offsets of a move have no common divisor.
     """
     largest = (0, 2, 2) if dim == 2 else (1, 1, 1)
-    offsets = product(*(range(-each, each + 1) for each in largest))
-    steps = [
-        each for each in offsets if math.gcd(*each) == 1 and sum(map(abs, each)) <= MAX_OFFSET_SUM
-    ]
+    ranges = [range(-offset, offset + 1) for offset in largest]
+    steps = [step for step in product(*ranges) if math.gcd(*step) == 1]
+    steps = [step for step in steps if sum(map(abs, step)) <= MAX_OFFSET_SUM]
     steps.sort(key=lambda step: math.hypot(*step))
+    # The near cells are those that the moves lead to.
     needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
     return Moves(np.array(steps), np.linalg.norm(steps, axis=1), np.array(steps), np.array(needed))
 
@@ -243,7 +246,8 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
     The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
     cell is closed.
     """
-    enter, leave = times_in_box(move, [each - 0.5 for each in cell])
+    lower = [index - 0.5 for index in cell]
+    enter, leave = times_in_box(move, lower)
     return enter <= leave
 
 
@@ -255,12 +259,12 @@ def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, fl
     """
     enter = 0.0
     leave = 1.0
-    for along, low in zip(step, lower, strict=True):
-        if along != 0:
-            sides = low / along, (low + 1) / along
-            enter = max(enter, min(sides))
-            leave = min(leave, max(sides))
-        elif not low <= 0.0 <= low + 1.0:
+    for length, low in zip(step, lower, strict=True):
+        high = low + 1.0
+        if length != 0:
+            enter = max(enter, min(low / length, high / length))
+            leave = min(leave, max(low / length, high / length))
+        elif not low <= 0.0 <= high:
             return 1.0, 0.0
     return enter, leave
 
@@ -271,37 +275,39 @@ def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: fl
     size = math.prod(shape)
     goal_rotation, goal_position = divmod(goal, size)
     if len(graph.slice_of) == 1:
-        axes = np.ogrid[tuple(slice(n) for n in shape)]
-        at_goal = np.unravel_index(goal_position, shape)
-        squares = sum((axis - at) ** 2 for axis, at in zip(axes, at_goal, strict=True))
+        nx, ny, nz = shape
+        x, y, z = np.ogrid[:nx, :ny, :nz]
+        goal_x, goal_y, goal_z = np.unravel_index(goal_position, shape)
+        squares = (x - goal_x) ** 2 + (y - goal_y) ** 2 + (z - goal_z) ** 2
         return Estimate(weight, np.sqrt(squares, dtype=np.float32), np.zeros(1))
-    rotation_costs = _rotation_costs(graph, goal_rotation)
     lowest = graph.states.min(axis=0, keepdims=True)
     factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
+    no_rotations = np.empty((1, 0), dtype=np.int64)
     positions = graph._replace(
         states=read_only(lowest),
         slice_of=np.zeros(1, dtype=np.int64),
-        neighbors=graph.neighbors[:1, :0],
-        turns=graph.turns[:1, :0],
+        neighbors=no_rotations,
+        turns=no_rotations.astype(np.float64),
         factors=factors,
     )
-    nothing = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
-    reached = search(positions, nothing, goal_position, start % size, until)
+    no_estimate = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
+    reached = search(positions, no_estimate, goal_position, start % size, until)
     # Positions that were not expanded are at least as far away as the start.
     farthest = reached.cost[reached.closed].max()
     costs = np.where(reached.closed, reached.cost, farthest)
-    return Estimate(weight, costs.reshape(shape), rotation_costs)
+    return Estimate(weight, costs.reshape(shape), _rotation_costs(graph, goal_rotation))
 
 
 def _rotation_costs(graph: Graph, goal: int) -> Floats:
     """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells."""
     costs = np.full(len(graph.slice_of), np.inf)
-    previous = np.empty(0)
     costs[goal] = 0.0
-    while not np.array_equal(costs, previous):
-        previous = costs
-        of_neighbors = np.where(graph.neighbors < 0, np.inf, costs[graph.neighbors] + graph.turns)
-        costs = np.minimum(costs, of_neighbors.min(axis=1))
+    is_settled = False
+    while not is_settled:
+        by_neighbors = np.where(graph.neighbors < 0, np.inf, costs[graph.neighbors] + graph.turns)
+        lower_costs = np.minimum(costs, by_neighbors.min(axis=1))
+        is_settled = np.array_equal(costs, lower_costs)
+        costs = lower_costs
     return costs
 
 
@@ -319,23 +325,23 @@ def search(
     ``until``.
     """
     n_cells = len(graph.slice_of) * estimate.positions.size
-    length = INITIAL_QUEUE_LENGTH
     progress = Progress(
-        np.zeros(n_cells, dtype=np.float32),
-        np.zeros(n_cells, dtype=np.int64),
-        np.zeros(n_cells, dtype=np.bool_) if excluded is None else excluded,
-        np.empty(length),
-        np.empty(length, dtype=np.int64),
-        np.ones(1, dtype=np.int64),
+        cost=np.zeros(n_cells, dtype=np.float32),
+        previous=np.zeros(n_cells, dtype=np.int64),
+        closed=np.zeros(n_cells, dtype=np.bool_) if excluded is None else excluded,
+        keys=np.empty(INITIAL_QUEUE_LENGTH),
+        queue=np.empty(INITIAL_QUEUE_LENGTH, dtype=np.int64),
+        length=np.ones(1, dtype=np.int64),
     )
     progress.previous[start] = start + 1
     progress.keys[0] = 0.0
     progress.queue[0] = start
-    degree = len(graph.moves.steps) + graph.neighbors.shape[1]
+    max_new_entries = len(graph.moves.steps) + graph.neighbors.shape[1]
     while not expand_cells(graph, estimate, progress, goal):
         check_deadline(until)
-        if progress.length[0] + degree >= len(progress.queue):
-            keys, queue = (np.concatenate([part, np.empty_like(part)]) for part in progress[3:5])
+        if progress.length[0] + max_new_entries >= len(progress.queue):
+            keys = np.concatenate([progress.keys, np.empty_like(progress.keys)])
+            queue = np.concatenate([progress.queue, np.empty_like(progress.queue)])
             progress = progress._replace(keys=keys, queue=queue)
     return progress
 
@@ -348,7 +354,6 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
     """
     nx, ny, nz = estimate.positions.shape
     steps = graph.moves.steps
-    near_cells = graph.moves.near_cells
     n_moves = steps.shape[0]
     n_neighbors = graph.neighbors.shape[1]
     for _ in range(POPS_PER_CLOCK_CHECK):
@@ -368,33 +373,42 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
         rotation = cell // (nz * ny * nx)
         here = graph.slice_of[rotation]
         factor = factor_at(graph, here, i, j, k)
-        passable = 0
-        for near in range(near_cells.shape[0]):
-            u, v, w = i + near_cells[near, 0], j + near_cells[near, 1], k + near_cells[near, 2]
-            passable |= is_passable(graph, here, u, v, w) << near
+        passable = passable_near(graph, here, i, j, k)
         for move in range(n_moves):
             needed = graph.moves.needed[move]
             if passable & needed == needed:
-                u, v, w = i + steps[move, 0], j + steps[move, 1], k + steps[move, 2]
+                u = i + steps[move, 0]
+                v = j + steps[move, 1]
+                w = k + steps[move, 2]
                 mean = 0.5 * (factor + factor_at(graph, here, u, v, w))
                 cost = mean * graph.moves.lengths[move]
                 reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
         for column in range(n_neighbors):
             other = graph.neighbors[rotation, column]
-            if other >= 0 and is_passable(graph, graph.slice_of[other], i, j, k):
-                mean = 0.5 * (factor + factor_at(graph, graph.slice_of[other], i, j, k))
+            if other < 0:
+                continue
+            there = graph.slice_of[other]
+            if graph.states[there, i, j, k] == FREE:
+                mean = 0.5 * (factor + factor_at(graph, there, i, j, k))
                 cost = mean * graph.turns[rotation, column]
                 reach_cell(estimate, progress, cell, other, i, j, k, cost)
     return False
 
 
 @kernel
-def is_passable(graph: Graph, number: int, i: int, j: int, k: int) -> bool:
-    """Return True if a chain may pass a cell of a slice; outside the grid it may not."""
+def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
+    """Return a bit mask of the near cells of a node that a chain may pass."""
     _, nx, ny, nz = graph.states.shape
-    if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
-        return False
-    return bool(graph.states[number, i, j, k] == FREE)
+    near_cells = graph.moves.near_cells
+    mask = 0
+    for bit in range(near_cells.shape[0]):
+        u = i + near_cells[bit, 0]
+        v = j + near_cells[bit, 1]
+        w = k + near_cells[bit, 2]
+        is_inside = 0 <= u < nx and 0 <= v < ny and 0 <= w < nz
+        if is_inside and graph.states[number, u, v, w] == FREE:
+            mask |= 1 << bit
+    return mask
 
 
 @kernel
@@ -417,13 +431,17 @@ def reach_cell(
     w: int,
     step: float,
 ) -> None:
-    """Record a step of a cost from a cell to (u, v, w) at a rotation, if its chain is the best."""
+    """Record a step from a cell to (u, v, w) at a rotation, if its chain is the cheapest so far.
+
+    ``step`` is the cost of the step, in cells.
+    """
     nx, ny, nz = estimate.positions.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
     cost = progress.cost[cell] + step
     if progress.closed[reached]:
         return
-    if progress.previous[reached] == 0 or np.float32(cost) < progress.cost[reached]:
+    is_first = progress.previous[reached] == 0
+    if is_first or np.float32(cost) < progress.cost[reached]:
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
         remaining = estimate.positions[u, v, w] + estimate.rotations[rotation]
@@ -435,14 +453,17 @@ def push(progress: Progress, key: float, cell: int) -> None:
     """Add a cell to the heap."""
     keys = progress.keys
     queue = progress.queue
-    at = progress.length[0]
+    position = progress.length[0]
     progress.length[0] += 1
-    while at > 0 and keys[(at - 1) // 2] > key:
-        keys[at] = keys[(at - 1) // 2]
-        queue[at] = queue[(at - 1) // 2]
-        at = (at - 1) // 2
-    keys[at] = key
-    queue[at] = cell
+    while position > 0:
+        parent = (position - 1) // 2
+        if keys[parent] <= key:
+            break
+        keys[position] = keys[parent]
+        queue[position] = queue[parent]
+        position = parent
+    keys[position] = key
+    queue[position] = cell
 
 
 @kernel
@@ -456,17 +477,17 @@ def pop_first(progress: Progress) -> int:
     # The last entry sinks from the root.
     key = keys[count]
     cell = queue[count]
-    at = 0
+    position = 0
     child = 1
     while child < count:
         if child + 1 < count and keys[child + 1] < keys[child]:
             child += 1
         if keys[child] >= key:
             break
-        keys[at] = keys[child]
-        queue[at] = queue[child]
-        at = child
-        child = 2 * child + 1
-    keys[at] = key
-    queue[at] = cell
+        keys[position] = keys[child]
+        queue[position] = queue[child]
+        position = child
+        child = 2 * position + 1
+    keys[position] = key
+    queue[position] = cell
     return first

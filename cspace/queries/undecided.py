@@ -62,12 +62,11 @@ class Undecided:
         by edges that geometry proves. The length n is 0 if no chain is found, if all chains left
         promise no path of at most ``max_length``, or if time is over.
         """
-        none = endpoints[:0]
+        no_path = np.empty((0, endpoints.shape[1]))
         mixed = self.states == MIXED
         passable = np.where(mixed, FREE, self.states)
-        mixed[tuple(cells.T)] = (
-            False  # start and goal are free wherever the centers of their cells are
-        )
+        # Start and goal are free whether or not the centers of their cells are.
+        mixed[tuple(cells.T)] = False
         undecided = mixed.copy()
         slice_of = np.arange(len(self.rotations))
         turns = (self.rotations.neighbors, self.turn_costs)
@@ -75,65 +74,63 @@ class Undecided:
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
             except TimeoutError:
-                return none
-            path = self._path_along(chain, endpoints) if len(chain) else none
-            if not len(path) or path_length(path, self.rotations) > MAX_CHAIN_EXCESS * max_length:
-                return none
-            failed = near = _cells_near(chain, undecided)
+                return no_path
+            if not len(chain):
+                return no_path
+            path = self._path_along(chain, endpoints)
+            if path_length(path, self.rotations) > MAX_CHAIN_EXCESS * max_length:
+                return no_path
+            near = _select_near(chain, undecided)
             if len(near):
-                centers = np.column_stack(
-                    [self.grid.center_of(near[:, 1:]), self.rotations.centers[near[:, 0]]]
-                )
                 undecided[tuple(near.T)] = False
-                failed = near[~self.are_free(centers)]
+                failed = near[~self.are_free(self._centers_of(near))]
             else:
-                failing = [
-                    edge
-                    for edge in itertools.pairwise(path)
-                    if not self.edge_is_free(*edge[0], *edge[1])
-                ]
-                if not failing:
+                failing_edges = self._failing_edges(path)
+                if not failing_edges:
                     return path
-                failed = self._cells_beside(np.array(failing), mixed & (passable == FREE))
+                candidates = mixed & (passable == FREE)
+                failed = self._select_beside(np.array(failing_edges), candidates)
                 if not len(failed):
-                    return none
+                    return no_path
             passable[tuple(failed.T)] = BLOCKED
-        return none
+        return no_path
+
+    def _centers_of(self, cells: Ints) -> Floats:
+        """Return the configurations at the centers of cells, shape (n, size)."""
+        positions = self.grid.center_of(cells[:, 1:])
+        return np.column_stack([positions, self.rotations.centers[cells[:, 0]]])
+
+    def _failing_edges(self, path: Floats) -> list[tuple[Floats, Floats]]:
+        """List the edges of a path that geometry does not prove."""
+        edges = itertools.pairwise(path)
+        return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path through the centers of cells.
-
-        MIXED cells at the ends are left out.
-        """
+        """Return the path through the centers of cells, without MIXED cells at its ends."""
         path = waypoints(self.grid, self.rotations, endpoints, chain)
         kept = np.ones(len(path), dtype=np.bool_)
         kept[[1, -2]] = self.states[tuple(chain[[0, -1]].T)] == FREE
         return path[kept]
 
-    def _cells_beside(self, edges: Floats, which: Bools) -> Ints:
-        """Return the cells around edges.
-
-        They lie in the boxes around edges, shape (n, 2, size), and are set in ``which``.
-        """
+    def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
+        """Return the candidate cells in the boxes around edges, shape (n, 2, size)."""
         rotations = self.rotations.find_cells(edges)
-        positions = self.grid.cell_of(edges[..., : self.grid.dim])
-        found = []
-        for turned, (first, last) in zip(rotations, np.sort(positions, axis=1), strict=True):
-            box = [slice(low, high + 1) for low, high in zip(first, last, strict=True)]
-            for rotation in turned:
-                inside = np.argwhere(which[rotation, *box]) + first
-                found.append(np.column_stack([np.full(len(inside), rotation), inside]))
-        return np.unique(np.concatenate(found), axis=0)
+        corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
+        selected = []
+        for end_rotations, (first, last) in zip(rotations, corners, strict=True):
+            box = tuple(map(slice, first, last + 1))
+            for rotation in end_rotations:
+                inside = np.argwhere(candidates[rotation][box]) + first
+                selected.append(np.column_stack([np.full(len(inside), rotation), inside]))
+        return np.unique(np.concatenate(selected), axis=0)
 
 
-def _cells_near(chain: Ints, which: Bools) -> Ints:
-    """Return the cells near a chain.
-
-    They are at most one cell away, in its rotations, and are set in ``which``.
-    """
-    around = np.array(list(itertools.product((-1, 0, 1), repeat=chain.shape[1] - 1)))
-    near = np.repeat(chain, len(around), axis=0)
-    near[:, 1:] += np.tile(around, (len(chain), 1))
-    near = np.unique(near[((near >= 0) & (near < which.shape)).all(axis=1)], axis=0)
-    found: Ints = near[which[tuple(near.T)]]
-    return found
+def _select_near(chain: Ints, candidates: Bools) -> Ints:
+    """Return the candidate cells at most one cell away from a chain, at its rotations."""
+    offsets = np.array(list(itertools.product((-1, 0, 1), repeat=chain.shape[1] - 1)))
+    near = np.repeat(chain, len(offsets), axis=0)
+    near[:, 1:] += np.tile(offsets, (len(chain), 1))
+    in_grid = ((near >= 0) & (near < candidates.shape)).all(axis=1)
+    near = np.unique(near[in_grid], axis=0)
+    selected: Ints = near[candidates[tuple(near.T)]]
+    return selected

@@ -43,7 +43,7 @@ SEARCH_BYTES_PER_CELL: Final = 20
 CELLS_PER_CLOCK_CHECK: Final = 2**14
 """Cells expanded between two checks of the time limit: about a millisecond."""
 
-SIDE_STEPS: Final = 6
+N_SIDE_STEPS: Final = 6
 """Number of steps to cells that share a side; steps from this number on rotate."""
 
 
@@ -86,13 +86,13 @@ class WidthMap:
         while True:
             rotation, *position = path[-1]
             others = self.rotations.neighbors[rotation].tolist()
-            candidates = [(other, *position) for other in others if other >= 0]
+            candidates = [path[-1]] + [(other, *position) for other in others if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
                 moved = position.copy()
                 moved[axis] += step
                 if 0 <= moved[axis] < self.shape[axis + 1]:
                     candidates.append((rotation, *moved))
-            best = max([path[-1], *candidates], key=lambda each: (self.width(each), each))
+            best = max(candidates, key=lambda candidate: (self.width(candidate), candidate))
             if best == path[-1]:
                 return np.array(path)
             path.append(best)
@@ -102,11 +102,11 @@ class WidthMap:
 
         The result is 0 if no chain exists. Raises TimeoutError after ``until``.
         """
-        first, last = (int(np.ravel_multi_index(tuple(cell), self.shape)) for cell in (start, goal))
+        first = int(np.ravel_multi_index(tuple(start), self.shape))
+        last = int(np.ravel_multi_index(tuple(goal), self.shape))
         levels = np.minimum(LEVELS_PER_CELL * self.widths, MAX_LEVEL).astype(np.uint16)
-        queue = LevelQueue.of(
-            math.prod(self.shape), first, int(levels[self.slice_of[start[0]], *start[1:]])
-        )
+        start_level = int(levels[self.slice_of[start[0]], *start[1:]])
+        queue = LevelQueue.of(math.prod(self.shape), first, start_level)
         missing_axes = (1,) * (4 - self.widths.ndim)
         layered = levels.reshape(len(levels), *missing_axes, *self.shape[1:])
         is_done = False
@@ -127,7 +127,8 @@ class WidthMap:
 
 def narrow_states(widths: Distances, min_width: float) -> Bytes:
     """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
-    return read_only((widths < np.float32(min_width)).view(np.uint8))  # FREE is 0, and MIXED 1
+    is_narrow = widths < np.float32(min_width)
+    return read_only(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
 
 
 # ---- the bottleneck ------------------------------------------------------------------------------
@@ -157,10 +158,10 @@ class LevelQueue(NamedTuple):
     def of(cls, cells: int, start: int, level: int) -> LevelQueue:
         """Create a queue with one cell."""
         queue = cls(
-            np.array([level]),
-            np.full(MAX_LEVEL + 1, -1),
-            np.empty(cells, dtype=np.int64),
-            np.zeros(cells, dtype=np.bool_),
+            level=np.array([level]),
+            first=np.full(MAX_LEVEL + 1, -1),
+            following=np.empty(cells, dtype=np.int64),
+            reached=np.zeros(cells, dtype=np.bool_),
         )
         queue.first[level] = start
         queue.following[start] = -1
@@ -190,26 +191,28 @@ def flood(
         queue.first[level] = queue.following[cell]
         rotation = cell // (nx * ny * nz)
         x = cell // (ny * nz) % nx
-        y, z = cell // nz % ny, cell % nz
-        for step in range(SIDE_STEPS + neighbors.shape[1]):
-            r, i, j, k = rotation, x, y, z
+        y = cell // nz % ny
+        z = cell % nz
+        for step in range(N_SIDE_STEPS + neighbors.shape[1]):
+            other = rotation
+            i, j, k = x, y, z
             axis = step // 2
             sign = 2 * (step % 2) - 1
-            if step >= SIDE_STEPS:
-                r = neighbors[rotation, step - SIDE_STEPS]
+            if step >= N_SIDE_STEPS:
+                other = neighbors[rotation, step - N_SIDE_STEPS]
             elif axis == 0:
                 i += sign
             elif axis == 1:
                 j += sign
             else:
                 k += sign
-            if r < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+            if other < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                 continue
-            near = ((r * nx + i) * ny + j) * nz + k
+            near = ((other * nx + i) * ny + j) * nz + k
             if queue.reached[near]:
                 continue
             queue.reached[near] = True
-            near_level = min(level, levels[slice_of[r], i, j, k])
+            near_level = min(level, levels[slice_of[other], i, j, k])
             queue.following[near] = queue.first[near_level]
             queue.first[near_level] = near
     return False
@@ -233,31 +236,38 @@ def find_widest_path(
     cells passed. Raises TimeoutError after ``until``.
     """
     rotations = widths.rotations
-    ends = endpoints[1]
-    q = rotations.make_canonical(endpoints[0])
-    up, down = (widths.climb(cell) for cell in ends)
-    width = widths.bottleneck(up[-1], down[-1], until)
-    if not width:
+    configurations, (start, goal) = endpoints
+    q = rotations.make_canonical(configurations)
+    from_start = widths.climb(start)
+    from_goal = widths.climb(goal)
+    width = widths.bottleneck(from_start[-1], from_goal[-1], until)
+    if width == 0.0:
         return np.empty((0, q.shape[1]))
-    ascent = up[[widths.width(cell) < width for cell in up]]
-    descent = down[[widths.width(cell) < width for cell in down]]
-    chain = widths.shortest(up[len(ascent)], down[len(descent)], width, until)
-    cells = np.concatenate([ascent, chain, descent[::-1]])
+    n_ascent = sum(widths.width(cell) < width for cell in from_start)
+    n_descent = sum(widths.width(cell) < width for cell in from_goal)
+    chain = widths.shortest(from_start[n_ascent], from_goal[n_descent], width, until)
+    descent = np.flipud(from_goal[:n_descent])
+    cells = np.concatenate([from_start[:n_ascent], chain, descent])
     path = waypoints(grid, rotations, q, cells)
     if not straight:
         return path
     # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
-    first = len(ascent) + 1 if len(ascent) else 0
-    last = len(ascent) + len(chain) if len(descent) else len(path) - 1
-    low, high = map(widths.width, ends)
-    parts = (0, first, low), (first, last, width), (last, len(path) - 1, high)
+    end = len(path) - 1
+    first = n_ascent + 1 if n_ascent else 0
+    last = n_ascent + len(chain) if n_descent else end
+    parts = (
+        (0, first, widths.width(start)),
+        (first, last, width),
+        (last, end, widths.width(goal)),
+    )
     pieces = [path[:1]]
-    for begin, end, min_width in parts:
-        if begin < end:
-            positions = cells[max(begin - 1, 0) : end, 1:]
+    for begin, stop, min_width in parts:
+        if begin < stop:
+            positions = cells[max(begin - 1, 0) : stop, 1:]
             wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
             is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
-            pieces.append(pulled_straight(path[begin : end + 1], rotations, is_free)[1:])
+            piece = pulled_straight(path[begin : stop + 1], rotations, is_free)
+            pieces.append(piece[1:])
     return np.concatenate(pieces)
 
 
@@ -267,7 +277,7 @@ def _cut_wide_map(
     """Return a map around positions in which cells of ``min_width`` or above are FREE."""
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
-    states = narrow_states(widths[(slice(None), *map(slice, first, stop))], min_width)
-    lower = tuple((grid.lower + grid.spacing * first).tolist())
-    part = Grid(lower, grid.spacing, states.shape[1:])
+    window = (slice(None), *map(slice, first, stop))
+    states = narrow_states(widths[window], min_width)
+    part = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
     return make_map_record(states, part, map_.exterior, map_.rotations)

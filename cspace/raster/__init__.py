@@ -41,26 +41,28 @@ class Raster:
         """Trim a bitmap; its first entry is the offset ``lower``."""
         window = []
         for axis in range(cells.ndim):
-            others = tuple(other for other in range(cells.ndim) if other != axis)
-            occupied = np.flatnonzero(cells.any(axis=others))
+            other_axes = tuple(other for other in range(cells.ndim) if other != axis)
+            occupied = np.flatnonzero(cells.any(axis=other_axes))
             if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
-        tight = np.ascontiguousarray(cells[tuple(window)])
-        first = tuple(low + part.start for low, part in zip(lower, window, strict=True))
-        return cls(frozen(tight), first)
+        trimmed = np.ascontiguousarray(cells[tuple(window)])
+        trimmed_lower = tuple(low + cut.start for low, cut in zip(lower, window, strict=True))
+        return cls(frozen(trimmed), trimmed_lower)
 
     def rotate(self, matrix: Floats) -> Raster:
         """Rotate by a signed permutation matrix, which is exact."""
         if not self.cells.size:
             return self
-        axes = np.abs(matrix).argmax(axis=1)
-        signs = matrix.sum(axis=1)
-        steps = tuple(slice(None, None, int(sign)) for sign in signs)
-        cells = self.cells.transpose(axes)[steps]
-        ends = zip(axes, signs, strict=True)
-        lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in ends)
-        return Raster(np.ascontiguousarray(cells), lower)
+        source_axes = np.abs(matrix).argmax(axis=1)
+        signs = matrix.sum(axis=1).astype(int)
+        permuted = self.cells.transpose(source_axes)
+        cells = permuted[tuple(slice(None, None, sign) for sign in signs)]
+        # A reversed axis begins at minus its largest offset.
+        low = np.take(self.lower, source_axes)
+        high = np.take(self.upper, source_axes)
+        lower = np.where(signs > 0, low, -high)
+        return Raster(np.ascontiguousarray(cells), tuple(lower.tolist()))
 
     def translate(self, offset: Sequence[int]) -> Raster:
         """Add an offset to every offset of the set."""
@@ -89,21 +91,27 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     owner : ndarray of int64, shape (n,)
         Index of the raster that each run belongs to.
     """
-    runs = []
+    runs_of_rasters = []
     for raster in rasters:
-        cells = raster.cells.view(np.int8).reshape((1, *raster.cells.shape)[-3:])
         gap = np.int8(0)
-        steps = np.diff(cells, axis=2, prepend=gap, append=gap)
+        steps = np.diff(raster.cells.view(np.int8), prepend=gap, append=gap)
         first = np.argwhere(steps == 1)
         stop = np.argwhere(steps == -1)
-        lower = (0, *raster.lower)[-3:]
-        runs.append(np.column_stack([first + lower, stop[:, 2] - first[:, 2]]))
-    owner = np.repeat(np.arange(len(rasters)), [len(found) for found in runs])
-    return np.concatenate(runs), owner
+        length = stop[:, -1] - first[:, -1]
+        runs_of_rasters.append(np.column_stack([first + raster.lower, length]))
+    owner = np.repeat(np.arange(len(rasters)), [len(runs) for runs in runs_of_rasters])
+    table = np.concatenate(runs_of_rasters)
+    is_plane = table.shape[1] == 3
+    if is_plane:
+        table = np.insert(table, 0, 0, axis=1)
+    return table, owner
 
 
 def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
-    """Return the first and the last indices of an array that lie in boxes, shape (n, d)."""
+    """Return the first and last indices of an array in boxes.
+
+    The boxes are given by their corners, shape (n, d), and so are the indices.
+    """
     first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
     last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
     return first, last
@@ -115,11 +123,11 @@ def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> No
     A slab is a range of first indices.
     """
 
-    def work(start: int, stop: int) -> int:
+    def run_kernel(start: int, stop: int) -> int:
         kernel(out, *inputs, start, stop)
         return -1
 
-    in_chunks(work, len(out), MIN_SLABS_PER_THREAD)
+    in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
@@ -130,7 +138,7 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower
-    if float(np.prod(shape)) > MAX_RASTER_CELLS:
+    if np.prod(shape) > MAX_RASTER_CELLS:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
             "robot",

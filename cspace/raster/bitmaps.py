@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from shapely.geometry import Polygon
 
     from cspace.files.ros import MapInfo
+
+
+_QUAD_TRIANGLES: Final = (0, 1, 2, 0, 2, 3)
+"""Corners of a quadrilateral that form its two triangles."""
 
 
 def ring_segments(polygon: Polygon) -> Floats:
@@ -53,35 +57,51 @@ def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floa
     meet share the corner to the last bit. The occupied cells lie on the left of each segment.
     Vertical segments come first, then horizontal ones.
     """
-    cells = occupied.view(np.uint8) != 0  # a boolean array may contain bytes other than 0 and 1
-    x, start, stop, step = _find_edge_runs(cells.view(np.int8))
+    # A boolean array may contain bytes other than 0 and 1.
+    cells = (occupied.view(np.uint8) != 0).view(np.int8)
     # For the cells to lie on the left, a vertical segment runs down where occupied cells start and
     # up where they stop.
-    begin, end = np.where(step > 0, (stop, start), (start, stop))
-    upright = np.column_stack((x, begin, x, end))
-    y, start, stop, step = _find_edge_runs(cells.T.view(np.int8))
-    begin, end = np.where(step > 0, (start, stop), (stop, start))
-    level = np.column_stack((begin, y, end, y))
-    return np.asarray(np.tile(lower, 2) + spacing * np.concatenate((upright, level)))
+    edges = _find_edge_runs(cells)
+    begin = np.where(edges.step > 0, edges.stop, edges.start)
+    end = np.where(edges.step > 0, edges.start, edges.stop)
+    vertical = np.column_stack((edges.line, begin, edges.line, end))
+    edges = _find_edge_runs(cells.T)
+    begin = np.where(edges.step > 0, edges.start, edges.stop)
+    end = np.where(edges.step > 0, edges.stop, edges.start)
+    horizontal = np.column_stack((begin, edges.line, end, edges.line))
+    indices = np.concatenate((vertical, horizontal))
+    return np.asarray(np.tile(lower, 2) + spacing * indices)
 
 
-def _find_edge_runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], ...]:
-    """Find runs of equal steps across lattice lines.
+class _EdgeRuns(NamedTuple):
+    """Runs of cell edges on lattice lines, each array of shape (n,).
 
-    The lattice lines divide the first axis. Returns line, start, stop (both along the line) and
-    step of each run.
+    A run covers the edges from ``start`` to ``stop`` along the line. ``step`` is 1 if the occupied
+    cells lie after the line, -1 if before.
     """
+
+    line: Ints
+    start: Ints
+    stop: Ints
+    step: NDArray[np.int8]
+
+
+def _find_edge_runs(cells: NDArray[np.int8]) -> _EdgeRuns:
+    """Find runs of equal edges on the lattice lines across the first axis."""
     lines = len(cells) + 1
     length = cells.shape[1]
+    # One column of padding on both sides begins and ends the runs.
     steps = np.zeros((lines, length + 2), dtype=np.int8)
     steps[:-1, 1:-1] = cells
     steps[1:, 1:-1] -= cells
-    changes = steps[:, 1:] != steps[:, :-1]
-    line, start = np.nonzero(changes & (steps[:, 1:] != 0))
+    before = steps[:, :-1]
+    after = steps[:, 1:]
+    changes = before != after
+    line, start = np.nonzero(changes & (after != 0))
     # Starts and stops pair up because both lists are in reading order and each run stops before
     # its line's padding.
-    stop = np.nonzero(changes & (steps[:, :-1] != 0))[1]
-    return line, start, stop, steps[line, start + 1]
+    _, stop = np.nonzero(changes & (before != 0))
+    return _EdgeRuns(line, start, stop, after[line, start])
 
 
 def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
@@ -90,12 +110,13 @@ def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
     Returns shape (n, 3, 3). Coplanar faces are merged into rectangles, so neighbours may share only
     part of an edge.
     """
-    triangles = [np.empty((0, 3, 3))]
+    triangles = []
     for axis in range(3):
-        columns = np.moveaxis(cells, axis, 0)
-        faces = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
-        faces[:-1] = columns
-        faces[1:] ^= columns
+        layers = np.moveaxis(cells, axis, 0)
+        # A face separates two layers if exactly one of its two cells is set.
+        faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
+        faces[:-1] = layers
+        faces[1:] ^= layers
         triangles.append(rectangle_triangles(faces, axis, spacing, lower))
     return np.concatenate(triangles)
 
@@ -106,12 +127,15 @@ def rectangle_triangles(squares: Bools, axis: int, spacing: float, lower: Any) -
     ``squares[k, i, j]`` lies in the lattice plane k. Returns shape (n, 3, 3).
     """
     low, high = merge_into_rectangles(squares)
-    first = np.column_stack([low[:, 0], high[:, 1], low[:, 2]])
-    second = np.column_stack([low[:, :2], high[:, 2]])
-    corners = np.stack([low, first, high, second], axis=1)
-    order = np.argsort([axis, *(other for other in range(3) if other != axis)])
-    points = np.asarray(lower, dtype=np.float64) + spacing * corners[..., order]
-    return np.asarray(points[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3))
+    layer, low_row, low_column = low.T
+    _, high_row, high_column = high.T
+    lower_right = np.column_stack([layer, high_row, low_column])
+    upper_left = np.column_stack([layer, low_row, high_column])
+    corners = np.stack([low, lower_right, high, upper_left], axis=1)
+    # The lattice planes, rows and columns become the three axes of space.
+    indices = np.insert(corners[..., 1:], axis, corners[..., 0], axis=-1)
+    points = np.asarray(lower, dtype=np.float64) + spacing * indices
+    return np.asarray(points[:, _QUAD_TRIANGLES].reshape(-1, 3, 3))
 
 
 def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints, Ints]:
@@ -125,20 +149,25 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
     windings : ndarray of int64, shape (F,)
         1 if the face points outward, -1 otherwise.
     """
-    corners = tuple(n + 1 for n in cells.shape)
+    lattice_shape = tuple(n + 1 for n in cells.shape)
+    # Step between the flat indices of neighbouring lattice points, along each axis.
+    strides = np.array([lattice_shape[1] * lattice_shape[2], lattice_shape[2], 1])
     quads = []
     windings = []
     for axis in range(3):
-        first, second = (int(np.prod(corners[other + 1 :])) for other in range(3) if other != axis)
+        first, second = np.delete(strides, axis)
         gap = np.int8(0)
         steps = np.asarray(np.diff(cells.view(np.int8), axis=axis, prepend=gap, append=gap))
-        squares_at = np.nonzero(steps)
-        start = np.ravel_multi_index(squares_at, corners)
+        squares = np.nonzero(steps)
+        start = np.ravel_multi_index(squares, lattice_shape)
         quads.append(start[:, None] + np.array([0, first, first + second, second]))
-        windings.append(np.repeat((1 if axis == 1 else -1) * steps[squares_at], 2))
+        # The normal of these corners points along the axis (for y, against it). Where cells start,
+        # outward is against the axis.
+        orientation = 1 if axis == 1 else -1
+        windings.append(np.repeat(orientation * steps[squares], 2))
     points, numbers = np.unique(np.concatenate(quads), return_inverse=True)
-    faces = numbers.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-    indices = np.stack(np.unravel_index(points, corners), axis=1)
+    faces = numbers.reshape(-1, 4)[:, _QUAD_TRIANGLES].reshape(-1, 3)
+    indices = np.stack(np.unravel_index(points, lattice_shape), axis=1)
     vertices = np.asarray(lower, dtype=np.float64) + spacing * indices
     return vertices, faces, np.concatenate(windings).astype(np.int64)
 
@@ -149,10 +178,11 @@ def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, 
     Runs are merged along two axes. Returns the lower and upper corners, shape (n, d) each, metres.
     """
     corner = np.asarray(lower, dtype=np.float64)
-    low, high = merge_into_rectangles(cells.reshape((-1, *cells.shape[-2:])))
+    layers = cells if cells.ndim == 3 else cells[None]
+    low, high = merge_into_rectangles(layers)
     high[:, 0] += 1
-    first = 3 - cells.ndim
-    return corner + spacing * low[:, first:], corner + spacing * high[:, first:]
+    axes = slice(3 - cells.ndim, 3)
+    return corner + spacing * low[:, axes], corner + spacing * high[:, axes]
 
 
 def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
@@ -161,19 +191,26 @@ def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
     Equal runs in consecutive rows are merged. Returns the lower and upper lattice corners ``(layer,
     row, column)``, shape (n, 3) each.
     """
-    edges = np.zeros((*squares.shape[:2], squares.shape[2] + 1), dtype=np.bool_)
-    edges[..., :-1] = squares
-    edges[..., 1:] ^= squares
-    layer, row, column = np.nonzero(edges)
-    runs = np.stack([layer[::2], column[::2], column[1::2], row[::2]], axis=1)
-    runs = runs[np.lexsort(runs.T[::-1])]
-    is_new = np.ones(len(runs), dtype=np.bool_)
-    is_new[1:] = (np.diff(runs, axis=0) != (0, 0, 0, 1)).any(axis=1)
-    starts = np.flatnonzero(is_new)
-    ends = np.append(starts[1:], len(runs))[: len(starts)] - 1
-    layer, low, high, row = runs[starts].T
-    stop = runs[ends, 3] + 1
-    return np.stack([layer, row, low], axis=1), np.stack([layer, stop, high], axis=1)
+    layers, rows, columns = squares.shape
+    is_edge = np.zeros((layers, rows, columns + 1), dtype=np.bool_)
+    is_edge[..., :-1] = squares
+    is_edge[..., 1:] ^= squares
+    layer, row, column = np.nonzero(is_edge)
+    # Edges come in pairs: where a run starts and where it stops.
+    layer = layer[::2]
+    row = row[::2]
+    start = column[::2]
+    stop = column[1::2]
+    # Sort the runs so that equal ones in consecutive rows follow each other.
+    order = np.lexsort((row, stop, start, layer))
+    runs = np.stack([layer, start, stop, row], axis=1)[order]
+    begins_rectangle = np.ones(len(runs), dtype=np.bool_)
+    begins_rectangle[1:] = (np.diff(runs, axis=0) != (0, 0, 0, 1)).any(axis=1)
+    ends_rectangle = np.ones(len(runs), dtype=np.bool_)
+    ends_rectangle[:-1] = begins_rectangle[1:]
+    layer, low, high, first_row = runs[begins_rectangle].T
+    stop_row = runs[ends_rectangle, 3] + 1
+    return np.stack([layer, first_row, low], axis=1), np.stack([layer, stop_row, high], axis=1)
 
 
 def boxes_within_cells(
@@ -204,10 +241,11 @@ def boxes_within_cells(
         within = (first >= 0) & (last < count)
         first, last = np.where(within, (first, last), 0)
         columns = np.moveaxis(cells, axis, -1)
-        covered = columns[..., first] & within
-        for step in range(1, int((last - first).max(initial=0)) + 1):
-            covered &= columns[..., np.minimum(first + step, last)]
-        cells = np.moveaxis(covered, -1, axis)
+        is_covered = columns[..., first] & within
+        most_steps = int((last - first).max(initial=0))
+        for step in range(1, most_steps + 1):
+            is_covered &= columns[..., np.minimum(first + step, last)]
+        cells = np.moveaxis(is_covered, -1, axis)
     return np.ascontiguousarray(cells)
 
 
@@ -242,10 +280,11 @@ def align_image(
     """
     unknown_cells = free | occupied
     np.logical_not(unknown_cells, out=unknown_cells)
-    solid = np.logical_not(free, out=free) if unknown == "occupied" else occupied
+    exterior_solid = unknown == "occupied"
+    solid = np.logical_not(free, out=free) if exterior_solid else occupied
     quarters = _count_quarter_turns(info.yaw, solid.shape)
     if quarters is None:
-        return _rotate_image(info, solid, unknown_cells, exterior_solid=unknown == "occupied")
+        return _rotate_image(info, solid, unknown_cells, exterior_solid)
     lower, _ = _rotated_bounds(info, solid.shape, *QUARTER_TURNS[quarters])
     cells = np.rot90(solid, quarters)
     grid = Grid(lower, info.resolution, cells.shape)
@@ -262,11 +301,12 @@ def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
         return None
     quarters = round(yaw / (math.pi / 2))
     error = abs(yaw - quarters * (math.pi / 2))
-    return quarters % 4 if error * math.hypot(*shape) <= SLACK / 64 else None
+    max_displacement = error * math.hypot(*shape)  # cells
+    return quarters % 4 if max_displacement <= SLACK / 64 else None
 
 
 def _place_points(info: MapInfo, points: ArrayLike, cos: float, sin: float) -> Floats:
-    """Return points of the image, in cells, as points of the map, in metres."""
+    """Convert points of the image, in cells, to metres of the map."""
     rotated = np.asarray(points) @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(info.origin + info.resolution * rotated)
 
@@ -306,7 +346,8 @@ def _rotate_image(
     bounded = ~solid if exterior_solid else solid
     points = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
     segments = _place_points(info, points, cos, sin).reshape(-1, 4)
-    outer, inner = outline_cells([(segments, True)] if len(segments) else [], grid)
+    parts = [(segments, True)] if len(segments) else []
+    outer, inner = outline_cells(parts, grid)
     if exterior_solid:
         outer, inner = ~inner, ~outer
     return grid, outer, inner, _sample_image(info, unknown, grid)
@@ -319,12 +360,14 @@ def _sample_image(info: MapInfo, cells: Bools, grid: Grid) -> Bools:
     """
     cos = math.cos(info.yaw)
     sin = math.sin(info.yaw)
-    x, y = (grid.centers(axis) - info.origin[axis] for axis in range(2))
+    column_x = grid.centers(0) - info.origin[0]
+    y = grid.centers(1) - info.origin[1]
     sampled = np.ones(grid.shape, dtype=np.bool_)
     # Column by column, because the positions of all cells would take 32 bytes each.
-    for column, along in enumerate(x):
-        positions = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1)
-        cell = np.floor(positions / info.resolution).astype(np.int64)
-        within = ((cell >= 0) & (cell < cells.shape)).all(axis=-1)
-        sampled[column, within] = cells[tuple(cell[within].T)]
+    for column, x in enumerate(column_x):
+        positions = np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+        image_cells = np.floor(positions / info.resolution).astype(np.int64)
+        within = ((image_cells >= 0) & (image_cells < cells.shape)).all(axis=-1)
+        image_x, image_y = image_cells[within].T
+        sampled[column, within] = cells[image_x, image_y]
     return sampled

@@ -77,15 +77,15 @@ def rounded_rasters(
     """
     lows = boxes.lows / spacing
     highs = boxes.highs / spacing
-    wide = (boxes.radii + outward) / spacing
-    tight = boxes.radii / spacing - inward / spacing
-    reach = wide[:, None] + 1.0
+    outer_radii = (boxes.radii + outward) / spacing
+    inner_radii = boxes.radii / spacing - inward / spacing
+    reach = outer_radii[:, None] + 1.0
     outer, lower = allocate_bitmap((lows - reach).min(axis=0), (highs + reach).max(axis=0))
     inner = np.zeros_like(outer)
     lows = lows - lower
     highs = highs - lower
-    mark_touched(outer, RoundedBoxes(lows, highs, wide), -1.0, 1.0)
-    mark_inside(inner, RoundedBoxes(lows, highs, tight), 0.0, 0.0)
+    mark_touched(outer, RoundedBoxes(lows, highs, outer_radii), -1.0, 1.0)
+    mark_inside(inner, RoundedBoxes(lows, highs, inner_radii), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
@@ -101,10 +101,11 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     lower = np.asarray(grid.lower)
     lows = (boxes.lows - lower) / grid.spacing
     highs = (boxes.highs - lower) / grid.spacing
-    local = RoundedBoxes(lows, highs, boxes.radii / grid.spacing)
-    starts = lows - local.radii[:, None]
-    stops = highs + local.radii[:, None]
-    check_reach(float(max(-starts.min(initial=0.0), stops.max(initial=0.0))), *OBSTACLE_REACH)
+    radii = boxes.radii / grid.spacing
+    below = -(lows - radii[:, None]).min(initial=0.0)
+    above = (highs + radii[:, None]).max(initial=0.0)
+    check_reach(float(max(below, above)), *OBSTACLE_REACH)
+    local = RoundedBoxes(lows, highs, radii)
     mark_touched(outer, local, 0.0, 1.0)
     mark_inside(inner, local, 0.0, 1.0)
     return outer, inner
@@ -117,7 +118,8 @@ def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     boxes are in cells, in the index frame of ``out``.
     """
     radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
-    _mark_in_slabs(out, RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)
+    grown = RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii)
+    _mark_in_slabs(out, grown, b0, b1)
 
 
 def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
@@ -127,22 +129,26 @@ def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     corner of a cube is in the box if and only if the nearest corner of the inverted cube (b0 and b1
     swapped) is.
     """
-    lows, highs, radii = (each[boxes.radii >= 0.0] for each in boxes)
-    tight = RoundedBoxes(lows + SLACK, highs - SLACK, np.maximum(radii - 2.0 * SLACK, 0.0))
-    _mark_in_slabs(out, tight, b1, b0)
+    is_used = boxes.radii >= 0.0
+    lows = boxes.lows[is_used] + SLACK
+    highs = boxes.highs[is_used] - SLACK
+    radii = np.maximum(boxes.radii[is_used] - 2.0 * SLACK, 0.0)
+    _mark_in_slabs(out, RoundedBoxes(lows, highs, radii), b1, b0)
 
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
     """Run the kernel in threads, each on its own slab."""
     # In the plane, boxes extend along a third axis past the single layer of cells.
-    missing = [1] * (3 - out.ndim)
-    lows = np.insert(boxes.lows, missing, -2.0, axis=1)
-    highs = np.insert(boxes.highs, missing, 3.0, axis=1)
-    solid = np.expand_dims(out, missing)
+    lows = boxes.lows
+    highs = boxes.highs
+    if out.ndim == 2:
+        out = out[:, None]
+        lows = np.insert(lows, 1, -2.0, axis=1)
+        highs = np.insert(highs, 1, 3.0, axis=1)
     radii = boxes.radii[:, None]
-    first, last = index_boxes(lows - radii - b1, highs + radii - b0, solid.shape)
-    boxes = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    in_slabs(_mark_near, solid, boxes, first, last, b0, b1)
+    first, last = index_boxes(lows - radii - b1, highs + radii - b0, out.shape)
+    contiguous = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
+    in_slabs(_mark_near, out, contiguous, first, last, b0, b1)
 
 
 @kernel
@@ -165,17 +171,21 @@ def _mark_near(
     """
     lows, highs, radii = boxes
     for n in range(len(radii)):
-        square = radii[n] * radii[n]
-        for i in range(max(start, first[n, 0]), min(stop - 1, last[n, 0]) + 1):
-            dx = max(0.0, lows[n, 0] - (i + b1), (i + b0) - highs[n, 0])
-            for j in range(first[n, 1], last[n, 1] + 1):
-                dy = max(0.0, lows[n, 1] - (j + b1), (j + b0) - highs[n, 1])
-                rest = square - dx * dx - dy * dy
+        low_x, low_y, low_z = lows[n]
+        high_x, high_y, high_z = highs[n]
+        first_x, first_y, first_z = first[n]
+        last_x, last_y, last_z = last[n]
+        squared_radius = radii[n] * radii[n]
+        for i in range(max(start, first_x), min(stop - 1, last_x) + 1):
+            gap_x = max(0.0, low_x - (i + b1), (i + b0) - high_x)
+            for j in range(first_y, last_y + 1):
+                gap_y = max(0.0, low_y - (j + b1), (j + b0) - high_y)
+                rest = squared_radius - gap_x * gap_x - gap_y * gap_y
                 if rest < 0.0:
                     continue
                 # The rest of the squared radius bounds the gap along z: one run of cubes.
-                half = math.sqrt(rest)
-                k_first = max(first[n, 2], math.ceil(lows[n, 2] - half - b1))
-                k_last = min(last[n, 2], math.floor(highs[n, 2] + half - b0))
+                half_chord = math.sqrt(rest)
+                k_first = max(first_z, math.ceil(low_z - half_chord - b1))
+                k_last = min(last_z, math.floor(high_z + half_chord - b0))
                 for k in range(k_first, k_last + 1):
                     out[i, j, k] = True

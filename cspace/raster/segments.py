@@ -68,17 +68,21 @@ def outline_rasters(
     If they do, the part is the region that they enclose by even-odd parity. The rasters hold for
     all rotations of the rotation cell.
     """
-    pieces = [_cut_segments(segments / spacing, rotation) for segments, _ in parts]
-    outlines = [rotation.apply(each.reshape(-1, 2)).reshape(-1, 4) for each in pieces]
-    growths = [rotation.displacement(each.reshape(-1, 2, 2)).max(axis=1) for each in outlines]
+    outlines = []
+    growths = []
+    for segments, _ in parts:
+        pieces = _cut_segments(segments / spacing, rotation)
+        ends = rotation.apply(pieces.reshape(-1, 2, 2))
+        outlines.append(ends)
+        growths.append(rotation.displacement(ends).max(axis=1))
     radius = margin / spacing
     points = np.concatenate(outlines).reshape(-1, 2)
-    reach = radius + max(float(growth.max()) for growth in growths) + 1.0
+    reach = radius + float(np.concatenate(growths).max()) + 1.0
     outer, lower = allocate_bitmap(points.min(axis=0) - reach, points.max(axis=0) + reach)
     inner = np.zeros_like(outer)
-    shift = np.tile(np.asarray(lower, dtype=np.float64), 2)
+    origin = np.asarray(lower, dtype=np.float64)
     for outline, growth, (_, filled) in zip(outlines, growths, parts, strict=True):
-        segments = np.ascontiguousarray(outline - shift)
+        segments = np.ascontiguousarray(outline - origin).reshape(-1, 4)
         mark_touched(outer, segments, growth + radius, -1.0, 1.0, SLACK)
         if not filled:
             continue
@@ -123,9 +127,12 @@ def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
     points = local.reshape(-1, 2)
-    first = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
-    stop = np.minimum(np.floor(points.max(axis=0)).astype(int) + 2, grid.shape)
-    window = (slice(int(first[0]), int(stop[0])), slice(int(first[1]), int(stop[1])))
+    lowest_cell = np.floor(points.min(axis=0)).astype(int)
+    highest_cell = np.floor(points.max(axis=0)).astype(int)
+    first = np.maximum(lowest_cell - 1, 0)
+    stop = np.minimum(highest_cell + 2, grid.shape)
+    window_x, window_y = map(slice, first.tolist(), stop.tolist())
+    window = window_x, window_y
     if (first >= stop).any():
         return None, window
     return np.ascontiguousarray(local - np.tile(first, 2)), window
@@ -138,18 +145,19 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     """
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
-    owner = np.repeat(np.arange(len(pieces)), pieces)
-    index = np.arange(len(owner)) - (np.cumsum(pieces) - pieces)[owner]
-    count = pieces[owner]
-    starts = segments[owner, :2]
-    ends = segments[owner, 2:]
+    counts = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    first_piece = np.cumsum(counts) - counts
+    index = np.arange(len(owner)) - first_piece[owner]
+    count = counts[owner]
+    begin = segments[owner, :2]
+    end = segments[owner, 2:]
     # Neighbouring pieces must share endpoints to the last bit, so both ends use the same formula.
-    first = starts + (ends - starts) * (index / count)[:, None]
-    last = starts + (ends - starts) * ((index + 1) / count)[:, None]
+    piece_begin = begin + (end - begin) * (index / count)[:, None]
+    piece_end = begin + (end - begin) * ((index + 1) / count)[:, None]
     is_last = index + 1 == count
-    last[is_last] = ends[is_last]
-    return np.hstack([first, last])
+    piece_end[is_last] = end[is_last]
+    return np.hstack([piece_begin, piece_end])
 
 
 @kernel
@@ -195,32 +203,32 @@ def mark_touched(
     for e in range(segments.shape[0]):
         px, py, qx, qy = segments[e]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
-        # Offset from the segment to one side of the rectangle.
-        ox, oy = py - qy, qx - px
-        length = math.sqrt(ox * ox + oy * oy)
+        # Offset from the segment to one side of the rectangle: normal, as long as the radius.
+        length = math.sqrt((py - qy) * (py - qy) + (qx - px) * (qx - px))
         scale = radius / length if length > 0.0 else 0.0
-        ox, oy = scale * ox, scale * oy
-        first = max(0, math.ceil(min(px, qx) - radius - slack - b1))
-        last = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
-        for i in range(first, last + 1):
+        ox = scale * (py - qy)
+        oy = scale * (qx - px)
+        first_x = max(0, math.ceil(min(px, qx) - radius - slack - b1))
+        last_x = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
+        for i in range(first_x, last_x + 1):
             x0 = i + b0 - slack
             x1 = i + b1 + slack
             low, high = _segment_over_slab(px + ox, py + oy, qx + ox, qy + oy, x0, x1)
             if radius > 0.0:
-                lo, hi = _segment_over_slab(px - ox, py - oy, qx - ox, qy - oy, x0, x1)
-                low = min(low, lo)
-                high = max(high, hi)
-                for cx, cy in ((px, py), (qx, qy)):
-                    dx = max(max(0.0, x0 - cx), cx - x1)
-                    if dx <= radius:
-                        half = math.sqrt(radius * radius - dx * dx)
-                        low = min(low, cy - half)
-                        high = max(high, cy + half)
+                low_side, high_side = _segment_over_slab(px - ox, py - oy, qx - ox, qy - oy, x0, x1)
+                low = min(low, low_side)
+                high = max(high, high_side)
+                for center_x, center_y in ((px, py), (qx, qy)):
+                    gap_x = max(max(0.0, x0 - center_x), center_x - x1)
+                    if gap_x <= radius:
+                        half_chord = math.sqrt(radius * radius - gap_x * gap_x)
+                        low = min(low, center_y - half_chord)
+                        high = max(high, center_y + half_chord)
             if low > high:
                 continue
-            start = max(0, math.ceil(low - slack - b1))
-            stop = min(ny - 1, math.floor(high + slack - b0))
-            for j in range(start, stop + 1):
+            first_y = max(0, math.ceil(low - slack - b1))
+            last_y = min(ny - 1, math.floor(high + slack - b0))
+            for j in range(first_y, last_y + 1):
                 out[i, j] = True
 
 
@@ -244,10 +252,10 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
         last = min(nx - 1, math.ceil(qx - c) - 1)
         for i in range(first, last + 1):
             y = py + (i + c - px) / (qx - px) * (qy - py)
-            j = math.floor(y - c) + 1
-            if j < ny:
-                j = max(j, 0)
-                out[i, j] = not out[i, j]
+            # Flip the first point above the crossing; the sweep below spreads it upwards.
+            first_above = max(math.floor(y - c) + 1, 0)
+            if first_above < ny:
+                out[i, first_above] = not out[i, first_above]
     for i in range(nx):
         inside = False
         for j in range(ny):

@@ -116,7 +116,7 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
     its ends. The point is computed from the nearer end, so that all triangles at an edge compute
     the same point.
     """
-    sign = 0
+    facing = 0
     crossings = 0
     low_y = 0.0
     low_z = 0.0
@@ -124,10 +124,11 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
     high_z = 0.0
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
-        if (p[0] <= x) == (q[0] <= x):
+        p_is_left = p[0] <= x
+        if p_is_left == (q[0] <= x):
             continue
-        direction = -1 if p[0] <= x else 1
-        if direction > 0:
+        direction = -1 if p_is_left else 1
+        if not p_is_left:
             p, q = q, p
         y = interpolate_at(x, p[0], q[0], p[1], q[1])
         z = interpolate_at(x, p[0], q[0], p[2], q[2])
@@ -136,11 +137,11 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
             low_y = y
             low_z = z
         if is_highest:
-            sign = direction
+            facing = direction
             high_y = y
             high_z = z
         crossings += 1
-    return sign, low_y, low_z, high_y, high_z
+    return facing, low_y, low_z, high_y, high_z
 
 
 @kernel
@@ -150,10 +151,11 @@ def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
     The ray begins at the point (x, y, z). The result is 1 if it crosses a triangle that faces up,
     -1 if the triangle faces down, and 0 if it misses the triangle.
     """
-    sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
-    if sign == 0 or not low_y <= y < high_y:
+    facing, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
+    if facing == 0 or not low_y <= y < high_y:
         return 0
-    return sign if interpolate_at(y, low_y, high_y, low_z, high_z) > z else 0
+    height = interpolate_at(y, low_y, high_y, low_z, high_z)
+    return facing if height > z else 0
 
 
 @kernel
@@ -170,12 +172,12 @@ def _sum_crossings(
     Points ``first[t]`` to ``stop[t]`` have an x-coordinate within that of triangle ``t``.
     """
     for t in range(len(triangles)):
-        a, b, c = triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]
-        low = min(a, b, c)
-        high = max(a, b, c)
+        y0, y1, y2 = triangles[t, :, 1]
+        low_y = min(y0, y1, y2)
+        high_y = max(y0, y1, y2)
         for p in range(first[t], stop[t]):
             x, y, z = points[p]
-            if low <= y <= high:
+            if low_y <= y <= high_y:
                 sums[p] += signed_crossing(triangles[t], x, y, z) * windings[t]
 
 
@@ -192,13 +194,18 @@ def _mark_enclosed(
     for t in range(len(triangles)):
         if windings[t] == 0:
             continue
-        a, b, c = triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]
-        for i in range(max(start, math.ceil(min(a, b, c))), min(stop, math.ceil(max(a, b, c)))):
-            sign, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], float(i))
-            for j in range(max(0, math.ceil(low_y)), min(ny, math.ceil(high_y))):
+        x0, x1, x2 = triangles[t, :, 0]
+        first_x = max(start, math.ceil(min(x0, x1, x2)))
+        stop_x = min(stop, math.ceil(max(x0, x1, x2)))
+        for i in range(first_x, stop_x):
+            facing, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], float(i))
+            first_y = max(0, math.ceil(low_y))
+            stop_y = min(ny, math.ceil(high_y))
+            for j in range(first_y, stop_y):
                 z = interpolate_at(float(j), low_y, high_y, low_z, high_z)
+                first_above = min(max(math.ceil(z), 0), nz)
                 # From below, a ray enters through triangles that face down.
-                changes[i, j, min(max(math.ceil(z), 0), nz)] -= sign * windings[t]
+                changes[i, j, first_above] -= facing * windings[t]
     for i in range(start, stop):
         for j in range(ny):
             winding = 0
@@ -247,24 +254,21 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
     if a surface to be filled has too many cells.
     """
     triangles = (solid.triangles - np.asarray(grid.lower)) / grid.spacing
-    lower = triangles.min(axis=(0, 1))
-    upper = triangles.max(axis=(0, 1))
-    reach = float(max(np.abs(lower).max(), np.abs(upper).max()))
     hint = _REACH_HINT.format("cut it to the map")
-    check_reach(reach, solid.source, "the map's corner", hint)
-    first = np.floor(lower).astype(np.int64) - 1
-    stop = np.floor(upper).astype(np.int64) + 2
+    check_reach(float(np.abs(triangles).max()), solid.source, "the map's corner", hint)
+    first = np.floor(triangles.min(axis=(0, 1))).astype(np.int64) - 1
+    stop = np.floor(triangles.max(axis=(0, 1))).astype(np.int64) + 2
+    first_in_grid = np.maximum(first, 0)
+    stop_in_grid = np.minimum(stop, grid.shape)
     # The window may reach out of the grid if the surface is filled.
-    low = np.maximum(first, 0)
-    high = np.minimum(stop, grid.shape)
     if solid.on_empty:
         _check_filled_size(stop - first, solid.source)
     else:
-        first = low
-        stop = high
+        first = first_in_grid
+        stop = stop_in_grid
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
-    if (low >= high).any():
+    if (first_in_grid >= stop_in_grid).any():
         return outer, inner
     touched = np.zeros((stop - first).tolist(), dtype=np.bool_)
     mark_touched(touched, triangles - first, 0.0, 1.0)
@@ -275,8 +279,8 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
         shell = (solid.shell - np.asarray(grid.lower)) / grid.spacing - first - 0.5
         mark_enclosed(enclosed, shell, solid.windings)
         enclosed &= ~touched
-    in_grid = tuple(map(slice, low, high))
-    in_window = tuple(map(slice, low - first, high - first))
+    in_grid = tuple(map(slice, first_in_grid, stop_in_grid))
+    in_window = tuple(map(slice, first_in_grid - first, stop_in_grid - first))
     inner[in_grid] = enclosed[in_window]
     touched |= enclosed
     outer[in_grid] = touched[in_window]
@@ -315,9 +319,7 @@ def surface_rasters(
     mark_touched(outer, local, 0.0, 1.0)
     if radius + growth > 0.0:
         mark_within(outer, swept.translate(-origin - 0.5), 0.5, radius)
-    for axis in range(3):
-        cells = np.moveaxis(outer, axis, 0)
-        np.logical_or(cells[:0:-1], cells[-2::-1], out=cells[:0:-1])
+    _unite_with_previous_cells(outer)
     inner = np.zeros_like(outer)
     if solid.on_empty is None:
         shell = rotation.apply(solid.shell) / spacing - origin
@@ -331,12 +333,22 @@ def surface_rasters(
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
+def _unite_with_previous_cells(cells: Bools) -> None:
+    """Replace each cell by the union with its previous neighbours along all axes."""
+    for axis in range(3):
+        layers = np.moveaxis(cells, axis, 0)
+        # From the last layer down, so that a layer is read before it changes.
+        layers_from_last = layers[::-1]
+        np.logical_or(layers_from_last[:-1], layers_from_last[1:], out=layers_from_last[:-1])
+
+
 def _check_filled_size(shape: Ints, source: str) -> None:
     """Refuse to fill a surface of too many cells."""
-    if float(np.prod(shape.astype(float))) > _MAX_FILLED_CELLS:
+    if np.prod(shape.astype(float)) > _MAX_FILLED_CELLS:
+        size = " x ".join(map(str, shape))
         raise InputError(
             source,
-            f"is {' x '.join(str(n) for n in shape)} cells large",
+            f"is {size} cells large",
             f"at most {_MAX_FILLED_CELLS} can be filled",
             "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
         )
@@ -359,21 +371,23 @@ def _shrink(
     if swept.swing == 0.0 or not within.cells.size:
         return within
     near_surface = ~within.cells  # skips the other points
-    mark_within(near_surface, swept.translate(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
+    local_swept = swept.translate(-np.array(within.lower, dtype=np.float64))
+    mark_within(near_surface, local_swept, 0.0, 0.0)
     return Raster.from_bitmap(~near_surface, within.lower)
 
 
 def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], None]) -> Bools:
-    """Return the untouched boxes that are cut off from the boundary of the array.
+    """Find untouched boxes that are cut off from the array's boundary.
 
-    Boxes are cut off if no untouched boxes connect them to the boundary. Calls ``on_empty`` with
+    Boxes are cut off if no untouched boxes connect them to it. Calls ``on_empty`` with
     the spacing if there are none.
     """
     labels, count = scipy.ndimage.label(~touched)
     is_enclosed = np.ones(count + 1, dtype=np.bool_)
-    is_enclosed[0] = False
+    is_enclosed[0] = False  # the label of touched boxes
     for axis in range(3):
-        is_enclosed[labels.take((0, -1), axis)] = False
+        border_labels = labels.take((0, -1), axis)
+        is_enclosed[border_labels] = False
     if not is_enclosed.any():
         on_empty(spacing)
     return np.asarray(is_enclosed[labels])
@@ -388,7 +402,8 @@ def _dilate(cells: Bools, radius: float) -> Bools:
     has no point more than one cell too far.
     """
     grown = np.asarray(scipy.ndimage.binary_dilation(cells, np.ones((3, 3, 3))))
-    if radius > 0.0 and grown.any():
-        distances = np.asarray(scipy.ndimage.distance_transform_edt(~grown))
-        return distances <= radius + math.sqrt(3.0) / 2.0 + 2.0**-20
-    return grown
+    if radius == 0.0 or not grown.any():
+        return grown
+    distances = np.asarray(scipy.ndimage.distance_transform_edt(~grown))
+    half_diagonal = math.sqrt(3.0) / 2.0
+    return distances <= radius + half_diagonal + 2.0**-20

@@ -57,6 +57,7 @@ from cspace.support.arrays import Bools, Floats, Ints, Row
 from cspace.support.compiling import allocating, kernel
 from cspace.support.vectors import (
     THIN,
+    add_scaled,
     dot,
     minus,
     nearest_of_triangle,
@@ -148,12 +149,11 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
     """
     max_side = _MAX_GROWTH_VARIATION / swing if swing > 0.0 else math.inf
     pieces = subdivide(triangles, max_side, _MAX_RELATIVE_VARIATION, about_z)
-    levers = pieces[..., : 2 if about_z else 3]
-    centers = levers.sum(axis=1) / 3.0
-    to_corners = np.linalg.norm(levers - centers[:, None], axis=2)
-    nearest = np.linalg.norm(centers, axis=1) - to_corners.max(axis=1)
+    centers = pieces.sum(axis=1) / 3.0
+    to_corners = _measure_levers(pieces - centers[:, None], about_z)
+    nearest = _measure_levers(centers, about_z) - to_corners.max(axis=1)
     # The distance from the origin is convex, so it is largest at a corner.
-    farthest = np.linalg.norm(levers, axis=2).max(axis=1)
+    farthest = _measure_levers(pieces, about_z).max(axis=1)
     return SweptTriangles(pieces, nearest, farthest, np.zeros(3), swing, about_z)
 
 
@@ -172,23 +172,31 @@ def subdivide(
     corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
     pieces = []
     for _ in range(_MAX_HALVINGS):
-        squares = ((corners[[1, 2, 0]] - corners) ** 2).sum(axis=2)
-        levers = corners[..., : 2 if about_z else 3]
-        nearest = np.linalg.norm(levers, axis=2).min(axis=0)
-        is_long = np.sqrt(squares.max(axis=0)) > np.maximum(max_side, max_relative * nearest)
+        sides = np.linalg.norm(corners[[1, 2, 0]] - corners, axis=2)
+        nearest = _measure_levers(corners, about_z).min(axis=0)
+        is_long = sides.max(axis=0) > np.maximum(max_side, max_relative * nearest)
         pieces.append(corners[:, ~is_long])
         corners = corners[:, is_long]
         if not corners.size:
             break
-        first = squares[:, is_long].argmax(axis=0)
-        second = (first + 1) % 3
-        rows = np.arange(len(first))
-        midpoints = (corners[first, rows] + corners[second, rows]) / 2.0
-        other = corners.copy()
-        corners[first, rows] = midpoints
-        other[second, rows] = midpoints
-        corners = np.concatenate([corners, other], axis=1)
+        begin = sides[:, is_long].argmax(axis=0)
+        end = (begin + 1) % 3
+        columns = np.arange(len(begin))
+        midpoints = (corners[begin, columns] + corners[end, columns]) / 2.0
+        end_half = corners.copy()
+        end_half[begin, columns] = midpoints
+        corners[end, columns] = midpoints
+        corners = np.concatenate([end_half, corners], axis=1)
     return np.concatenate([*pieces, corners], axis=1).swapaxes(0, 1).copy()
+
+
+def _measure_levers(points: Floats, about_z: bool) -> Floats:
+    """Return the distances of points from the origin, or the z axis.
+
+    The points have shape (..., 3).
+    """
+    arms = points[..., :2] if about_z else points
+    return np.asarray(np.linalg.norm(arms, axis=-1))
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
@@ -200,9 +208,10 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     slack = _RADIUS_SLACK + 2.0**-34 * extent
-    reach = np.tile(half + swept.swing * swept.farthest[:, None] + (radius + slack), 3)
+    growth = np.tile(swept.swing * swept.farthest[:, None], 3)
     if swept.about_z:
-        reach[:, 2] = half + (radius + slack)  # a point that rotates about z keeps its height
+        growth[:, 2] = 0.0  # a point that rotates about z keeps its height
+    reach = half + growth + (radius + slack)
     lows = swept.triangles.min(axis=1) - reach
     highs = swept.triangles.max(axis=1) + reach
     boxes = index_boxes(lows, highs, out.shape)
@@ -216,10 +225,11 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
     The segment leads from p to q. The result is computed from the nearer end, for the smaller
     rounding.
     """
-    t = (plane - pa) / (qa - pa)
-    if t <= 0.5:
-        return pc + t * (qc - pc)
-    return qc + (plane - qa) / (pa - qa) * (pc - qc)
+    from_p = (plane - pa) / (qa - pa)
+    if from_p <= 0.5:
+        return pc + from_p * (qc - pc)
+    from_q = (plane - qa) / (pa - qa)
+    return qc + from_q * (pc - qc)
 
 
 @kernel
@@ -246,9 +256,10 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
 
 @kernel
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
-    """Return the z-interval of the part of a polygon with ``low <= y <= high``.
+    """Return the z-interval of a polygon between two y-values.
 
-    The polygon is convex, with ``n`` corners (y, z). Returns (inf, -inf) if there is no such part.
+    That is the part with ``low <= y <= high``. The polygon is convex, with ``n`` corners (y, z).
+    Returns (inf, -inf) if there is no such part.
     """
     lowest = math.inf
     highest = -math.inf
@@ -285,22 +296,21 @@ def _mark_touched(
     polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
     for t in range(len(triangles)):
         for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
-            n = _clip(triangles[t], i + before, i + after, polygon)
-            if n == 0:
+            corners = _clip(triangles[t], i + before, i + after, polygon)
+            if corners == 0:
                 continue
-            low = polygon[0, 0]
-            high = polygon[0, 0]
-            for e in range(n):
-                low = min(low, polygon[e, 0])
-                high = max(high, polygon[e, 0])
-            first_y = max(first[t, 1], math.ceil(low - after))
-            last_y = min(last[t, 1], math.floor(high - before))
+            low_y = high_y = polygon[0, 0]
+            for e in range(1, corners):
+                low_y = min(low_y, polygon[e, 0])
+                high_y = max(high_y, polygon[e, 0])
+            first_y = max(first[t, 1], math.ceil(low_y - after))
+            last_y = min(last[t, 1], math.floor(high_y - before))
             for j in range(first_y, last_y + 1):
-                low, high = _heights_between(polygon, n, j + before, j + after)
-                if low > high:
+                low_z, high_z = _heights_between(polygon, corners, j + before, j + after)
+                if low_z > high_z:
                     continue
-                first_z = max(first[t, 2], math.ceil(low - after))
-                last_z = min(last[t, 2], math.floor(high - before))
+                first_z = max(first[t, 2], math.ceil(low_z - after))
+                last_z = min(last[t, 2], math.floor(high_z - before))
                 for k in range(first_z, last_z + 1):
                     out[i, j, k] = True
 
@@ -322,18 +332,20 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
     """
     best = math.inf
     for axis in range(3):
+        # Seen along the axis, the four edges along it are points of the plane (u, v).
         u, v = (axis + 1) % 3, (axis + 2) % 3
         du = q[u] - p[u]
         dv = q[v] - p[v]
-        da = q[axis] - p[axis]
-        square = du * du + dv * dv
-        if square == 0.0:
+        squared_length = du * du + dv * dv
+        if squared_length == 0.0:
             continue
-        for wu in (center[u] - half - p[u], center[u] + half - p[u]):
-            for wv in (center[v] - half - p[v], center[v] + half - p[v]):
-                t = (wu * du + wv * dv) / square
-                if 0.0 <= t <= 1.0 and abs(p[axis] + t * da - center[axis]) <= half:
-                    best = min(best, abs(wu * dv - wv * du) / math.sqrt(square))
+        for edge_u in (center[u] - half - p[u], center[u] + half - p[u]):
+            for edge_v in (center[v] - half - p[v], center[v] + half - p[v]):
+                t = (edge_u * du + edge_v * dv) / squared_length
+                height = p[axis] + t * (q[axis] - p[axis]) - center[axis]
+                if 0.0 <= t <= 1.0 and abs(height) <= half:
+                    area = abs(edge_u * dv - edge_v * du)
+                    best = min(best, area / math.sqrt(squared_length))
     return best
 
 
@@ -347,7 +359,8 @@ def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float
                 best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
-        best = min(best, _cube_point_distance(minus(row_at(p, 0), center), half))
+        corner = minus(row_at(p, 0), center)
+        best = min(best, _cube_point_distance(corner, half))
         best = min(best, _cube_edges_distance(p, q, center, half))
     return best
 
@@ -367,24 +380,21 @@ def _is_near(
     a = minus(row_at(triangle[0], 0), center)
     b = minus(row_at(triangle[1], 0), center)
     c = minus(row_at(triangle[2], 0), center)
-    x, y, z = 0.0, 0.0, 0.0
+    in_cube = (0.0, 0.0, 0.0)
     for _ in range(_MAX_PROJECTIONS):
         # Project the cube's point onto the triangle, and the result back onto the cube.
-        px, py, pz = nearest_of_triangle(minus((x, y, z), a), minus(b, a), minus(c, a))
-        px = px + a[0]
-        py = py + a[1]
-        pz = pz + a[2]
-        x = min(max(px, -half), half)
-        y = min(max(py, -half), half)
-        z = min(max(pz, -half), half)
-        gap = px - x, py - y, pz - z
+        from_a = nearest_of_triangle(minus(in_cube, a), minus(b, a), minus(c, a))
+        in_triangle = add_scaled(from_a, a, 1.0)
+        x, y, z = in_triangle
+        in_cube = min(max(x, -half), half), min(max(y, -half), half), min(max(z, -half), half)
+        gap = minus(in_triangle, in_cube)
         square = dot(gap, gap)
         if square <= max_distance * max_distance:
             return True
         # Along any direction, a corner of the triangle comes first.
-        first = min(dot(gap, a), dot(gap, b), dot(gap, c))
-        extent = half * (abs(gap[0]) + abs(gap[1]) + abs(gap[2]))
-        if first - extent > (max_distance + slack) * math.sqrt(square):
+        triangle_start = min(dot(gap, a), dot(gap, b), dot(gap, c))
+        cube_end = half * (abs(gap[0]) + abs(gap[1]) + abs(gap[2]))
+        if triangle_start - cube_end > (max_distance + slack) * math.sqrt(square):
             return False
     return _cube_triangle_distance(triangle, center, half) <= max_distance + slack
 
@@ -398,7 +408,7 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within a radius of what triangle ``t`` sweeps."""
+    """Return True if a cube is near what triangle ``t`` sweeps."""
     x, y, z = minus(center, row_at(swept.origin, 0))
     level = 0.0 if swept.about_z else z
     if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:
@@ -406,11 +416,11 @@ def _is_swept_near(
     square = (abs(x) + half) ** 2 + (abs(y) + half) ** 2
     if not swept.about_z:
         square += (abs(z) + half) ** 2
-    # Distance from the origin that points within the radius of the cube do not exceed.
-    distance = math.sqrt(square) + radius
-    if distance < swept.nearest[t] - slack:
+    # No point within the radius of the cube is farther from the origin.
+    max_lever = math.sqrt(square) + radius
+    if max_lever < swept.nearest[t] - slack:
         return False
-    displacement = swept.swing * min(swept.farthest[t], distance)
+    displacement = swept.swing * min(swept.farthest[t], max_lever)
     return _is_near(swept.triangles[t], center, half, displacement + radius, slack)
 
 
@@ -434,12 +444,12 @@ def _mark_within(
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
         # Cubes far from the plane of the triangle cannot be near either.
-        near = swept.swing * swept.farthest[t] + radius + slack
+        reach = swept.swing * swept.farthest[t] + radius + slack
         x, y, z = triangle[0]
-        along_x, along_y, half_height = _plane_heights(triangle, near, half)
+        slope_x, slope_y, half_height = _plane_heights(triangle, reach, half)
         for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
             for j in range(first[t, 1], last[t, 1] + 1):
-                height = z + along_x * (i - x) + along_y * (j - y)
+                height = z + slope_x * (i - x) + slope_y * (j - y)
                 first_z = max(first[t, 2], math.ceil(height - half_height))
                 last_z = min(last[t, 2], math.floor(height + half_height))
                 for k in range(first_z, last_z + 1):
@@ -456,7 +466,8 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     plane. It is unlimited if the plane is steep or the triangle thin. The distance includes the
     allowance for rounding; with the slope it grows faster than the error of the heights.
     """
-    a, n = row_at(triangle[0], 0), normal_of(triangle)
+    n = normal_of(triangle)
+    a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)
     bc = minus(ac, ab)
@@ -464,5 +475,7 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     length = math.sqrt(dot(n, n))
     if abs(n[2]) <= max(MIN_NORMAL_Z * length, THIN * longest):
         return 0.0, 0.0, _UNLIMITED
-    extent = half * (abs(n[0]) + abs(n[1]) + abs(n[2]))
-    return -n[0] / n[2], -n[1] / n[2], (distance * length + extent) / abs(n[2])
+    cube_extent = half * (abs(n[0]) + abs(n[1]) + abs(n[2]))
+    slope_x = -n[0] / n[2]
+    slope_y = -n[1] / n[2]
+    return slope_x, slope_y, (distance * length + cube_extent) / abs(n[2])

@@ -62,22 +62,13 @@ class Contents:
 
     def __post_init__(self) -> None:
         """Check the arrays."""
-        shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
-        for name, array, kind in (
-            ("states", self.states, np.uint8),
-            ("overlap_counts", self.overlap_counts, np.int32),
-        ):
-            if array is not None and (array.shape != shape or array.dtype != kind):
-                rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
-                raise InputError(
-                    name,
-                    f"has shape {array.shape} and type {array.dtype}",
-                    rule,
-                    "use cspace.build",
-                    value=array,
-                )
-            if isinstance(array, np.ndarray):
-                object.__setattr__(self, name, _writable(array))
+        n_slices = int(self.slice_of.max()) + 1
+        shape = (n_slices, *self.grid.shape)
+        states = _check_array("states", self.states, shape, np.uint8)
+        object.__setattr__(self, "states", states)
+        if self.overlap_counts is not None:
+            counts = _check_array("overlap_counts", self.overlap_counts, shape, np.int32)
+            object.__setattr__(self, "overlap_counts", counts)
         if self.outside != UNKNOWN:
             check_word(self.outside, "outside", OUTSIDES)
 
@@ -92,26 +83,31 @@ class Contents:
         return (*self.grid.axes, *self.rotations.names)
 
     def leading(self, n: int) -> tuple[int, ...]:
-        """Return the shape of n slices of cells.
-
-        If the robot does not rotate, it is the shape of the cells alone.
-        """
+        """Return the shape of n slices of cells; without rotations, that of the cells alone."""
         return (*self.rotations.leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
         """Return a copy that shares only constant arrays."""
         from cspace.workspace import copy_workspace
 
+        counts = None if self.overlap_counts is None else self.overlap_counts.copy()
+        exterior = None if self.exterior is None else Exterior(self.exterior.table.copy())
         return replace(
             self,
             workspace=copy_workspace(self.workspace),
             states=self.states.copy(),
-            overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
-            exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
+            overlap_counts=counts,
+            exterior=exterior,
         )
 
 
-def _writable(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array contiguous and writeable, copied if necessary."""
-    array = np.ascontiguousarray(array)
-    return array if array.flags.writeable else array.copy()
+def _check_array(
+    name: str, array: NDArray[Any], shape: tuple[int, ...], dtype: type[np.generic]
+) -> NDArray[Any]:
+    """Return an array contiguous and writeable; raise InputError for another shape or type."""
+    if array.shape != shape or array.dtype != dtype:
+        problem = f"has shape {array.shape} and type {array.dtype}"
+        rule = f"it must have the map's shape {shape} and type {np.dtype(dtype)}"
+        raise InputError(name, problem, rule, "use cspace.build", value=array)
+    contiguous = np.ascontiguousarray(array)
+    return contiguous if contiguous.flags.writeable else contiguous.copy()

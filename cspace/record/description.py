@@ -38,7 +38,7 @@ class Stored(NamedTuple):
     dtype : str
     lost : number
         Value of lost entries, which never makes a cell FREE.
-    about : mapping
+    attributes : mapping
         Attributes, after the CF conventions.
     sizes : mapping of str to int
         Lengths of axes that all maps share.
@@ -47,16 +47,18 @@ class Stored(NamedTuple):
     axes: tuple[str, ...]
     dtype: str
     lost: Any
-    about: Mapping[str, Any]
+    attributes: Mapping[str, Any]
     sizes: Mapping[str, int] = {}
 
 
-def _stored(axes: str, dtype: str, lost: Any, name: str, **about: Any) -> Stored:
-    return Stored(tuple(axes.split()), dtype, lost, {"long_name": name, **about})
+def _stored(axes: str, dtype: str, lost: Any, long_name: str, **attributes: Any) -> Stored:
+    """Describe an array by the names of its axes, separated by spaces."""
+    return Stored(tuple(axes.split()), dtype, lost, {"long_name": long_name, **attributes})
 
 
-def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
-    return _stored(axes, "float64", math.nan, name, units=units, **about)
+def _floats(axes: str, long_name: str, units: str, **attributes: str) -> Stored:
+    """Describe an array of float64."""
+    return _stored(axes, "float64", math.nan, long_name, units=units, **attributes)
 
 
 ARRAYS: Final[dict[str, Stored]] = {
@@ -107,11 +109,12 @@ ARRAYS: Final[dict[str, Stored]] = {
 def stored() -> dict[str, Stored]:
     """Return every array that a map may hold, by name."""
     arrays = dict(ARRAYS)
-    for kind in Rotations.KINDS.values():
-        for name, each in kind.COORDINATES.items():
-            bounds = {"bounds": each.bounds} if each.bounds else {}
-            array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
-            arrays[name] = array._replace(sizes=each.axes)
+    for rotations in Rotations.KINDS.values():
+        for name, coordinate in rotations.COORDINATES.items():
+            axes = " ".join(["rotation", *coordinate.axes])
+            bounds = {"bounds": coordinate.bounds} if coordinate.bounds else {}
+            array = _floats(axes, coordinate.about, coordinate.units, **bounds)
+            arrays[name] = array._replace(sizes=coordinate.axes)
     return arrays
 
 
@@ -131,18 +134,13 @@ def grid_of(metadata: Mapping[str, Any]) -> Grid:
 
 
 def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
-    """Return the attributes of an array on a grid.
-
-    They include its unit if that depends on the axes.
-    """
-    about = dict(stored()[name].about)
+    """Return the attributes of an array on a grid, with the name and unit of an axis."""
+    attributes = dict(stored()[name].attributes)
     if name in AXES:
         number = AXES.index(name)
-        about |= {
-            "long_name": f"{grid.axes[number]} of the middle of a cell",
-            "units": grid.units[number],
-        }
-    return about
+        attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
+        attributes["units"] = grid.units[number]
+    return attributes
 
 
 def metadata_of(contents: Contents) -> dict[str, Any]:
@@ -173,11 +171,11 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 
 
 def arrays_of(contents: Contents) -> dict[str, Any]:
-    """Return the arrays of a map, by the names of :func:`stored`.
+    """Return the arrays of a map, by the names of :func:`stored`, without copies of cells.
 
-    No cells are copied. Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if
-    there are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if
-    the robot rotates, and ``shapes`` if the obstacles have shapes.
+    Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if there are such cells,
+    ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
+    ``shapes`` if the obstacles have shapes.
     """
     workspace = contents.workspace
     grid = contents.grid
@@ -208,10 +206,7 @@ def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
 
 
 def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
-    """Return the obstacles that an array ``shapes`` describes.
-
-    Raises ValueError if it describes none.
-    """
+    """Return the obstacles that an array ``shapes`` describes; raise ValueError if invalid."""
     try:
         return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
     except Exception as error:  # shapely and the shapes raise any error for invalid data
@@ -221,12 +216,10 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
 
 
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of all arrays of rotation cells.
-
-    There are none if the robot does not rotate.
-    """
-    there = set(names)
-    for kind in Rotations.KINDS.values():
-        if kind.COORDINATES and next(iter(kind.COORDINATES)) in there:
-            return tuple(kind.COORDINATES)
+    """Return the names of all arrays of rotation cells; empty if the robot does not rotate."""
+    given = set(names)
+    for rotations in Rotations.KINDS.values():
+        coordinates = tuple(rotations.COORDINATES)
+        if coordinates and coordinates[0] in given:
+            return coordinates
     return ()

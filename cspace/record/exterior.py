@@ -41,10 +41,10 @@ class Exterior:
 
     @classmethod
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """Compute the exterior from outer cells and rasters.
+        """Compute the exterior from the outer cells of a workspace.
 
-        ``rasters`` belong to the slices. ``policy`` is the space outside the workspace: "blocked",
-        "free" or "unknown".
+        ``rasters`` are the outer and inner ones of each slice. ``policy`` is the space outside the
+        workspace: "blocked", "free" or "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
@@ -56,33 +56,28 @@ class Exterior:
     def around(
         cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
     ) -> Exterior:
-        """Compute the exterior from a shape and an obstacle box.
+        """Compute the exterior from the shape of a grid and the box of its obstacles.
 
-        ``box`` has the first and last obstacle cell; only policy "free" reads it.
+        ``box`` has the first and last obstacle cell; only policy "free" reads it. The rest is as
+        for :meth:`of`.
         """
         nowhere = np.repeat([0, -1], len(shape))
-        if policy == UNKNOWN:
-            rows = [[*nowhere, MIXED]] * len(rasters)
-        elif policy == "free":
-            # FREE is proven where no outer offset reaches an obstacle.
-            low, high = box
-            is_empty = (low > high).any()
-            reached = [
-                nowhere if is_empty else [*(low - outer.upper), *(high - outer.lower)]
-                for outer, _ in rasters
-            ]
-            rows = [[*each, FREE] for each in reached]
-        else:
-            # BLOCKED is proven if an inner offset falls outside the workspace.
-            last = np.asarray(shape) - 1
-            rows = [
-                [
-                    *-np.asarray(inner.lower),
-                    *(last - inner.upper),
-                    BLOCKED if inner.count else MIXED,
-                ]
-                for _, inner in rasters
-            ]
+        rows = list[list[int]]()
+        for outer, inner in rasters:
+            if policy == UNKNOWN:
+                row = [*nowhere, MIXED]
+            elif policy == "free":
+                # FREE is proven where no outer offset reaches an obstacle.
+                low, high = box
+                reached = [*(low - outer.upper), *(high - outer.lower)]
+                is_empty = (low > high).any()
+                row = [*(nowhere if is_empty else reached), FREE]
+            else:
+                # BLOCKED is proven if an inner offset falls outside the workspace.
+                last = np.asarray(shape) - 1
+                state = BLOCKED if inner.count else MIXED
+                row = [*np.negative(inner.lower), *(last - inner.upper), state]
+            rows.append(row)
         return cls(np.array(rows, dtype=np.int64))
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
@@ -92,5 +87,6 @@ class Exterior:
         """
         first, last = np.split(self.table[:, :-1], 2, axis=1)
         # A box that is empty or within the grid has no MIXED cell outside the grid.
-        box_in_grid = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
-        return np.asarray((self.table[:, -1] == BLOCKED) & box_in_grid)
+        is_empty = (first > last).any(axis=1)
+        is_in_grid = ((first >= 0) & (last < shape)).all(axis=1)
+        return np.asarray((self.table[:, -1] == BLOCKED) & (is_empty | is_in_grid))

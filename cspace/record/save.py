@@ -173,9 +173,8 @@ def _add_file(digest: Any, name: str, content: bytes) -> None:
 def read_format(path: StrPath) -> str:
     """Return the format that a folder says it has, or "" if it is no map of ours."""
     try:
-        form = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))["attributes"][
-            "format"
-        ]
+        root = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))
+        form = root["attributes"]["format"]
     except (FileError, KeyError, TypeError, ValueError, RecursionError):
         return ""
     return form if form in (FORMAT, TILES_FORMAT) else ""
@@ -219,15 +218,12 @@ def _iterate_files(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
     for name, values in arrays.items():
-        about = stored()[name]
-        layout = Layout.of(values.shape, about.dtype, compress)
-        description = layout.describe(
-            about.lost, attributes_of(name, grid), axes_of(name, grid.dim)
-        )
-        yield f"{name}/{ROOT_FILE}", description
+        _, dtype, lost, *_ = stored()[name]
+        layout = Layout.of(values.shape, dtype, compress)
+        axes = axes_of(name, grid.dim)
+        yield f"{name}/{ROOT_FILE}", layout.describe(lost, attributes_of(name, grid), axes)
         for file, cells in layout.iterate_chunks():
-            block = values[cells[0]][(slice(None), *cells[1:])]
-            yield f"{name}/{file}", layout.encode(block, about.lost)
+            yield f"{name}/{file}", layout.encode(values[cells], lost)
 
 
 # ---- reading -------------------------------------------------------------------------------------
@@ -249,10 +245,9 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
             raise map_error(path, "its files differ from their digest")
         contents = _make_contents(attributes, grid, arrays)
         for name, value in metadata_of(contents).items():
-            if name not in _FREE_ATTRIBUTES and attributes[name] != value:
-                raise ValueError(
-                    f"its attribute {name!r} is {attributes[name]!r:.40}, not {value!r:.40}"
-                )
+            given = attributes[name]
+            if name not in _FREE_ATTRIBUTES and given != value:
+                raise ValueError(f"its attribute {name!r} is {given!r:.40}, not {value!r:.40}")
         return contents, attributes
 
 
@@ -276,11 +271,12 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     }
     layouts = {}
     for name in names:
-        about = stored()[name]
-        shape = [{**sizes, **about.sizes}[axis] for axis in axes_of(name, grid.dim)]
+        expected = stored()[name]
+        all_sizes = {**sizes, **expected.sizes}
+        shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
         if min(shape) < 1:
             raise ValueError(f"its array {name!r} would have the shape {shape}")
-        layouts[name] = Layout.of(shape, about.dtype, attributes["compressed"])
+        layouts[name] = Layout.of(shape, expected.dtype, attributes["compressed"])
     return layouts
 
 
@@ -305,7 +301,9 @@ def _read_arrays(
         values = np.empty(layout.shape, dtype=layout.dtype)
         for file, cells in layout.iterate_chunks():
             chunk = layout.decode(read(f"{name}/{file}"))
-            values[cells] = chunk[tuple(slice(0, part.stop - part.start) for part in cells)]
+            # Chunks at the border reach beyond the array.
+            inside = tuple(slice(0, part.stop - part.start) for part in cells)
+            values[cells] = chunk[inside]
         arrays[name] = values
     return arrays
 
@@ -313,10 +311,7 @@ def _read_arrays(
 def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
-    """Make a map of what its files hold.
-
-    Raises any error if they describe no map.
-    """
+    """Make a map of its attributes and arrays; raise any error if they describe no map."""
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
     states = arrays["cell_states"]
@@ -329,24 +324,22 @@ def _make_contents(
         raise ValueError("its robot, obstacles and grid differ in dimension")
     outside = attributes["outside"]
     outer = arrays["outer"]
+    inner = arrays.get("inner", outer)
+    source = str(attributes["workspace_source"])
+    exterior = None
+    if "exterior" in arrays:
+        exterior = check_exterior(arrays["exterior"], outside)
     return Contents(
-        Workspace(
-            grid,
-            outer,
-            arrays.get("inner", outer),
-            str(attributes["workspace_source"]),
-            arrays.get("unknown"),
-            shapes,
-        ),
+        Workspace(grid, outer, inner, source, arrays.get("unknown"), shapes),
         robot,
         rotations,
         slice_of,
         states,
         outside,
-        check_not_negative(attributes["margin_m"], "margin_m"),
-        arrays.get("overlap_counts"),
-        check_exterior(arrays["exterior"], outside) if "exterior" in arrays else None,
-        attributes["inner"] == 1,
+        margin=check_not_negative(attributes["margin_m"], "margin_m"),
+        overlap_counts=arrays.get("overlap_counts"),
+        exterior=exterior,
+        proves_blocked=attributes["inner"] == 1,
     )
 
 
@@ -361,26 +354,24 @@ def _check_rotations(
 ) -> tuple[Rotations, Ints]:
     """Return the rotation cells of a map, and their slices for its robot.
 
-    Raises ValueError if an array of coordinates differs from what they determine.
+    Raises ValueError if a stored array differs from the one that they determine.
     """
     rotations = Rotations.from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
     rotations.check_dimension(robot.dim)
     slice_of = rotations.assign_slices(robot.shape)
     if slice_of.max() + 1 != attributes["slices"]:
         raise ValueError("its number of slices differs from that of its robot")
-    centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
-    for name, needed in ({"slice_of": slice_of} | rotations.stored_arrays | centers).items():
-        rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(needed).max()))
-        if not np.allclose(arrays[name], needed, rtol=0.0, atol=rounding):
+    expected = {"slice_of": slice_of, **rotations.stored_arrays}
+    expected |= {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
+    for name, values in expected.items():
+        rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(values).max()))
+        if not np.allclose(arrays[name], values, rtol=0.0, atol=rounding):
             raise ValueError(f"its array {name!r} does not match its grid, rotations and robot")
     return rotations, slice_of
 
 
 def check_exterior(table: Ints, outside: str) -> Exterior:
-    """Return the states outside a grid, given by the table of an Exterior.
-
-    Raises ValueError if they contradict the state of the space outside.
-    """
+    """Return the exterior of a table; raise ValueError if it contradicts the space outside."""
     boxes = table[:, :-1]
     states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():

@@ -55,11 +55,12 @@ class Update:
         The box is that around the boxes of all updates, and numbers are added.
         """
         nothing = cls(0, (0,) * dim, (0,) * dim, 0)
-        boxes = [each for each in updates if each.lower != each.upper] or updates or [nothing]
-        lower = np.min([each.lower for each in boxes], axis=0)
-        upper = np.max([each.upper for each in boxes], axis=0)
-        occupied = sum(each.occupied for each in updates)
-        changed = sum(each.changed for each in updates)
+        with_box = [update for update in updates if update.lower != update.upper]
+        boxes = with_box or updates or [nothing]
+        lower = np.min([update.lower for update in boxes], axis=0)
+        upper = np.max([update.upper for update in boxes], axis=0)
+        occupied = sum(update.occupied for update in updates)
+        changed = sum(update.changed for update in updates)
         return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
@@ -85,9 +86,7 @@ class Patch:
     @property
     def window(self) -> tuple[slice, ...]:
         """The box as slices."""
-        return tuple(
-            slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True)
-        )
+        return tuple(map(slice, self.lower, np.add(self.lower, self.outer.shape).tolist()))
 
     @classmethod
     def of(
@@ -99,41 +98,28 @@ class Patch:
         """
         outer = _copy_cells(cells, "cells")
         first = _check_first_cell(lower, grid.dim)
+        hint = "pass one entry per cell of the box"
         if outer.ndim != grid.dim:
             problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
-            raise InputError(
-                "cells", problem, "they must agree", "pass one entry per cell of a box", value=cells
-            )
-        for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
-            if low < 0 or low + count > size:
-                problem = (
-                    f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
-                )
-                raise InputError(
-                    "cells",
-                    problem,
-                    "the box must lie in the grid",
-                    "clip it to the grid",
-                    value=cells,
-                )
+            raise InputError("cells", problem, "they must agree", hint, value=cells)
+        stop = np.add(first, outer.shape)
+        if min(first) < 0 or (stop > grid.shape).any():
+            problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape}"
+            rule = "the box must lie in the grid"
+            raise InputError("cells", f"{problem} cells", rule, "clip it to the grid", value=cells)
         if inner is None:
             return cls(first, outer, outer)
-        within = _copy_cells(inner, "inner")
-        if within.shape != outer.shape:
-            problem = f"has shape {within.shape} but cells has {outer.shape}"
-            raise InputError(
-                "inner",
-                problem,
-                "they must be equal",
-                "pass one entry per cell of the box",
-                value=inner,
-            )
-        if (within > outer).any():
-            lost = tuple(np.argwhere(within & ~outer)[0].tolist())
-            problem = f"has entry {lost}, which is not in cells"
+        inside = _copy_cells(inner, "inner")
+        if inside.shape != outer.shape:
+            problem = f"has shape {inside.shape} but cells has {outer.shape}"
+            raise InputError("inner", problem, "they must be equal", hint, value=inner)
+        lost = np.argwhere(inside & ~outer)
+        if len(lost):
+            entry = tuple(lost[0].tolist())
+            problem = f"has entry {entry}, which is not in cells"
             rule = "it must be a subset of cells"
-            raise InputError("inner", problem, rule, "add it to cells", value=lost)
-        return cls(first, outer, within)
+            raise InputError("inner", problem, rule, "add it to cells", value=entry)
+        return cls(first, outer, inside)
 
 
 def _copy_cells(values: ArrayLike, name: str) -> Bools:
@@ -205,9 +191,10 @@ class Updater:
         inner cells lie in obstacles.
         """
         base = self._workspace if self._layers is None else self._layers
-        pairs = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
-        were_known = base.unknown is None or not base.unknown[patch.window].any()
-        if were_known and all((old[patch.window] == new).all() for old, new in pairs):
+        window = patch.window
+        were_known = base.unknown is None or not base.unknown[window].any()
+        is_same_outer = np.array_equal(base.outer[window], patch.outer)
+        if were_known and is_same_outer and np.array_equal(base.inner[window], patch.inner):
             # Nothing changes, so the workspace keeps its shapes.
             return Update(0, patch.lower, patch.lower, 0)
         if self._layers is None:
@@ -216,7 +203,7 @@ class Updater:
             self._set_shapes(None)
             return self._write_all([patch])
         # Named obstacles lie over the base, so the map gets the union of both.
-        self._layers.write(patch.window, patch.outer, patch.inner)
+        self._layers.write(window, patch.outer, patch.inner)
         first = np.array(patch.lower)
         return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
 
@@ -227,16 +214,19 @@ class Updater:
             self._layers = _layers_of(self._workspace)
         boxes = self._layers.set_obstacle(name, obstacle)
         if len(boxes) == 2 and not self._are_apart(*boxes):
-            (first, stop), (other_first, other_stop) = boxes
-            boxes = [(np.minimum(first, other_first), np.maximum(stop, other_stop))]
+            firsts, stops = zip(*boxes, strict=True)
+            boxes = [(np.min(firsts, axis=0), np.max(stops, axis=0))]
         return self._copy_layers(self._layers, boxes)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
-        """Return True if two boxes are best changed separately.
+        """Return True if no configuration can touch both boxes.
 
-        No configuration can touch both boxes, so that two changes cost less than one.
+        Two changes then cost less than one.
         """
-        return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
+        first, stop = box
+        other_first, other_stop = other
+        gaps = np.maximum(other_first - stop, first - other_stop)
+        return bool((gaps >= self._size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
         """Copy boxes of cells from the layers to the map, with all shapes."""
@@ -266,43 +256,47 @@ class Updater:
 
     def _write(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and update the map."""
-        dim = self._grid.dim
         outer_differs = self._workspace.outer[patch.window] != patch.outer
         differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
-        occupied = int(np.count_nonzero(differs))
+        changed_cells = np.argwhere(differs) + patch.lower
+        occupied = len(changed_cells)
         nothing = Update(occupied, patch.lower, patch.lower, 0)
         if not occupied:
             self._write_cells(patch)  # unknown cells may change
             return nothing
-        where = np.argwhere(differs)
-        box = where.min(axis=0) + patch.lower, where.max(axis=0) + patch.lower
-        # Cell k depends on the cells k + m, where m is an offset of the robot.
-        first = np.maximum(box[0] - self._reach[1], 0)
-        stop = np.minimum(box[1] - self._reach[0] + 1, self._grid.shape)
-        stop = np.maximum(stop, first)  # no cell of the grid may depend on the changes
+        first, stop = self._find_dependent(changed_cells)
         window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
         states = self._states[window]
         if states.size:
             states = self._compute(patch, first, stop)
-        changes = np.count_nonzero(states != self._states[window], axis=tuple(range(1, dim + 1)))
+        differences = (states != self._states[window]).reshape(len(states), -1)
+        changed = int(self._weights @ np.count_nonzero(differences, axis=1))
         # From here on the map changes. Each step may be repeated.
         self._drop_derived(self._workspace, self._layers)
         self._states[window] = states
         self._write_cells(patch)
         if self._outside == "free":
-            self._exterior.table[...] = Exterior.of(
-                self._workspace.outer, self._rasters, "free"
-            ).table
+            exterior = Exterior.of(self._workspace.outer, self._rasters, "free")
+            self._exterior.table[...] = exterior.table
         if not states.size:
             return nothing
-        return Update(
-            occupied, tuple(first.tolist()), tuple(stop.tolist()), int(self._weights @ changes)
-        )
+        return Update(occupied, tuple(first.tolist()), tuple(stop.tolist()), changed)
+
+    def _find_dependent(self, changed_cells: Ints) -> CellBox:
+        """Return the box of map cells that depend on workspace cells, shape (n, d)."""
+        lowest_offset, highest_offset = self._reach
+        # Cell k depends on the cells k + m, where m is an offset of the robot.
+        first = np.maximum(changed_cells.min(axis=0) - highest_offset, 0)
+        last = changed_cells.max(axis=0) - lowest_offset
+        stop = np.minimum(last + 1, self._grid.shape)
+        # The box is empty if no cell of the grid depends on the changes.
+        return first, np.maximum(stop, first)
 
     def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
         """Return the states of the cells from ``first`` to ``stop``, with the patch."""
-        begin = np.maximum(first + self._reach[0], 0)
-        end = np.minimum(stop + self._reach[1], self._grid.shape)
+        lowest_offset, highest_offset = self._reach
+        begin = np.maximum(first + lowest_offset, 0)
+        end = np.minimum(stop + highest_offset, self._grid.shape)
         cells = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
         shift = (first - begin).tolist()
         sides = [[raster.translate(shift) for raster in side] for side in self._sides]
@@ -311,26 +305,24 @@ class Updater:
         return states
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return a window of the workspace with the patch.
+        """Return the outer and inner cells of a window of the workspace with the patch.
 
-        Inner and outer cells are one array if they are equal.
+        They are one array if they are equal.
         """
-        here, there = intersect_boxes(window, patch.window)
+        in_window, in_patch = intersect_boxes(window, patch.window)
         outer = self._workspace.outer[window].copy()
-        inner = self._workspace.inner
-        inner = outer if self._are_same(patch) else inner[window].copy()
-        inner[here] = patch.inner[there]
-        outer[here] = patch.outer[there]
+        outer[in_window] = patch.outer[in_patch]
+        if self._stay_equal(patch):
+            return outer, outer
+        inner = self._workspace.inner[window].copy()
+        inner[in_window] = patch.inner[in_patch]
         return outer, inner
 
-    def _are_same(self, patch: Patch) -> bool:
-        """Return True if inner and outer cells stay equal.
-
-        They are one array, and the patch does not change that.
-        """
-        return self._workspace.inner is self._workspace.outer and (
-            patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
-        )
+    def _stay_equal(self, patch: Patch) -> bool:
+        """Return True if inner and outer cells are one array, also with the patch."""
+        if self._workspace.inner is not self._workspace.outer:
+            return False
+        return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
 
     def _write_cells(self, patch: Patch) -> None:
         """Write a patch into the workspace.
@@ -339,17 +331,18 @@ class Updater:
         """
         old = self._workspace
         window = patch.window
-        if old.inner is old.outer and not self._are_same(patch):
+        if old.inner is not old.outer:
+            _overwrite(old.outer, window, patch.outer)
+            _overwrite(old.inner, window, patch.inner)
+        elif self._stay_equal(patch):
+            _overwrite(old.outer, window, patch.outer)
+        else:
             outer = old.outer.copy()
             inner = old.outer.copy()
             outer[window] = patch.outer
             inner[window] = patch.inner
             parts = frozen(outer), frozen(inner), old.source, old.unknown, old.shapes
             self._workspace = Workspace(old.grid, *parts, live=True)
-        else:
-            _overwrite(old.outer, window, patch.outer)
-            if old.inner is not old.outer:
-                _overwrite(old.inner, window, patch.inner)
         if self._workspace.unknown is not None:
             _overwrite(self._workspace.unknown, window, patch.unknown)
 
@@ -378,10 +371,12 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) ->
     high = np.full(3, -_NEVER)
     for side in sides:
         for runs in ClippedRuns.of(side, to_three_axes(shape)):
-            if len(runs.table) and not (runs.clipped and exterior_blocked):
-                last = runs.table[:, :3].copy()
-                last[:, 2] += runs.table[:, 3] - 1
-                low = np.minimum(low, runs.table[:, :3].min(axis=0))
-                high = np.maximum(high, last.max(axis=0))
-    dim = len(shape)
-    return np.stack([low, high])[:, 3 - dim :]
+            if not len(runs.table) or (runs.clipped and exterior_blocked):
+                continue
+            first = runs.table[:, :3]
+            last = first.copy()
+            last[:, 2] += runs.table[:, 3] - 1  # a run lies along the last axis
+            low = np.minimum(low, first.min(axis=0))
+            high = np.maximum(high, last.max(axis=0))
+    missing_axes = 3 - len(shape)
+    return np.stack([low, high])[:, missing_axes:]

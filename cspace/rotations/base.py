@@ -43,12 +43,8 @@ def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[
 
     These are yaws and continuous joints.
     """
-    joints = [*periodic_axes, *[False] * (len(axes) - len(periodic_axes))]
-    return {
-        k: name
-        for k, (name, turns) in enumerate(zip(axes, joints, strict=True))
-        if name == "yaw" or turns
-    }
+    wrapped_axes = {k for k, is_periodic in enumerate(periodic_axes) if is_periodic}
+    return {k: name for k, name in enumerate(axes) if name == "yaw" or k in wrapped_axes}
 
 
 def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
@@ -59,11 +55,10 @@ def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name
     """
     for k, axis in angles.items():
         if abs(q[k]) > MAX_EXPECTED_ANGLE:
+            problem = f"{axis} is beyond a whole turn"
             rule = "angles are in radians, and whole turns are ignored"
-            warn_user(
-                f"{name}: {axis} is beyond a whole turn; {rule}; use numpy.radians for degrees",
-                AngleWarning,
-            )
+            hint = "use numpy.radians for degrees"
+            warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
 
 
 def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
@@ -72,19 +67,23 @@ def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     It equals :func:`math.remainder` to the last bit, so that half turns have the same sign
     everywhere.
     """
-    rest = np.fmod(steps, 2.0 * TWO_PI)  # exact, as is what follows
-    return np.where(periodic_axes, rest - TWO_PI * np.rint(rest / TWO_PI), steps)
+    # Both the remainder and the difference are exact.
+    remainder = np.fmod(steps, 2.0 * TWO_PI)
+    shortest = remainder - TWO_PI * np.rint(remainder / TWO_PI)
+    return np.where(periodic_axes, shortest, steps)
 
 
 def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Wrap angles to [-pi, pi); angles in that range are unchanged."""
-    near = shorter(angles, periodic_axes)
-    return np.where(np.logical_and(periodic_axes, near >= math.pi), -math.pi, near)
+    shortest = shorter(angles, periodic_axes)
+    is_half_turn = np.logical_and(periodic_axes, shortest >= math.pi)
+    return np.where(is_half_turn, -math.pi, shortest)
 
 
 def beside(angle: Floats, other: Floats) -> Floats:
     """Shift angles by whole turns to within pi of other angles."""
-    return angle + TWO_PI * np.rint((other - angle) / TWO_PI)
+    whole_turns = np.rint((other - angle) / TWO_PI)
+    return angle + TWO_PI * whole_turns
 
 
 MAX_PAIRS_PER_BATCH: Final = 2**20
@@ -118,15 +117,17 @@ class RotationCell:
         if self.matrix is None:
             return points
         # A matrix product may round equal points in different rows differently.
-        return sum(
-            (points[..., k, None] * column for k, column in enumerate(self.matrix.T)),
-            start=np.zeros(()),
-        )
+        rotated = np.zeros(points.shape)
+        for k, column in enumerate(self.matrix.T):
+            rotated += points[..., k, None] * column
+        return rotated
 
     def displacement(self, points: Floats) -> Floats:
         """Return the maximum displacement of points, shape (..., d), within the cell."""
-        lever = np.linalg.norm(points[..., :2] if self.about_z else points, axis=-1)
-        return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
+        arms = points[..., :2] if self.about_z else points
+        levers = np.linalg.norm(arms, axis=-1)
+        chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)  # of the unit circle
+        return np.asarray(chord * levers)
 
 
 NO_ROTATION: Final[RotationCell] = RotationCell()
@@ -250,7 +251,8 @@ class Rotations(ABC):
         """
         if isinstance(value, Rotations):
             return value
-        return Rotations.KINDS["fixed" if value is None else "yaw"].of_value(value)
+        kind = "fixed" if value is None else "yaw"
+        return Rotations.KINDS[kind].of_value(value)
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
@@ -285,10 +287,13 @@ class Rotations(ABC):
 
         Other arrays are ignored.
         """
-        for kind in reversed(Rotations.KINDS.values()):
-            if coordinates.keys() >= kind.COORDINATES.keys():
-                break  # at the latest the first kind, which has no arrays
-        return kind.of_stored_arrays(coordinates)
+        # The first kind, OneRotation, has no arrays, so that it matches if no other kind does.
+        matching = [
+            kind
+            for kind in Rotations.KINDS.values()
+            if coordinates.keys() >= kind.COORDINATES.keys()
+        ]
+        return matching[-1].of_stored_arrays(coordinates)
 
     @staticmethod
     def all_names() -> list[str]:
@@ -301,10 +306,10 @@ class Rotations(ABC):
     @staticmethod
     def all_units() -> dict[str, str]:
         """Return the units of all coordinates of rotations, by name."""
-        kinds = Rotations.KINDS.values()
-        return {
-            name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)
-        }
+        units: dict[str, str] = {}
+        for kind in Rotations.KINDS.values():
+            units.update(zip(kind.names, kind.units, strict=True))
+        return units
 
     @staticmethod
     def all_limits() -> str:
@@ -340,9 +345,9 @@ class Rotations(ABC):
         """Return the steps between configurations, with the shorter rotation."""
         position0, rotation0 = self.split_configurations(q0)
         position1, rotation1 = self.split_configurations(q1)
-        return np.concatenate(
-            [position1 - position0, self.rotation_between(rotation0, rotation1)], axis=-1
-        )
+        translation = position1 - position0
+        rotation = self.rotation_between(rotation0, rotation1)
+        return np.concatenate([translation, rotation], axis=-1)
 
     def add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps or fractions of steps.
@@ -351,9 +356,9 @@ class Rotations(ABC):
         """
         position, rotation = self.split_configurations(q)
         dim = position.shape[-1]
-        return np.concatenate(
-            [position + steps[..., :dim], self.rotate(rotation, steps[..., dim:])], axis=-1
-        )
+        moved = position + steps[..., :dim]
+        turned = self.rotate(rotation, steps[..., dim:])
+        return np.concatenate([moved, turned], axis=-1)
 
     def rotation_matrices(self, q: Floats) -> Floats:
         """Return the rotation matrices of configurations, shape (..., d, d)."""
@@ -367,14 +372,11 @@ class Rotations(ABC):
         """
         numbers = np.atleast_1d(check_finite(rotation, name))
         if numbers.shape != (len(self.names),):
-            rule = (
-                f"a rotation is given by {', '.join(self.names)}"
-                if self.names
-                else "the robot does not turn"
-            )
-            raise InputError(
-                name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation
-            )
+            rule = "the robot does not turn"
+            if self.names:
+                rule = f"a rotation is given by {', '.join(self.names)}"
+            problem = f"has shape {numbers.shape}"
+            raise InputError(name, problem, rule, "pass one rotation", value=rotation)
         canonical = self.canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
@@ -448,14 +450,11 @@ class Rotations(ABC):
         """
         if rotation is None and len(self) > 1:
             rule = f"{rule}, and this map has {len(self)} rotation cells"
-            raise InputError(
-                name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}"
-            )
-        return int(
-            self.find_cells(
-                self.centers[0] if rotation is None else self.check_rotation(rotation, name)
-            )
-        )
+            hint = f"pass the one to take, by {', '.join(self.names)}"
+            raise InputError(name, "is missing", rule, hint)
+        if rotation is None:
+            return 0
+        return int(self.find_cells(self.check_rotation(rotation, name)))
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations, shape (..., d + size)."""
@@ -558,15 +557,16 @@ class Rotations(ABC):
         shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
         cell, shape (m,) each, in the order of the configurations; rounding is included.
         """
-        rows = []
+        indices = []
         cells = []
-        batch = max(1, MAX_PAIRS_PER_BATCH // len(self))
-        for k in range(0, max(len(q), 1), batch):
-            reach = self.covering_angles + angles[k : k + batch, None]
-            row, cell = np.nonzero(self.angles_to_centers(q[k : k + batch]) <= reach)
-            rows.append(row + k)
+        batch_size = max(1, MAX_PAIRS_PER_BATCH // len(self))
+        for first in range(0, max(len(q), 1), batch_size):
+            batch = slice(first, first + batch_size)
+            reach = self.covering_angles + angles[batch, None]
+            index, cell = np.nonzero(self.angles_to_centers(q[batch]) <= reach)
+            indices.append(first + index)
             cells.append(cell)
-        return np.concatenate(rows), np.concatenate(cells)
+        return np.concatenate(indices), np.concatenate(cells)
 
     @property
     def neighbors(self) -> Ints:
@@ -607,10 +607,10 @@ class Rotations(ABC):
         if rotation is not None:
             width = angles[self.cell_of(rotation)].item()
             return f"{self.format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
-        width = f"{angles.min():.3g}°" + (
-            "" if np.ptp(angles) < 1e-6 else f" to {angles.max():.3g}°"
-        )
-        return f"over all rotations, {len(self)} rotation cells of {width}"
+        widths = f"{angles.min():.3g}°"
+        if np.ptp(angles) >= 1e-6:
+            widths = f"{widths} to {angles.max():.3g}°"
+        return f"over all rotations, {len(self)} rotation cells of {widths}"
 
     def __str__(self) -> str:
         """Return the number of cells in words."""

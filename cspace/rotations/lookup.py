@@ -45,7 +45,8 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
     """Return the rotation at the end of the numbers of a configuration."""
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
-    return (row[-1] if borders.shape[0] > 0 else 0.0,)
+    yaw = row[-1] if borders.shape[0] > 0 else 0.0
+    return (yaw,)
 
 
 @inlined
@@ -91,29 +92,26 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
     if len(first) == 4:
         path = find_arc(first, second, arc)
         angle = 4.0 * path.half_angle
-        return angle, angle if path.is_tiny else 0.0
+        error = angle if path.is_tiny else 0.0
+        return angle, error
     return abs(signed_angle(first[0], second[0], arc)), 0.0
 
 
 @kernel
 def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbers:
-    """Return the rotation at t, from 0 to 1, along an arc; quaternions by SLERP."""
+    """Return the rotation at t, from 0 to 1, along an arc.
+
+    Quaternions are interpolated by SLERP.
+    """
     if len(first) == 4:
         path = find_arc(first, second, arc)
-        a, b = path.first, path.second
         angle = 2.0 * path.half_angle
-        weight0 = 1.0 - t
-        weight1 = t
+        first_weight = 1.0 - t
+        second_weight = t
         if angle > MIN_ARC_ANGLE:
-            weight0 = math.sin(weight0 * angle)
-            weight1 = math.sin(weight1 * angle)
-        q = (
-            weight0 * a[0] + weight1 * b[0],
-            weight0 * a[1] + weight1 * b[1],
-            weight0 * a[2] + weight1 * b[2],
-            weight0 * a[3] + weight1 * b[3],
-        )
-        return normalise(q, 1.0)
+            first_weight = math.sin(first_weight * angle)
+            second_weight = math.sin(second_weight * angle)
+        return normalise(mix(path.first, path.second, first_weight, second_weight), 1.0)
     return (first[0] + t * signed_angle(first[0], second[0], arc),)
 
 
@@ -171,9 +169,13 @@ def find_cell(borders: Floats, yaw: float) -> int:
 def first_widened_cell(borders: Floats, angle: float) -> int:
     """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
     revolutions = math.floor((angle - borders[0]) / TWO_PI)
+    count = borders.shape[0] - 1
     k = find_cell(borders, angle)
-    on_boundary = angle - (borders[k] + revolutions * TWO_PI) <= ANGLE_SLACK
-    return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
+    cell = int(k + revolutions * count)
+    boundary = borders[k] + revolutions * TWO_PI
+    if angle - boundary <= ANGLE_SLACK:
+        return cell - 1
+    return cell
 
 
 @inlined
@@ -185,16 +187,17 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)
     k = cell - revolutions * count
-    return (
-        k,
-        borders[k] + revolutions * TWO_PI - ANGLE_SLACK,
-        borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK,
-    )
+    low = borders[k] + revolutions * TWO_PI - ANGLE_SLACK
+    high = borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK
+    return k, low, high
 
 
 @inlined
 def signed_angle(first: float, second: float, arc: int) -> float:
-    """Return the signed angle of the shorter arc (0), in [-pi, pi], or the other one (1)."""
+    """Return the signed angle of an arc between two yaws.
+
+    Arc 0 is the shorter one, in [-pi, pi], and arc 1 the other one.
+    """
     angle = second - first
     angle -= math.floor(angle / TWO_PI) * TWO_PI
     if angle > math.pi:
@@ -240,15 +243,15 @@ def find_part(borders: Floats, quotient: float) -> int:
     A boundary belongs to the part above it.
     """
     parts = borders.shape[0] - 1
-    # Guess by the arc tangent to a few thousandths.
+    # This polynomial is the arc tangent to a few thousandths.
     angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
     guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
-    k = int(min(max(guess, 0.0), parts - 1.0))
-    while k > 0 and quotient < borders[k]:
-        k -= 1
-    while k < parts - 1 and quotient >= borders[k + 1]:
-        k += 1
-    return k
+    part = int(min(max(guess, 0.0), parts - 1.0))
+    while part > 0 and quotient < borders[part]:
+        part -= 1
+    while part < parts - 1 and quotient >= borders[part + 1]:
+        part += 1
+    return part
 
 
 @kernel
@@ -284,6 +287,17 @@ def dot_product(a: Numbers, b: Numbers) -> float:
 
 
 @kernel
+def mix(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
+    """Return the weighted sum of two quaternions."""
+    return (
+        a_weight * a[0] + b_weight * b[0],
+        a_weight * a[1] + b_weight * b[1],
+        a_weight * a[2] + b_weight * b[2],
+        a_weight * a[3] + b_weight * b[3],
+    )
+
+
+@kernel
 def normalise(q: Numbers, scale: float) -> Numbers:
     """Scale a quaternion to a norm of ``scale``."""
     scale /= math.sqrt(dot_product(q, q))
@@ -292,22 +306,25 @@ def normalise(q: Numbers, scale: float) -> Numbers:
 
 @kernel
 def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
-    """Return the shortest arc (0) or, if both are equal, the other one (1)."""
+    """Return a shortest arc between two quaternions.
+
+    Arc 0 is the shorter one; arc 1 is the other one, if both are equal up to rounding.
+    """
     a, b = normalise(q0, 1.0), normalise(q1, 1.0)
-    if (dot_product(a, b) < 0.0) != (arc == 1):
+    # Both signs of a quaternion are one rotation; the nearer sign gives the shorter arc.
+    is_beyond_right_angle = dot_product(a, b) < 0.0
+    if is_beyond_right_angle != (arc == 1):
         b = normalise(b, -1.0)
-    half_square = 0.0
-    sum_square = 0.0
-    for n in range(4):
-        half_square += (b[n] - a[n]) ** 2
-        sum_square += (b[n] + a[n]) ** 2
-    tangent = math.sqrt(half_square / sum_square)
-    return Arc(a, b, tangent, math.atan(tangent), dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK)
+    difference = mix(b, a, 1.0, -1.0)
+    total = mix(b, a, 1.0, 1.0)
+    tangent = math.sqrt(dot_product(difference, difference) / dot_product(total, total))
+    is_tiny = dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK
+    return Arc(a, b, tangent, math.atan(tangent), is_tiny)
 
 
 @kernel
 def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
-    """Return the cell at a point of the chord, and where the chord leaves it.
+    """Find where the chord of an arc leaves its current cell.
 
     ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
     the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.
@@ -315,37 +332,33 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     in another one. So there are as many cells as boundaries on the path, and no boundary is crossed
     twice.
     """
-    a, b = arc.first, arc.second
-    q = (
-        a[0] + done * (b[0] - a[0]),
-        a[1] + done * (b[1] - a[1]),
-        a[2] + done * (b[2] - a[2]),
-        a[3] + done * (b[3] - a[3]),
-    )
-    chart, i, j, k = find_parts(borders, q)
+    end = arc.second
+    point = mix(arc.first, mix(end, arc.first, 1.0, -1.0), 1.0, done)
+    chart, i, j, k = find_parts(borders, point)
     parts = i, j, k
-    sign = math.copysign(1.0, q[chart])
-    largest = sign * q[chart]
-    largest1 = sign * b[chart]
+    sign = math.copysign(1.0, point[chart])
+    largest = sign * point[chart]
+    largest_at_end = sign * end[chart]
     share = 1.0
     for n in range(3):
         component = OTHER_COMPONENTS[chart][n]
-        other = sign * q[component]
-        other1 = sign * b[component]
+        other = sign * point[component]
+        other_at_end = sign * end[component]
         low = borders[parts[n]] - QUOTIENT_SLACK
         high = borders[parts[n] + 1] + QUOTIENT_SLACK
         # Zero on a boundary of the cell, and negative inside.
         above = other - high * largest
-        above1 = other1 - high * largest1
+        above_at_end = other_at_end - high * largest_at_end
         below = low * largest - other
-        below1 = low * largest1 - other1
-        if above1 > 0.0:
-            share = min(share, above / (above - above1))
-        if below1 > 0.0:
-            share = min(share, below / (below - below1))
+        below_at_end = low * largest_at_end - other_at_end
+        if above_at_end > 0.0:
+            share = min(share, above / (above - above_at_end))
+        if below_at_end > 0.0:
+            share = min(share, below / (below - below_at_end))
     done += (1.0 - done) * share
-    time = min(0.5 + 0.5 * math.atan((2.0 * done - 1.0) * arc.tangent) / arc.half_angle, 1.0)
-    return cell_index(borders, chart, i, j, k), done, time, share < 1.0
+    along_chord = 2.0 * done - 1.0
+    time = 0.5 + 0.5 * math.atan(along_chord * arc.tangent) / arc.half_angle
+    return cell_index(borders, chart, i, j, k), done, min(time, 1.0), share < 1.0
 
 
 @kernel
@@ -370,4 +383,5 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
     if low > high:
         return 0, -1
     first = find_part(borders, math.tan(low) - QUOTIENT_SLACK)
-    return first, find_part(borders, math.tan(high) + QUOTIENT_SLACK)
+    last = find_part(borders, math.tan(high) + QUOTIENT_SLACK)
+    return first, last

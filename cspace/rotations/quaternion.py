@@ -30,6 +30,10 @@ MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
 
+_CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
+"""Signs of the components of the inverse of a unit quaternion."""
+
+
 _HALF_TURNS: Final = np.array(
     [np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float
 )
@@ -67,28 +71,25 @@ class QuaternionRotations(Rotations):
 
         See :meth:`Rotations.quaternions`.
         """
-        return cls(
-            check_count(
-                value,
-                "rotations",
-                1,
-                MAX_PARTS_PER_AXIS,
-                "pass e.g. 8, for 2,048 cells of quaternions",
-            )
-        )
+        hint = "pass e.g. 8, for 2,048 cells of quaternions"
+        return cls(check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, hint))
 
     @classmethod
     def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Create as many cells as there are centers."""
-        return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
+        cells_per_chart = len(coordinates["quaternion"]) / 4.0
+        return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
     def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
-        by = self.rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
-        angle = float(np.linalg.norm(by))
-        axis = ", ".join(f"{x + 0.0:.2g}" for x in np.round(by / max(angle, 1e-9), 2).tolist())
-        degrees = f"{round(math.degrees(angle), 1):g}°"
-        return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
+        identity = np.array([0.0, 0.0, 0.0, 1.0])
+        vector = self.rotation_between(identity, rotation)
+        angle = float(np.linalg.norm(vector))
+        if angle <= 1e-9:
+            return "not turned"
+        axis = np.round(vector / angle, 2) + 0.0  # adding zero drops the sign of -0
+        axis_text = ", ".join(f"{x:.2g}" for x in axis.tolist())
+        return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
 
     def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
@@ -103,8 +104,10 @@ class QuaternionRotations(Rotations):
 
         ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
         """
-        by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
-        rotated: list[float] = self.rotate(np.array(rotation), np.array(by)).tolist()
+        # A cube of rotation vectors, in the ball of that angle.
+        half_side = angle / math.sqrt(3.0)
+        vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
+        rotated: list[float] = self.rotate(np.array(rotation), np.array(vector)).tolist()
         return rotated
 
     def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
@@ -117,9 +120,8 @@ class QuaternionRotations(Rotations):
         if not (errors <= NORM_SLACK).all():
             worst = float(norms.reshape(-1)[np.argmax(errors)])
             hint = "divide it by its norm; the order is qx, qy, qz, qw"
-            raise InputError(
-                name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst
-            )
+            problem = f"has a quaternion of norm {worst:.9g}"
+            raise InputError(name, problem, "it must be 1", hint, value=worst)
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
     def rotation_between(self, first: Floats, second: Floats) -> Floats:
@@ -130,19 +132,19 @@ class QuaternionRotations(Rotations):
         cosine = (first * second).sum(axis=-1, keepdims=True)
         # The difference makes the result exactly zero for equal rotations.
         nearer = np.where(cosine < 0.0, -second, second)
-        difference = multiply(first * [-1.0, -1.0, -1.0, 1.0], nearer - first)[..., :3]
+        difference = multiply(first * _CONJUGATE, nearer - first)[..., :3]
         sine = np.linalg.norm(difference, axis=-1, keepdims=True)
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
-        return np.asarray(
-            difference * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
-        )
+        is_turn = sine > 0.0
+        scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=is_turn)
+        return np.asarray(difference * scale)
 
     def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
-        half = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
-        rotated = multiply(
-            rotation, np.concatenate([by * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
-        )
+        half_angle = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
+        imaginary = by * np.sinc(half_angle / np.pi) / 2.0
+        turn = np.concatenate([imaginary, np.cos(half_angle)], axis=-1)
+        rotated = multiply(rotation, turn)
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
@@ -175,10 +177,10 @@ class QuaternionRotations(Rotations):
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
         quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)
-        parts = np.clip(np.searchsorted(self.borders, quotients, side="right") - 1, 0, self.n - 1)
-        return np.asarray(
-            largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64
-        )
+        parts = np.searchsorted(self.borders, quotients, side="right") - 1
+        parts = np.clip(parts, 0, self.n - 1)
+        cells_in_chart = parts @ np.array([self.n**2, self.n, 1])
+        return np.asarray(largest * self.n**3 + cells_in_chart, dtype=np.int64)
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
@@ -208,9 +210,10 @@ class QuaternionRotations(Rotations):
         if shape.is_round:
             return np.zeros(len(self), dtype=np.int64)
         smallest = np.arange(len(self))
-        for matrix, change in self._changes(shape):
+        for matrix, change in self._list_changes(shape):
             if (matrix == np.eye(3)).all():
-                smallest = np.minimum(smallest, smallest[self.cell_of(self.centers @ change)])
+                images = self.cell_of(self.centers @ change)
+                smallest = np.minimum(smallest, smallest[images])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
@@ -219,29 +222,30 @@ class QuaternionRotations(Rotations):
         They permute and negate quaternion components. So they map cells to cells. Each has its
         matrix, and the cell to which it maps each cell.
         """
-        return [
-            (matrix, self.cell_of(self.centers @ change)) for matrix, change in self._changes(shape)
-        ]
+        changes = self._list_changes(shape)
+        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in changes]
 
-    def _changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
+    def _list_changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
         """Return each image as two matrices.
 
         The first transforms positions, the second quaternions.
         """
         symmetries = np.array(shape.symmetries)
         signs = np.linalg.det(symmetries)
-        # A mirror is a rotation times the point reflection; rotations come first.
+        # Rotations come first.
         order = np.argsort(-signs, kind="stable")
-        rotations = self.from_matrix(symmetries[order] * signs[order, None, None])[:, None, None]
-        inverses = multiply(np.eye(4), rotations * (-1.0, -1.0, -1.0, 1.0))
-        changes = np.round(multiply(multiply(inverses.swapaxes(1, 2), np.eye(4)), rotations))
-        matrices = _HALF_TURNS @ symmetries[order, None].swapaxes(-1, -2)
-        changes_seen: dict[bytes, tuple[Floats, Floats]] = {}
-        for matrix, change in zip(
-            matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True
-        ):
-            changes_seen.setdefault(change.tobytes(), (matrix, change))
-        return changes_seen.values()
+        symmetries = symmetries[order]
+        # A mirror is a rotation times the point reflection.
+        rotations = self.from_matrix(symmetries * signs[order, None, None])[:, None, None]
+        units = np.eye(4)
+        half_turns = multiply(units, rotations * _CONJUGATE).swapaxes(1, 2)
+        changes = np.round(multiply(multiply(half_turns, units), rotations))
+        matrices = _HALF_TURNS @ symmetries[:, None].swapaxes(-1, -2)
+        pairs = zip(matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True)
+        distinct: dict[bytes, tuple[Floats, Floats]] = {}
+        for matrix, change in pairs:
+            distinct.setdefault(change.tobytes(), (matrix, change))
+        return distinct.values()
 
     @property
     def centers(self) -> Floats:
@@ -287,18 +291,16 @@ class QuaternionRotations(Rotations):
         low = borders[parts[:, 1:]]
         widths = np.diff(borders)[parts[:, 1:]]
         # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell
-        # nearest to zero.
-        max_density = 1.0 + (np.maximum(np.maximum(low, -low - widths), 0.0) ** 2).sum(axis=1)
+        # nearest to zero. Draw by rejection.
+        nearest = np.maximum(np.maximum(low, -low - widths), 0.0)
+        max_density = (1.0 + (nearest**2).sum(axis=1)) ** -2.0
         quotients = np.empty((len(cells), 3))
         pending = np.arange(len(cells))
         while len(pending):
-            drawn = low[pending] + widths[pending] * rng.uniform(
-                margin, 1.0 - margin, (len(pending), 3)
-            )
-            accepted = (
-                rng.random(len(pending)) * (1.0 + (drawn**2).sum(axis=1)) ** 2
-                <= max_density[pending] ** 2
-            )
+            fractions = rng.uniform(margin, 1.0 - margin, (len(pending), 3))
+            drawn = low[pending] + widths[pending] * fractions
+            density = (1.0 + (drawn**2).sum(axis=1)) ** -2.0
+            accepted = rng.random(len(pending)) * max_density[pending] <= density
             quotients[pending[accepted]] = drawn[accepted]
             pending = pending[~accepted]
         return _quaternions(parts[:, 0], quotients)
@@ -308,7 +310,8 @@ class QuaternionRotations(Rotations):
 
         They are in radians, shape (..., count).
         """
-        return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
+        cosines = np.abs(q[..., -4:] @ self.centers.T)
+        return np.asarray(2.0 * np.arccos(np.minimum(cosines, 1.0)))
 
     @property
     def neighbors(self) -> Ints:
@@ -317,18 +320,20 @@ class QuaternionRotations(Rotations):
         Their shape is (count, 6). They may lie in another chart, in which another component is
         largest.
         """
-        parts = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
-        charts = parts[:, 0]
-        parts = parts[:, 1:]
+        indices = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
+        charts = indices[:, 0]
+        parts = indices[:, 1:]
         middles = (self.borders[:-1] + self.borders[1:]) / 2.0
-        columns = []
+        neighbors = []
         for axis in range(3):
-            for side in (0, 1):
-                # A point just beyond the middle of the face lies in the neighbor.
+            low = self.borders[parts[:, axis]]
+            high = self.borders[parts[:, axis] + 1]
+            # A point just beyond the middle of the face lies in the neighbor.
+            for quotient in (low - FACE_STEP, high + FACE_STEP):
                 beyond = middles[parts]
-                beyond[:, axis] = self.borders[parts[:, axis] + side] + (2 * side - 1) * FACE_STEP
-                columns.append(self.cell_of(_quaternions(charts, beyond)))
-        return np.stack(columns, axis=1)
+                beyond[:, axis] = quotient
+                neighbors.append(self.cell_of(_quaternions(charts, beyond)))
+        return np.stack(neighbors, axis=1)
 
     def make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
@@ -364,29 +369,26 @@ def _chart(n: int) -> _Chart:
     # Cells that differ by mirrors and permutations of the axes have centers that differ likewise.
     mirrored = np.minimum(parts, n - 1 - parts)
     order = np.argsort(mirrored, axis=1, kind="stable")
-    classes, class_of = np.unique(
-        np.take_along_axis(mirrored, order, axis=1), axis=0, return_inverse=True
-    )
-    centers, angles = _smallest_caps(borders[classes[:, None] + _CORNERS])
+    ascending = np.take_along_axis(mirrored, order, axis=1)
+    classes, class_of = np.unique(ascending, axis=0, return_inverse=True)
+    class_of = class_of.ravel()
+    class_centers, class_angles = _find_smallest_caps(borders[classes[:, None] + _CORNERS])
     quotients = np.empty((n**3, 3))
-    np.put_along_axis(quotients, order, centers[class_of.ravel()], axis=1)
+    np.put_along_axis(quotients, order, class_centers[class_of], axis=1)
     quotients *= np.where(mirrored == parts, 1.0, -1.0)
-    volumes = _integrate_measure(classes, n)[class_of.ravel()]
-    volumes = np.tile(volumes / (4.0 * volumes.sum()), 4)
     charts = np.repeat(np.arange(4), n**3)
-    arrays = (
-        borders,
-        _quaternions(charts, np.tile(quotients, (4, 1))),
-        np.tile(angles[class_of.ravel()], 4),
-        volumes,
-    )
-    return _Chart(*map(frozen, arrays))
+    centers = _quaternions(charts, np.tile(quotients, (4, 1)))
+    covering_angles = np.tile(class_angles[class_of], 4)
+    measures = _integrate_measure(classes, n)[class_of]
+    volumes = np.tile(measures / (4.0 * measures.sum()), 4)
+    return _Chart(frozen(borders), frozen(centers), frozen(covering_angles), frozen(volumes))
 
 
 def _integrate_measure(parts: Ints, n: int) -> Floats:
-    """Return the Haar measures of cells with the given parts, shape (m, 3), in one unit.
+    """Return the Haar measures of cells, in one unit.
 
-    Gauss-Legendre quadrature over the arc tangents of the quotients.
+    The cells are given by their parts, shape (m, 3). Gauss-Legendre quadrature over the arc
+    tangents of the quotients.
     """
     nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
     angles = np.pi / (2.0 * n) * (parts[..., None] + (nodes + 1.0) / 2.0) - np.pi / 4.0
@@ -397,11 +399,11 @@ def _integrate_measure(parts: Ints, n: int) -> Floats:
     return np.asarray(np.einsum("mi,mj,mk,mijk->m", *by_axis, density))
 
 
-_CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
-"""Corners of the unit cube."""
+_CORNERS: Final = np.indices((2, 2, 2)).reshape(3, -1).T
+"""Corners of the unit cube, shape (8, 3)."""
 
 
-def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
+def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     """Return the center and covering angle of boxes.
 
     The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
@@ -411,13 +413,14 @@ def _smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     """
     from scipy.optimize import lsq_linear
 
-    corners = np.concatenate([boxes, np.ones((*boxes.shape[:2], 1))], axis=2)
+    ones = np.ones((*boxes.shape[:2], 1))
+    corners = np.concatenate([boxes, ones], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
-    equations = np.concatenate([corners, np.ones((*boxes.shape[:2], 1))], axis=2)
+    equations = np.concatenate([corners, ones], axis=2)
+    target = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
     # scipy's nnls misses the least sum on some machines if corners lie symmetrically.
     solutions = [
-        lsq_linear(each.T, np.eye(5)[4], (0.0, np.inf), method="bvls", tol=1e-15)
-        for each in equations
+        lsq_linear(rows.T, target, (0.0, np.inf), method="bvls", tol=1e-15) for rows in equations
     ]
     weights = np.array([solution.x for solution in solutions])
     center = np.einsum("mk,mki->mi", weights, corners)

@@ -72,19 +72,7 @@ class YawRotations(Rotations):
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
-            if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
-                rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
-                hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
-                problem = f"has shape {np.shape(value)}"
-                raise InputError("rotations", problem, rule, hint, value=value)
-            angles = check_finite(value, "rotations")
-            is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
-            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI or not is_turn:
-                problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
-                rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
-                hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
-                raise InputError("rotations", problem, rule, hint, value=value)
-            borders = angles[:-1].tolist()
+            borders = _check_borders(value)[:-1].tolist()
         return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
@@ -95,8 +83,9 @@ class YawRotations(Rotations):
 
     def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
-        angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
-        return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
+        degrees = round(math.degrees(rotation[0]), 1)
+        wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
+        return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
 
     def from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
@@ -110,9 +99,11 @@ class YawRotations(Rotations):
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
         """Sample a rotation within an angle."""
-        yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
-        wrapped_yaw = math.remainder(yaw, TWO_PI)
-        return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
+        turn = (2.0 * next(numbers) - 1.0) * angle
+        yaw = math.remainder(rotation[0] + turn, TWO_PI)
+        if yaw == math.pi:
+            yaw = -math.pi
+        return (yaw,)
 
     def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Wrap yaws into [-pi, pi).
@@ -124,8 +115,9 @@ class YawRotations(Rotations):
 
     def rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the shorter angles from yaws to others, radians."""
-        apart = second - first
-        return np.asarray(apart - TWO_PI * np.round(apart / TWO_PI))
+        angles = second - first
+        whole_turns = np.round(angles / TWO_PI)
+        return np.asarray(angles - TWO_PI * whole_turns)
 
     def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Add angles to yaws."""
@@ -173,10 +165,11 @@ class YawRotations(Rotations):
         check_wrappable(angles, "yaw")
         # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is
         # unchanged.
-        wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
-        return np.clip(
-            np.searchsorted(self.borders, wrapped, side="right") - 1, 0, len(self) - 1
-        ).astype(np.int64)
+        whole_turns = np.floor((angles - self.borders[0]) / TWO_PI)
+        in_cells = angles - whole_turns * TWO_PI
+        cells = np.searchsorted(self.borders, in_cells, side="right") - 1
+        # Rounding may move a yaw past the first or the last boundary.
+        return np.clip(cells, 0, len(self) - 1).astype(np.int64)
 
     def find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
@@ -207,7 +200,8 @@ class YawRotations(Rotations):
     def stored_arrays(self) -> dict[str, Floats]:
         """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
-        return dict(zip(self.COORDINATES, (self._yaws, bounds, self.covering_angles), strict=True))
+        arrays = self._yaws, bounds, self.covering_angles
+        return dict(zip(self.COORDINATES, arrays, strict=True))
 
     @property
     def volumes(self) -> Floats:
@@ -216,18 +210,22 @@ class YawRotations(Rotations):
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
-        within = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
+        low = np.asarray(self.borders)[cells]
+        fractions = rng.uniform(margin, 1.0 - margin, len(cells))
+        return wrapped(low + self.volumes[cells] * fractions)[:, None]
 
     def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
-        return np.asarray(np.abs((self._yaws - q[..., -1:] + np.pi) % TWO_PI - np.pi))
+        angles = self._yaws - q[..., -1:]
+        return np.asarray(np.abs((angles + np.pi) % TWO_PI - np.pi))
 
     @property
     def neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
-        steps = [[], [1], [-1, 1]][min(len(self) - 1, 2)]
-        return (np.arange(len(self))[:, None] + np.array(steps, dtype=np.int64)) % len(self)
+        # One cell has no neighbor, and the neighbor of one of two cells is on both sides of it.
+        steps = np.arange(1, len(self)) if len(self) <= 2 else np.array([-1, 1])
+        cells = np.arange(len(self))
+        return (cells[:, None] + steps) % len(self)
 
     def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map yaw cells to yaw cells.
@@ -245,7 +243,7 @@ class YawRotations(Rotations):
             for quarter in _QUARTER_MATRICES:
                 matrix = np.eye(len(symmetry))
                 matrix[:2, :2] = quarter * (1.0, determinant)
-                x, y = matrix[:2, :2] @ symmetry[:2, 0]
+                x, y = matrix[:2, :2] @ symmetry[:2, 0]  # image of the robot's x axis
                 # A mirror reverses the sense of rotation.
                 yaws = determinant * self._yaws + np.arctan2(y, x)
                 cells = self.cell_of(yaws)
@@ -259,6 +257,24 @@ class YawRotations(Rotations):
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
+def _check_borders(value: ArrayLike) -> Floats:
+    """Return the boundaries of yaw cells if they ascend over a whole turn."""
+    if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
+        problem = f"has shape {np.shape(value)}"
+        rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
+        hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
+        raise InputError("rotations", problem, rule, hint, value=value)
+    angles = check_finite(value, "rotations")
+    ascends = (np.diff(angles) > 0).all()
+    is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
+    if not ascends or not is_turn or abs(angles[0]) > TWO_PI:
+        problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
+        rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
+        hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
+        raise InputError("rotations", problem, rule, hint, value=value)
+    return angles
+
+
 def check_wrappable(yaws: Floats, name: str) -> None:
     """Raise InputError if a yaw is too large to be wrapped exactly."""
     largest = float(np.abs(yaws).max(initial=0.0))
@@ -270,7 +286,10 @@ def check_wrappable(yaws: Floats, name: str) -> None:
 
 
 def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | None:
-    """Return a symmetry of a shape that keeps z and has a determinant, or None."""
+    """Return a symmetry of a shape about the z axis, or None.
+
+    Its determinant is 1 for a turn, -1 for a mirror.
+    """
     for symmetry in shape.symmetries:
         (a, b), (c, d) = symmetry[:2, :2].tolist()
         keeps_z = bool((symmetry[2:, 2:] == 1.0).all())

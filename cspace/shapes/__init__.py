@@ -86,57 +86,56 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if radius is not None or isinstance(source, BallSet):
         return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
-        return _shape_of_text(source, name)
+        return _read_text(source, name)
     shape = getattr(source, "shape", None)
     # Robots have names. Other objects with a shape may have a pose too, such as PosedShape.
     is_robot = isinstance(getattr(source, "name", None), str)
     if is_robot and isinstance(shape, Shape):
         return shape
-    if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0):
-        return _shape_of_sequence(given, name)
+    is_array = isinstance(given, np.ndarray) and given.ndim > 0
+    if is_array or isinstance(given, list | tuple):
+        return _convert_sequence(given, name)
     if isinstance(given, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
-    if not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
-        hint = (
-            "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and "
-            "their radius"
-        )
-        raise InputError(
-            name,
-            f"is a {type(given).__name__}",
-            "a polygon or a mesh is needed",
-            hint,
-            value=source,
-        )
-    return _mesh(given)
+    if hasattr(given, "vertices") or hasattr(given, "geometry"):
+        return _make_mesh(given)
+    hint = (
+        "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and "
+        "their radius"
+    )
+    problem = f"is a {type(given).__name__}"
+    raise InputError(name, problem, "a polygon or a mesh is needed", hint, value=source)
 
 
-def _shape_of_sequence(given: Any, name: str) -> Shape:
-    """Make the shape of a list or array: geometries, corners, or vertices and faces."""
+def _convert_sequence(given: Any, name: str) -> Shape:
+    """Make the shape of a list or array.
+
+    It holds geometries, corners of a polygon, or vertices and faces.
+    """
     import shapely
 
     from cspace.files.vector import read_shapes
 
     if getattr(given, "dtype", None) == np.bool_:
+        rule = "their size must be given"
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError(
-            name, "is an array of cells", "their size must be given", hint, value=given
-        )
+        raise InputError(name, "is an array of cells", rule, hint, value=given)
     first: Any = next(iter(given), {})
     if isinstance(first, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
-    row = np.shape(first)
-    if row == (2,) and len(given) > 2:
+    row_shape = np.shape(first)
+    if row_shape == (2,) and len(given) > 2:
         return Polygons.of(given)
-    if row in ((2,), (3,)) or (row == () and len(given) in (2, 3)):
+    is_one_point = row_shape == () and len(given) in (2, 3)
+    if is_one_point or row_shape in ((2,), (3,)):
         hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
-        if row == (2,) or len(given) == 2:
+        if row_shape == (2,) or len(given) == 2:
             hint += ", or at least 3 corners of a polygon"
         raise InputError(name, "is points", "points need a radius", hint, value=given)
-    return _mesh(given)
+    return _make_mesh(given)
 
 
-def _mesh(source: MeshLike) -> Mesh:
+def _make_mesh(source: MeshLike) -> Mesh:
     """Make a mesh, and warn of open bodies.
 
     The caller takes shapes, but has no option ``solid``.
@@ -146,8 +145,11 @@ def _mesh(source: MeshLike) -> Mesh:
     return mesh
 
 
-def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a short text, WKT, or a file of polygons or a mesh."""
+def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
+    """Make the shape that a text describes.
+
+    The text is a short text, WKT, or the path of a file of polygons or a mesh.
+    """
     from cspace.files.meshes import MESH_SUFFIXES
     from cspace.files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 
@@ -155,13 +157,11 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
     if isinstance(source, str) and is_short_text(source):
         return parse_short_text(source, name).shape
     if suffix in MESH_SUFFIXES:
-        return _mesh(source)
+        return _make_mesh(source)
     if suffix in POLYGON_SUFFIXES or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
-    rule = (
-        "it must be a short text, WKT, or a file that ends in "
-        f"{', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
-    )
-    kinds = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
-    hint = suggest_file(Path(source), kinds)
+    suffixes = ", ".join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))
+    rule = f"it must be a short text, WKT, or a file that ends in {suffixes}"
+    forms = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
+    hint = suggest_file(Path(source), forms)
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

@@ -97,9 +97,9 @@ class Balls(ExactShape):
         """
         if self.dim == 2:
             return float(self.outline.area) / _POLYGON_AREA_RATIO
-        return (
-            float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
-        )
+        if len(self.radii) > 1:
+            return math.nan
+        return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3)
 
     @property
     def inscribed_radius(self) -> float:
@@ -108,8 +108,8 @@ class Balls(ExactShape):
         It is a lower bound.
         """
         # The polygons of the outline can give less than a single disc around the origin does.
-        around = self.radii - np.linalg.norm(self.centers, axis=1)
-        return max(super().inscribed_radius, float(around.max()))
+        radii_around_origin = self.radii - np.linalg.norm(self.centers, axis=1)
+        return max(super().inscribed_radius, float(radii_around_origin.max()))
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
@@ -119,9 +119,8 @@ class Balls(ExactShape):
 
         growth = rotation.displacement(self.centers)
         centers = rotation.apply(self.centers)
-        return rounded_rasters(
-            RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth
-        )
+        balls = RoundedBoxes(centers, centers, self.radii)
+        return rounded_rasters(balls, spacing, margin + growth, growth)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see ``Shape.cells``."""
@@ -136,7 +135,9 @@ class Balls(ExactShape):
         array = check_points(points, "points", self.dim)
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
         for radius in np.unique(self.radii):
-            inside |= cKDTree(self.centers[self.radii == radius]).query(array)[0] <= radius
+            centers = self.centers[self.radii == radius]
+            distances, _ = cKDTree(centers).query(array)
+            inside |= distances <= radius
         return inside
 
     def boundary(self) -> RoundedSimplices:
@@ -150,9 +151,9 @@ class Balls(ExactShape):
             return super().outline
         import shapely
 
-        return shapely.union_all(
-            shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_DISC_SIDES // 4)
-        )
+        points = shapely.points(self.centers)
+        discs = shapely.buffer(points, self.radii, quad_segs=_DISC_SIDES // 4)
+        return shapely.union_all(discs)
 
     @property
     def surface(self) -> Surface:
@@ -161,12 +162,13 @@ class Balls(ExactShape):
             return super().surface
         import trimesh
 
-        ball = trimesh.creation.icosphere(subdivisions=3 if len(self.radii) < 64 else 1)
+        subdivisions = 3 if len(self.radii) < 64 else 1
+        ball = trimesh.creation.icosphere(subdivisions=subdivisions)
         corners = np.asarray(ball.vertices)
-        faces = np.asarray(ball.faces, dtype=np.int64)
-        vertices = self.centers[:, None] + self.radii[:, None, None] * corners
-        shifts = len(corners) * np.arange(len(self.radii))
-        return vertices.reshape(-1, 3), (faces + shifts[:, None, None]).reshape(-1, 3)
+        corners_of_balls = self.centers[:, None] + self.radii[:, None, None] * corners
+        first_corners = len(corners) * np.arange(len(self.radii))
+        faces_of_balls = np.asarray(ball.faces, dtype=np.int64) + first_corners[:, None, None]
+        return corners_of_balls.reshape(-1, 3), faces_of_balls.reshape(-1, 3)
 
     def project_to_plane(self) -> Balls:
         """Project the balls onto the plane of x and y."""
@@ -251,30 +253,26 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
     """
     if isinstance(centers, BallSet):
         if radii is not None:
+            problem = "is given besides a decomposition"
             rule = "a decomposition has its own"
-            raise InputError(
-                "radii", "is given besides a decomposition", rule, "omit it", value=radii
-            )
+            raise InputError("radii", problem, rule, "omit it", value=radii)
         radii = centers.radii
         centers = centers.centers
     elif radii is None:
-        raise InputError(
-            "radii", "is missing", "balls need one number, or one per center", "pass it in metres"
-        )
+        rule = "balls need one number, or one per center"
+        raise InputError("radii", "is missing", rule, "pass it in metres")
     points = check_finite(centers, "centers")
     sizes = check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
+        problem = f"has shape {points.shape}"
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError(
-            "centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers
-        )
+        raise InputError("centers", problem, rule, "pass one row per ball", value=centers)
     if sizes.shape not in {(), (len(points),)}:
         rule = f"it must be one number or ({len(points)},)"
         hint = "pass one number, or one per center"
         raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"
-        raise InputError(
-            "radii", problem, "none may be below zero", "pass lengths in metres", value=radii
-        )
+        hint = "pass lengths in metres"
+        raise InputError("radii", problem, "none may be below zero", hint, value=radii)
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

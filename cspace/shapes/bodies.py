@@ -64,44 +64,44 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     -------
     tuple of Body
     """
-    corners = unique_rows(vertices)[1][faces]
-    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    sides = vertices[faces][:, 1:] - vertices[faces][:, :1]
-    has_no_area = proper & (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
+    _, vertex_numbers = unique_rows(vertices)
+    corners = vertex_numbers[faces]
+    is_proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    has_no_area = is_proper & (np.cross(b - a, c - a) == 0.0).all(axis=1)
     closed: list[Body] = []
     open_bodies: list[Body] = []
-    remaining = np.flatnonzero(proper & ~has_no_area)
-    for added, max_shared in (
-        (remaining[:0], 2),
-        (remaining[:0], len(faces)),
-        (np.flatnonzero(has_no_area), len(faces)),
-    ):
+    remaining = np.flatnonzero(is_proper & ~has_no_area)
+    none = np.empty(0, dtype=np.int64)
+    passes = ((none, 2), (none, len(faces)), (np.flatnonzero(has_no_area), len(faces)))
+    for added, max_shared in passes:
         if not len(remaining):
             break
         chosen = np.sort(np.concatenate([remaining, added]))
-        found = _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared)
-        found = [replace(body, faces=chosen[body.faces]) for body in found]
-        closed += [body for body in found if body.closed]
-        # Open flat triangles without any area are not worth a body.
-        open_bodies = [
-            body for body in found if not body.closed and not has_no_area[body.faces].all()
-        ]
-        remaining = np.concatenate([remaining[:0], *(body.faces for body in open_bodies)])
+        open_bodies = []
+        for found in _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared):
+            body = replace(found, faces=chosen[found.faces])
+            if body.closed:
+                closed.append(body)
+            elif not has_no_area[body.faces].all():
+                # Open parts without any area are not worth a body.
+                open_bodies.append(body)
+        remaining = np.concatenate([none, *(body.faces for body in open_bodies)])
     bodies = _orient_outward(vertices, faces, closed) + open_bodies
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
 
 def component_labels(first: Ints, second: Ints, count: int) -> Ints:
-    """Label the connected components of a graph, in the order of their first vertices.
+    """Label the connected components of a graph.
 
-    The graph has `count` vertices, and edges from `first[i]` to `second[i]`. Returns shape
-    (count,).
+    Labels ascend in the order of the components' first vertices. The graph has `count` vertices,
+    and edges from `first[i]` to `second[i]`. Returns shape (count,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1]
+    _, labels = connected_components(graph, directed=False)
     return np.asarray(labels, dtype=np.int64)
 
 
@@ -124,12 +124,12 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     If neither the given directions nor their copies decide which way the body faces, it faces
     outward.
     """
-    # A body is manifold if exactly two of its triangles meet at each edge. `directed` bodies keep
-    # the given directions.
-    edge, direction = _edges(corners)
+    # Arrays of triangles, shape (n,): first, copies, net, body and multiplicity. Arrays of bodies,
+    # shape (count,): balanced, manifold, closed, and directed if they keep the given directions.
+    edge, direction = _number_edges(corners)
     first, copies, net = _find_repeated(corners)
-    meeting = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
-    body, count = _label_bodies(edge, meeting <= max_shared)
+    triangles_at_edge = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
+    body, count = _label_bodies(edge, triangles_at_edge <= max_shared)
     balanced, manifold = _balance(edge, direction, body, count, first)
     # Rule 1. The given directions decide which way a body faces, unless copies cancel.
     multiplicity = first.astype(np.int64)
@@ -138,7 +138,8 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     directed[body[np.abs(net) < copies]] = False
     if not first.all():  # rule 2
         all_triangles = np.ones(len(first), dtype=np.bool_)
-        by_rule_2 = ~closed & _balance(edge, direction, body, count, all_triangles)[0]
+        balanced_by_all, _ = _balance(edge, direction, body, count, all_triangles)
+        by_rule_2 = ~closed & balanced_by_all
         # A body whose triangles all cancel encloses nothing.
         by_rule_2 &= np.bincount(body, weights=net != 0, minlength=count) > 0
         multiplicity[by_rule_2[body]] = 1
@@ -148,21 +149,23 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     by_rule_3 = manifold & ~closed
     if by_rule_3.any():
         members = np.flatnonzero(by_rule_3[body] & first)
-        multiplicity[members], possible = _orient_alike(
+        signs, is_orientable = _orient_alike(
             edge[members], direction[members], body[members], count
         )
-        closed |= by_rule_3 & possible
+        multiplicity[members] = signs
+        closed |= by_rule_3 & is_orientable
     multiplicity[~closed[body]] = 0
     # A body whose facing is open to choice faces outward.
-    volume = _volumes(triangles, multiplicity, body, count)
-    inward = closed & ~directed & (volume < 0.0)
-    multiplicity = np.where(inward[body], -multiplicity, multiplicity)
-    volume = np.where(inward, -volume, volume)
+    volume = _compute_volumes(triangles, multiplicity, body, count)
+    is_reversed = closed & ~directed & (volume < 0.0)
+    multiplicity = np.where(is_reversed[body], -multiplicity, multiplicity)
+    volume = np.where(is_reversed, -volume, volume)
     by_body = np.argsort(body, kind="stable")
-    parts = np.split(by_body, np.cumsum(np.bincount(body, minlength=count))[:-1])
+    stops = np.cumsum(np.bincount(body, minlength=count))
+    members_of_bodies = np.split(by_body, stops[:-1])
     return [
-        Body(part, multiplicity[part], bool(closed[index]), float(volume[index]))
-        for index, part in enumerate(parts)
+        Body(members, multiplicity[members], bool(closed[number]), float(volume[number]))
+        for number, members in enumerate(members_of_bodies)
     ]
 
 
@@ -190,15 +193,18 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
         center = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - center).reshape(-1, 3)
         winding = WindingNumber(triangles[around] - center, multiplicity[around])
+        is_outside = winding.evaluate(corners) <= 0
+        owner_of_corners = np.repeat(owner[within], 3)
         is_reversed = np.zeros(len(bodies), dtype=np.bool_)
-        is_reversed[np.repeat(owner[within], 3)[winding.evaluate(corners) <= 0]] = True
-    return [
-        replace(body, turns=-body.turns, volume=-body.volume) if is_reversed[index] else body
-        for index, body in enumerate(bodies)
-    ]
+        is_reversed[owner_of_corners[is_outside]] = True
+    oriented = list(bodies)
+    for number in np.flatnonzero(is_reversed).tolist():
+        body = bodies[number]
+        oriented[number] = replace(body, turns=-body.turns, volume=-body.volume)
+    return oriented
 
 
-def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
+def _compute_volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
     """Return the enclosed volume of each body.
 
     The result has shape (count,), in cubic metres. ``triangles`` has shape (n, 3, 3), metres;
@@ -207,29 +213,30 @@ def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
     """
     # Sum the signed volumes of the tetrahedra between a point near the body's center and its
     # triangles.
-    total = np.stack(
-        [np.bincount(body, weights=triangles[:, 0, k], minlength=count) for k in range(3)], axis=-1
-    )
-    center = total / np.maximum(np.bincount(body, minlength=count), 1)[:, None]
+    x, y, z = (np.bincount(body, weights=triangles[:, 0, k], minlength=count) for k in range(3))
+    triangle_counts = np.maximum(np.bincount(body, minlength=count), 1)
+    center = np.stack([x, y, z], axis=-1) / triangle_counts[:, None]
     a, b, c = np.moveaxis(triangles - center[body][:, None], 1, 0)
-    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
-    volume, moduli = (
-        np.bincount(body, weights=each, minlength=count) for each in (parts, np.abs(parts))
-    )
-    return np.where(np.abs(volume) > _VOLUME_ROUNDING * moduli, volume, 0.0)
+    tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
+    volume = np.bincount(body, weights=tetrahedra, minlength=count)
+    moduli = np.bincount(body, weights=np.abs(tetrahedra), minlength=count)
+    is_certain = np.abs(volume) > _VOLUME_ROUNDING * moduli
+    return np.where(is_certain, volume, 0.0)
 
 
-def _edges(corners: Ints) -> tuple[Ints, Ints]:
+def _number_edges(corners: Ints) -> tuple[Ints, Ints]:
     """Find the edge of each triangle side.
 
     ``corners``, shape (n, 3), has vertex indices. Returns the edge of each side, and its direction
     along that edge, 1 or -1, each of shape (n, 3). Sides on the same two vertices have the same
     edge.
     """
-    endpoints = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
-    key = endpoints.min(axis=-1) * (int(corners.max()) + 1) + endpoints.max(axis=-1)
-    edge = np.unique(key.ravel(), return_inverse=True)[1].reshape(key.shape)
-    return edge, np.where(endpoints[..., 0] < endpoints[..., 1], 1, -1)
+    start = corners
+    end = np.roll(corners, -1, axis=1)
+    vertex_count = int(corners.max()) + 1
+    key = np.minimum(start, end) * vertex_count + np.maximum(start, end)
+    _, edge = np.unique(key.ravel(), return_inverse=True)
+    return edge.reshape(key.shape), np.where(start < end, 1, -1)
 
 
 def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
@@ -240,16 +247,15 @@ def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
     -1 by direction.
     """
     a, b, c = corners.T
-    inversions = (a > b).astype(np.int64) + (b > c) + (a > c)
-    sign = 1 - 2 * (inversions % 2)
-    group = unique_rows(np.sort(corners, axis=1))[1]
-    first = np.zeros(len(corners), dtype=np.bool_)
-    first[np.unique(group, return_index=True)[1]] = True
-    return (
-        first,
-        np.bincount(group)[group],
-        np.bincount(group, weights=sign)[group].astype(np.int64),
-    )
+    is_odd = (a > b) ^ (b > c) ^ (a > c)  # an odd permutation of the sorted corners
+    sign = np.where(is_odd, -1, 1)
+    _, group = unique_rows(np.sort(corners, axis=1))
+    _, first_of_groups = np.unique(group, return_index=True)
+    is_first = np.zeros(len(corners), dtype=np.bool_)
+    is_first[first_of_groups] = True
+    copies = np.bincount(group)
+    net = np.bincount(group, weights=sign).astype(np.int64)
+    return is_first, copies[group], net[group]
 
 
 def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
@@ -260,13 +266,11 @@ def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
     """
     triangle_count = len(edge)
     triangle, side = np.nonzero(joining[edge])
-    roots, body = np.unique(
-        component_labels(
-            triangle, triangle_count + edge[triangle, side], triangle_count + len(joining)
-        )[:triangle_count],
-        return_inverse=True,
-    )
-    return body.astype(np.int64), len(roots)
+    # The graph has a vertex for each triangle, followed by one for each edge.
+    edge_vertex = triangle_count + edge[triangle, side]
+    labels = component_labels(triangle, edge_vertex, triangle_count + len(joining))
+    body_labels, body = np.unique(labels[:triangle_count], return_inverse=True)
+    return body.astype(np.int64), len(body_labels)
 
 
 def _balance(
@@ -279,15 +283,16 @@ def _balance(
     (n,). Returns two arrays of shape (count,).
     """
     # Bodies can touch along an edge, so each body counts only its own triangles there.
-    key = np.repeat(body[chosen], 3) * (int(edge.max()) + 1) + edge[chosen].ravel()
-    sides, side = np.unique(key, return_inverse=True)
-    owner = sides // (int(edge.max()) + 1)
+    edge_count = int(edge.max()) + 1
+    key = np.repeat(body[chosen], 3) * edge_count + edge[chosen].ravel()
+    body_edges, body_edge = np.unique(key, return_inverse=True)
+    owner = body_edges // edge_count
+    balance = np.bincount(body_edge, weights=direction[chosen].ravel(), minlength=len(body_edges))
+    sides = np.bincount(body_edge, minlength=len(body_edges))
     balanced = np.bincount(body[chosen], minlength=count) > 0
     manifold = balanced.copy()
-    balanced[
-        owner[np.bincount(side, weights=direction[chosen].ravel(), minlength=len(sides)) != 0.0]
-    ] = False
-    manifold[owner[np.bincount(side, minlength=len(sides)) != 2]] = False
+    balanced[owner[balance != 0.0]] = False
+    manifold[owner[sides != 2]] = False
     return balanced, manifold
 
 
@@ -299,20 +304,27 @@ def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[
     and ``direction`` have shape (n, 3), ``body`` (n,).
     """
     triangle_count = len(edge)
-    order = np.argsort(
-        np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel(), kind="stable"
-    ).reshape(-1, 2)
-    triangle_a, triangle_b = (order // 3).T
-    disagree = np.equal(*direction.ravel()[order].T)
+    key = np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel()
+    # The two sides at each edge follow each other.
+    side_a, side_b = np.argsort(key, kind="stable").reshape(-1, 2).T
+    triangle_a = side_a // 3
+    triangle_b = side_b // 3
+    disagree = direction.ravel()[side_a] == direction.ravel()[side_b]
     # Each triangle has two nodes, as given and reversed; consistent choices are linked.
-    start = np.concatenate([triangle_a, triangle_count + triangle_a])
+    reversed_a = triangle_count + triangle_a
+    reversed_b = triangle_count + triangle_b
+    start = np.concatenate([triangle_a, reversed_a])
     stop = np.concatenate(
-        [triangle_b + triangle_count * disagree, triangle_b + triangle_count * ~disagree]
+        [np.where(disagree, reversed_b, triangle_b), np.where(disagree, triangle_b, reversed_b)]
     )
-    labels = component_labels(start, stop, 2 * triangle_count).reshape(2, triangle_count)
-    possible = np.ones(count, dtype=np.bool_)
-    possible[body[labels[0] == labels[1]]] = False
+    labels = component_labels(start, stop, 2 * triangle_count)
+    given_label = labels[:triangle_count]
+    reversed_label = labels[triangle_count:]
+    is_orientable = np.ones(count, dtype=np.bool_)
+    is_orientable[body[given_label == reversed_label]] = False
+    # The first triangle of each body keeps its direction.
     bodies, first = np.unique(body, return_index=True)
-    leading_label = np.zeros(count, dtype=labels.dtype)
-    leading_label[bodies] = labels[0, first]
-    return np.where((labels[0] == leading_label[body]) | ~possible[body], 1, -1), possible
+    kept_label = np.zeros(count, dtype=labels.dtype)
+    kept_label[bodies] = given_label[first]
+    is_kept = (given_label == kept_label[body]) | ~is_orientable[body]
+    return np.where(is_kept, 1, -1), is_orientable

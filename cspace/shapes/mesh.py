@@ -141,22 +141,7 @@ class Mesh(ExactShape):
         check_word(self.solid, "solid", SOLIDS)
         check_unmasked(self.faces, f"faces of {self.source}")
         vertices = _check_vertices(self.vertices, self.source)
-        faces = np.asarray(self.faces)
-        if faces.size == 0:
-            hint = "for a cloud of points use Workspace.from_points"
-            raise GeometryError(self.source, "has no triangles", "a mesh needs one", hint)
-        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            problem = f"has shape {faces.shape} and dtype {faces.dtype}"
-            rule = "it must be (F, 3), of whole numbers"
-        elif faces.min() < 0 or faces.max() >= len(vertices):
-            problem = f"name vertex {faces.min() if faces.min() < 0 else faces.max()}"
-            rule = f"there are {len(vertices)}, counted from 0"
-        else:
-            problem = rule = ""
-        if problem:
-            hint = "pass three vertex indices per triangle"
-            raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
-        faces = np.array(faces, dtype=np.int64, order="C")
+        faces = _check_faces(self.faces, len(vertices), self.source)
         object.__setattr__(self, "vertices", frozen(vertices))
         object.__setattr__(self, "faces", frozen(faces))
 
@@ -193,12 +178,10 @@ class Mesh(ExactShape):
     @classmethod
     def convert(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
         """Make a mesh like :meth:`of`, without a warning."""
+        if isinstance(shape, Mesh) and solid in ("auto", shape.solid):
+            return shape
         if isinstance(shape, Mesh):
-            return (
-                shape
-                if solid in ("auto", shape.solid)
-                else cls(shape.vertices, shape.faces, solid, shape.source)
-            )
+            return cls(shape.vertices, shape.faces, solid, shape.source)
         vertices, faces, source = _read_arrays(shape)
         return cls(vertices, faces, solid, source)
 
@@ -221,10 +204,10 @@ class Mesh(ExactShape):
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the bounding box, shape (3,) each."""
-        named = np.zeros(len(self.vertices), dtype=np.bool_)
-        named[self.faces] = True
-        used = self.vertices[named]
-        return used.min(axis=0), used.max(axis=0)
+        is_used = np.zeros(len(self.vertices), dtype=np.bool_)
+        is_used[self.faces] = True
+        used_vertices = self.vertices[is_used]
+        return used_vertices.min(axis=0), used_vertices.max(axis=0)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -250,12 +233,14 @@ class Mesh(ExactShape):
     def facts(self) -> dict[str, object]:
         """Number of triangles, bodies and the like, for reports."""
         closed = sum(body.closed for body in self.bodies)
-        return {
+        facts: dict[str, object] = {
             "triangles": len(self.faces),
             "bodies": {"closed": closed, "open": len(self.bodies) - closed},
             "watertight": self.is_watertight,
-            **({"volume_m3": float(self.volume)} if self.is_watertight else {}),
         }
+        if self.is_watertight:
+            facts["volume_m3"] = float(self.volume)
+        return facts
 
     @property
     def encloses(self) -> bool:
@@ -293,7 +278,7 @@ class Mesh(ExactShape):
         return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     def _refuse_fill(self, hint: str) -> None:
-        """Raise InputError if the inside depends on the spacing, because exact answers must not."""
+        """Raise InputError if the inside depends on the spacing."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
             raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
@@ -313,47 +298,40 @@ class Mesh(ExactShape):
 
         corners = self.boundary().simplices[..., :2]
         sides = np.roll(corners, -1, axis=1) - corners
-        lengths = np.linalg.norm(sides, axis=-1)
+        longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
         twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
         # Unions and buffers lose triangles seen edge-on, so their sides stand for them.
-        is_line = 4.0 * twice_area <= _SHADOW_MARGIN * lengths.max(axis=1)
-        shadow = _without_cracks(
-            shapely.union_all(shapely.polygons(corners[~is_line])), _MAX_CRACK_WIDTH * self.span
-        )
-        within = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
-        if within.is_empty:
-            raise GeometryError(
-                self.source,
-                "is flat, seen from above",
-                "it must have an area there",
-                "check its axes",
-            )
+        is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
+        union = shapely.union_all(shapely.polygons(corners[~is_line]))
+        shadow = _fill_cracks(union, _MAX_CRACK_WIDTH * self.span)
+        inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
+        if inner.is_empty:
+            rule = "it must have an area there"
+            raise GeometryError(self.source, "is flat, seen from above", rule, "check its axes")
         lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
-        near = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
-        shapely.prepare(near)
-        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _SHADOW_MARGIN)
-        around = shapely.union_all([shadow.buffer(_SHADOW_MARGIN, join_style="mitre"), *apart])
-        return BoundedShape(Polygons.of(around), Polygons.of(within))
+        near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
+        shapely.prepare(near_shadow)
+        lines_beside = lines[~shapely.covers(near_shadow, lines)]
+        grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
+        grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
+        outer = shapely.union_all([grown_shadow, *grown_lines])
+        return BoundedShape(Polygons.of(outer), Polygons.of(inner))
 
     def check_origin(self, warn: bool = False) -> None:
         """Refuse a mesh far from its origin; see :meth:`Shape.check_origin`."""
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
-        far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
-        move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
-        if far > MAX_ORIGIN_OFFSET * size:
-            problem = (
-                f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's "
-                "reference point"
-            )
+        gaps = np.maximum(np.maximum(lower, -upper), 0.0)  # from the origin, along each axis
+        distance = float(np.linalg.norm(gaps))
+        shift = ", ".join(f"{-x:g}" for x in (lower + upper) / 2)
+        hint = f"move its center there first, by ({shift}) m"
+        where = f"is {size:g} m across and lies {distance:g} m from its origin, which is"
+        if distance > MAX_ORIGIN_OFFSET * size:
             rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
-            raise GeometryError("mesh", problem, rule, f"move its center there first, by {move}")
-        if warn and far > size:
-            warn_user(
-                f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which "
-                "is its reference "
-                f"point; if this is not intended, move its center there first, by {move}"
-            )
+            raise GeometryError("mesh", f"{where} the robot's reference point", rule, hint)
+        if warn and distance > size:
+            problem = f"the robot's mesh {where} its reference point"
+            warn_user(f"{problem}; if this is not intended, {hint}")
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return the transformed triangles, each rotated to begin at its smallest corner."""
@@ -428,6 +406,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def _winding(self) -> WindingNumber:
+        """Winding number of the closed bodies, relative to the lower corner of the bounds."""
         from cspace.raster.surfaces import WindingNumber
 
         counted = self.windings != 0
@@ -442,67 +421,63 @@ class Mesh(ExactShape):
         windings = np.zeros(len(self.faces), dtype=np.int64)
         if self.solid == "auto":
             windings = self.windings
-        fill = self._warn_of_nothing if self.solid == "fill" else None
-        return SolidSurface(triangles, triangles, windings, fill, self.source)
+        on_empty = self._warn_of_nothing if self.solid == "fill" else None
+        return SolidSurface(triangles, triangles, windings, on_empty, self.source)
 
     def _warn_of_nothing(self, spacing: float) -> None:
         """Warn once if filling an open mesh added nothing to its surface."""
         if self._warned or self.is_watertight:
             return
         object.__setattr__(self, "_warned", True)
-        message = (
-            f"{self.source} is open and encloses no cell of {spacing:g} m, so filling added none; "
-            "it counts as a "
-            "surface without an inside; close its gaps, use cells larger than the gaps, or "
-            "choose the surface only"
-        )
-        warn_user(message, MeshWarning)
+        problem = f"{self.source} is open and encloses no cell of {spacing:g} m"
+        result = "so filling added none; it counts as a surface without an inside"
+        hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
+        warn_user(f"{problem}, {result}; {hint}", MeshWarning)
 
     def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
         """Yield a warning for each kind of body without an interior."""
         surface = option.format("surface")
-        fill = option.format("fill")
+        fill = f"{option.format('fill')} to fill what the cells enclose"
+        or_fill = f", or {fill}" if fills else ""
+        or_pass_fill = f", or pass {fill}" if fills else ""
         open_bodies = [body for body in self.bodies if not body.closed]
+        open_triangles = sum(len(body.faces) for body in open_bodies)
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
             yield (
                 f"no triangle of {self.source} has an area; it counts as a surface without an "
-                f"inside; pass {surface} "
-                "to confirm this"
+                f"inside; pass {surface} to confirm this"
             )
         if open_bodies:
             yield (
                 f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
-                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} "
-                "triangles); they count as "
-                f"surfaces without an inside; close their gaps, or pass {surface} if no body has "
-                "an inside" + f", or {fill} to fill what the cells enclose" * fills
+                f"({open_triangles} of {len(self.faces)} triangles); they count as surfaces "
+                f"without an inside; close their gaps, or pass {surface} if no body has an "
+                f"inside{or_fill}"
             )
         if hollow:
             yield (
                 f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, "
-                "for example because "
-                "a surface is drawn once for each side; such a body is hollow; draw each surface "
-                "once" + f", or pass {fill} to fill what the cells enclose" * fills
+                "for example because a surface is drawn once for each side; such a body is hollow; "
+                f"draw each surface once{or_pass_fill}"
             )
 
 
-def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
+def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     """Fill holes that are at most `width` wide, metres.
 
     Filling a real hole changes no proof, because no cell of an obstacle fits into it.
     """
     import shapely
 
-    def filled(part: Any) -> BaseGeometry:
-        holes = [
-            hole
-            for hole in part.interiors
-            if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
-        ]
-        return shapely.Polygon(part.exterior, holes)
+    def is_wide(hole: Any) -> bool:
+        return not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
 
-    return shapely.MultiPolygon([filled(part) for part in shapely.get_parts(shadow)])
+    filled = []
+    for part in shapely.get_parts(shadow):
+        holes = [hole for hole in part.interiors if is_wide(hole)]
+        filled.append(shapely.Polygon(part.exterior, holes))
+    return shapely.MultiPolygon(filled)
 
 
 def _read_arrays(shape: Any) -> tuple[Any, Any, str]:
@@ -528,23 +503,41 @@ def _check_vertices(values: Any, source: str) -> Floats:
         raise GeometryError(
             f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values
         )
-    far = float(np.abs(vertices).max(initial=0.0))
-    if far > 0.0 and not _MIN_MESH_EXTENT <= far <= _MAX_COORDINATE:
+    largest = float(np.abs(vertices).max(initial=0.0))
+    if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= _MAX_COORDINATE:
+        problem = f"reach {largest:g}"
         rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {_MAX_COORDINATE:g}"
-        raise GeometryError(
-            f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values
-        )
-    return np.array(
-        np.where(np.abs(vertices) < _MIN_MESH_COORDINATE, 0.0, vertices),
-        dtype=np.float64,
-        order="C",
-    )
+        raise GeometryError(f"vertices of {source}", problem, rule, "check the units", value=values)
+    is_tiny = np.abs(vertices) < _MIN_MESH_COORDINATE
+    return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")
+
+
+def _check_faces(values: Any, vertices: int, source: str) -> Ints:
+    """Return faces as an array, shape (F, 3), if they name vertices."""
+    faces = np.asarray(values)
+    if faces.size == 0:
+        hint = "for a cloud of points use Workspace.from_points"
+        raise GeometryError(source, "has no triangles", "a mesh needs one", hint)
+    hint = "pass three vertex indices per triangle"
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        problem = f"has shape {faces.shape} and dtype {faces.dtype}"
+        rule = "it must be (F, 3), of whole numbers"
+        raise GeometryError(f"faces of {source}", problem, rule, hint, value=values)
+    for vertex in (faces.min(), faces.max()):
+        if not 0 <= vertex < vertices:
+            problem = f"name vertex {vertex}"
+            rule = f"there are {vertices}, counted from 0"
+            raise GeometryError(f"faces of {source}", problem, rule, hint, value=values)
+    return np.array(faces, dtype=np.int64, order="C")
 
 
 def _encode(array: NDArray[Any], dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
+    """Write an array as text, base64 of its bytes."""
+    data = np.ascontiguousarray(array, dtype=dtype).tobytes()
+    return base64.b64encode(data).decode("ascii")
 
 
 def _decode(text: str, dtype: str) -> NDArray[Any]:
-    raw = np.frombuffer(base64.b64decode(text, validate=True), dtype=dtype)
-    return raw.reshape(-1, 3)
+    """Read an array, shape (n, 3), from the text of :func:`_encode`."""
+    data = base64.b64decode(text, validate=True)
+    return np.frombuffer(data, dtype=dtype).reshape(-1, 3)

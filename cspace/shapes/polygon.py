@@ -47,10 +47,8 @@ class Polygons(ExactShape):
         import shapely
 
         coordinates = shapely.get_coordinates(list(geometries))
-        if ((np.abs(coordinates) < _MIN_COORDINATE) & (coordinates != 0.0)).any():
-            geometries = shapely.transform(
-                list(geometries), lambda xy: np.where(np.abs(xy) < _MIN_COORDINATE, 0.0, xy)
-            ).tolist()
+        if (_drop_tiny(coordinates) != coordinates).any():
+            geometries = shapely.transform(list(geometries), _drop_tiny).tolist()
         self.geometries = tuple(geometries)
 
     @classmethod
@@ -62,16 +60,13 @@ class Polygons(ExactShape):
         """
         import shapely
 
-        geometries = _as_geometries(shape)
-        parts = [part for whole in geometries for part in shapely.get_parts(whole)]
+        parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
         if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
-        names = (
-            ["polygon"]
-            if len(parts) == 1
-            else [f"polygon[{number}]" for number in range(len(parts))]
-        )
+        names = ["polygon"]
+        if len(parts) > 1:
+            names = [f"polygon[{number}]" for number in range(len(parts))]
         check_shapes(parts, names)
         for name, part in zip(names, parts, strict=True):
             if part.geom_type != "Polygon":
@@ -80,9 +75,8 @@ class Polygons(ExactShape):
                 raise GeometryError(name, problem, rule, "remove other parts", value=part)
             if not part.area > 0.0:
                 problem = f"has area {part.area:g}"
-                raise GeometryError(
-                    name, problem, "it must be above zero", "pass its whole boundary", value=part
-                )
+                rule = "it must be above zero"
+                raise GeometryError(name, problem, rule, "pass its whole boundary", value=part)
         return cls(parts)
 
     @cached_property
@@ -134,18 +128,19 @@ class Polygons(ExactShape):
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.segments import outline_cells
 
-        return outline_cells(self._near(grid), grid)
+        return outline_cells(self._find_parts_near(grid), grid)
 
-    def _near(self, grid: Grid) -> list[tuple[Floats, bool]]:
+    def _find_parts_near(self, grid: Grid) -> list[tuple[Floats, bool]]:
         """Return the parts that can touch a grid."""
         import shapely
 
         lower = np.asarray(grid.lower) - grid.spacing
         upper = np.asarray(grid.upper) + grid.spacing
-        if (lower <= self.bounds[0]).all() and (self.bounds[1] <= upper).all():
+        low, high = self.bounds
+        if (lower <= low).all() and (high <= upper).all():
             return self.parts
-        numbers = np.sort(self._index.query(shapely.box(*lower, *upper)))
-        return list(_iterate_parts(self._index.geometries[numbers]))
+        near = np.sort(self._index.query(shapely.box(*lower, *upper)))
+        return list(_iterate_parts(self._index.geometries[near]))
 
     @cached_property
     def _index(self) -> STRtree:
@@ -181,30 +176,26 @@ class Polygons(ExactShape):
         """Union of the geometries."""
         import shapely
 
-        return (
-            self.geometries[0]
-            if len(self.geometries) == 1
-            else shapely.union_all(list(self.geometries))
-        )
+        if len(self.geometries) == 1:
+            return self.geometries[0]
+        return shapely.union_all(list(self.geometries))
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return the transformed segments, both ways round, with the number of their part."""
-        segments = np.concatenate([segments for segments, _ in self.parts])
-        counts = [len(segments) for segments, _ in self.parts]
-        part = np.repeat(np.arange(len(counts)), counts)
+        segments_of_parts = [segments for segments, _ in self.parts]
+        part_numbers = np.repeat(np.arange(len(self.parts)), list(map(len, segments_of_parts)))
+        segments = np.concatenate(segments_of_parts)
         starts = segments[:, :2] @ matrix.T
         ends = segments[:, 2:] @ matrix.T
-        forward = np.column_stack([starts, ends, part])
-        backward = np.column_stack([ends, starts, part])
+        forward = np.column_stack([starts, ends, part_numbers])
+        backward = np.column_stack([ends, starts, part_numbers])
         return np.concatenate([forward, backward])
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
-        return {
-            "kind": self.kind,
-            "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries],
-        }
+        texts = [base64.b64encode(geometry.wkb).decode() for geometry in self.geometries]
+        return {"kind": self.kind, "wkb": texts}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Polygons:
@@ -212,7 +203,14 @@ class Polygons(ExactShape):
         import shapely
 
         parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]
-        return cls(parts) if any(part.geom_type != "Polygon" for part in parts) else cls.of(parts)
+        if all(part.geom_type == "Polygon" for part in parts):
+            return cls.of(parts)
+        return cls(parts)
+
+
+def _drop_tiny(coordinates: Floats) -> Floats:
+    """Set coordinates below `_MIN_COORDINATE` to zero."""
+    return np.where(np.abs(coordinates) < _MIN_COORDINATE, 0.0, coordinates)
 
 
 def _as_geometries(

@@ -33,17 +33,14 @@ class NamedShape(NamedTuple):
 
 def disc(radius: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make a disc; metres."""
-    return NamedShape(
-        f"disc {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center)], radius)
-    )
+    name = f"disc {check_positive(radius, 'radius'):g} m"
+    return NamedShape(name, Balls.of([check_point(center)], radius))
 
 
 def ball(radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make a ball; metres."""
-    return NamedShape(
-        f"ball {check_positive(radius, 'radius'):g} m",
-        Balls.of([check_point(center, dim=3)], radius),
-    )
+    name = f"ball {check_positive(radius, 'radius'):g} m"
+    return NamedShape(name, Balls.of([check_point(center, dim=3)], radius))
 
 
 def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
@@ -64,26 +61,24 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
     """
     radii = (check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y"))
     center_point = check_point(center)
-    outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
+    outer, inner = ellipse_bounds(radii, center_point)
     is_disc = radii[0] == radii[1] and not center_point.any()
-    return NamedShape(
-        f"ellipse {radius_x:g} m x {radius_y:g} m",
-        BoundedShape(outer, inner, is_round_about_z=is_disc),
-    )
+    shape = BoundedShape(Polygons.of(outer), Polygons.of(inner), is_round_about_z=is_disc)
+    return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", shape)
 
 
 def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make a box along the axes; metres."""
-    made = Box.of(extents, center)
-    return NamedShape(f"box {' m x '.join(f'{side:g}' for side in made.extents)} m", made)
+    shape = Box.of(extents, center)
+    sides = " m x ".join(f"{side:g}" for side in shape.extents)
+    return NamedShape(f"box {sides} m", shape)
 
 
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright cylinder between two prisms; metres."""
-    sizes = check_positive(radius, "radius"), check_positive(height, "height")
-    return NamedShape(
-        f"cylinder {radius:g} m, {height:g} m high", _translate(cylinder_bounds(*sizes), center)
-    )
+    bounds = cylinder_bounds(check_positive(radius, "radius"), check_positive(height, "height"))
+    name = f"cylinder {radius:g} m, {height:g} m high"
+    return NamedShape(name, _translate(bounds, center))
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
@@ -91,17 +86,17 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
 
     It holds the points within `radius` of a vertical segment of `length`.
     """
-    sizes = check_positive(radius, "radius"), check_positive(length, "length")
-    return NamedShape(
-        f"capsule {radius:g} m, {length:g} m long", _translate(capsule_bounds(*sizes), center)
-    )
+    bounds = capsule_bounds(check_positive(radius, "radius"), check_positive(length, "length"))
+    name = f"capsule {radius:g} m, {length:g} m long"
+    return NamedShape(name, _translate(bounds, center))
 
 
 def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
     """Move the bounds of a solid of revolution to a center."""
     shift = check_point(center, dim=3)
     outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
-    return BoundedShape(outer, inner, is_round_about_z=not shift[:2].any())
+    is_on_axis = not shift[:2].any()
+    return BoundedShape(outer, inner, is_round_about_z=is_on_axis)
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
@@ -114,7 +109,8 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     from cspace.files.ros import parse_footprint
 
     points = parse_footprint(corners)
-    polygon = Polygons.of(points + check_not_negative(padding, "padding") * np.sign(points))
+    outward = np.sign(points)
+    polygon = Polygons.of(points + check_not_negative(padding, "padding") * outward)
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
 
@@ -207,17 +203,18 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
         return _parse_footprint(text, rest, argument)
     kind = SHORT_TEXTS[name]
     separator = "," if "," in kind.form else "x"
-    sizes, at, place = rest.partition("@")
-    values = _numbers(sizes, separator)
-    center = _numbers(place, ",")
+    sizes_text, at_sign, center_text = rest.partition("@")
+    sizes = _parse_numbers(sizes_text, separator)
+    center = _parse_numbers(center_text, ",")
     count = len(kind.form.split(separator))
-    if len(values) != count or min(values) <= 0.0 or bool(at) != bool(center):
+    sizes_are_valid = len(sizes) == count and min(sizes) > 0.0
+    if not sizes_are_valid or bool(at_sign) != bool(center):
         rule = (
             f"{kind.form} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
             "for a center"
         )
         raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}", value=text)
-    return kind.make(*values, *[center] if at else [])
+    return kind.make(*sizes, center) if at_sign else kind.make(*sizes)
 
 
 def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
@@ -235,10 +232,10 @@ def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
     raise InputError(argument, f"is {text!r}", rule, hint, value=text)
 
 
-def _numbers(text: str, separator: str) -> list[float]:
+def _parse_numbers(text: str, separator: str) -> list[float]:
     """Parse finite numbers, or return an empty list."""
     try:
-        values = [float(word) for word in text.split(separator)]
+        numbers = [float(word) for word in text.split(separator)]
     except ValueError:
         return []
-    return values if all(map(math.isfinite, values)) else []
+    return numbers if all(map(math.isfinite, numbers)) else []

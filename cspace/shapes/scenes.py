@@ -78,7 +78,9 @@ def read_urdf(
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
-    pairs = []
+    outer_surfaces = []
+    inner_surfaces = []
+    is_curved = False
     meshes = find_meshes(urdf, links, path, folders)
     poses = zero_poses(urdf)
     for name in links:
@@ -93,34 +95,39 @@ def read_urdf(
                 hint = "omit it, or name links with only meshes"
                 raise InputError("solid", problem, rule, hint, value="surface")
             transform = pose @ _read_origin(collision, place)
-            outer, inner = _bounds_pair(collision.geometry, meshes, place)
-            moved = transform_surface(outer, transform)
-            pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
+            outer, inner = _make_bounds(collision.geometry, meshes, place)
+            outer_surfaces.append(transform_surface(outer, transform))
+            inner_surfaces.append(transform_surface(inner, transform))
+            is_curved |= inner is not outer
     _check_shapes(urdf, link, links, file)
-    curved = any(outer is not inner for outer, inner in pairs)
-    return [join_surfaces(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
+    sides = [outer_surfaces, inner_surfaces] if is_curved else [outer_surfaces]
+    return [join_surfaces(side) for side in sides]
 
 
 def _check_shapes(
     urdf: URDF, given: str | Sequence[str] | None, links: Sequence[str], file: str
 ) -> None:
-    """Refuse links without collision geometry, and warn if links that move are left out."""
-    filled = [name for name in urdf.link_map if urdf.link_map[name].collisions]
-    left = [name for name in filled if name not in links]
-    if len(left) == len(filled):
-        hint = f"name links that have: {', '.join(filled)}" if filled else "add <collision>"
+    """Refuse links without collision geometry.
+
+    Warns if links that move are left out.
+    """
+    with_geometry = [name for name in urdf.link_map if urdf.link_map[name].collisions]
+    omitted = [name for name in with_geometry if name not in links]
+    if len(omitted) == len(with_geometry):
         problem = f"is {', '.join(links) or 'empty'}"
         rule = "no such link has collision geometry"
+        hint = "add <collision>"
+        if with_geometry:
+            hint = f"name links that have: {', '.join(with_geometry)}"
         raise InputError("link", problem, rule, hint, value=given)
-    if given is None and left:
-        warn_user(
-            f"{file}: {', '.join(left)} move against {links[0]} and are omitted; to include them, "
-            "name all links, which are placed with their joints at zero"
-        )
+    if given is None and omitted:
+        problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
+        hint = "name all links, which are placed with their joints at zero"
+        warn_user(f"{problem}; to include them, {hint}")
 
 
 def _read_origin(collision: Any, place: str) -> Floats:
-    """Return the pose of a collision geometry in the frame of its link, shape (4, 4)."""
+    """Return the pose of a collision geometry in its link, shape (4, 4)."""
     if collision.origin is None:
         return np.eye(4)
     return check_finite(collision.origin, f"{place}: origin")
@@ -138,14 +145,17 @@ def link_shapes(
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
-        surface, within = _bounds_pair(collision.geometry, meshes, place)
-        outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
+        outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
+        solid_part = solid if collision.geometry.mesh is not None else "auto"
+        outer = Mesh(*outer_surface, solid_part, place)
         outer.warn_if_open(fills=False)
-        shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
+        shape: Shape = outer
+        if inner_surface is not outer_surface:
+            shape = BoundedShape(outer, Mesh.of(inner_surface))
         yield shape, _read_origin(collision, place)
 
 
-def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     """Return an outer and an inner surface of a geometry.
 
     They are the same object if it is not curved.
@@ -158,15 +168,20 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
         return surface, surface
     if kind == "box":
         sides = check_point(shape.size, f"{place}: size", 3).tolist()
-        surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
+        for side in sides:
+            check_positive(side, f"{place}: size")
+        surface = Box.of(sides).surface
         return surface, surface
     sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
-    return cylinder_bounds(*sizes) if kind == "cylinder" else capsule_bounds(sizes[0], 0.0)
+    if kind == "cylinder":
+        return cylinder_bounds(*sizes)
+    return capsule_bounds(sizes[0], 0.0)
 
 
 def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
     """Read the surface of a mesh, scaled by one factor or three."""
-    factors = check_finite(np.broadcast_to(1.0 if scale is None else scale, 3), f"{place}: scale")
+    given = 1.0 if scale is None else scale
+    factors = check_finite(np.broadcast_to(given, 3), f"{place}: scale")
     if not factors.all():
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
@@ -244,12 +259,10 @@ def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Sha
     if not scene.shapes:
         raise empty_error(path)
     if scene.attached:
-        listed = ", ".join(each.shapes[0].object_id for each in scene.attached)
-        warn_user(
-            f"{os.fspath(path)}: attached objects ({listed}) enlarge the robot and are not read; "
-            "use arm.attach"
-        )
-    return [_transform(each.shape, each.pose) for each in scene.shapes]
+        names = ", ".join(carried.shapes[0].object_id for carried in scene.attached)
+        problem = f"attached objects ({names}) enlarge the robot and are not read"
+        warn_user(f"{os.fspath(path)}: {problem}; use arm.attach")
+    return [_transform(obstacle.shape, obstacle.pose) for obstacle in scene.shapes]
 
 
 def empty_error(path: StrPath) -> GeometryError:
@@ -281,12 +294,10 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
         for item in fields["world"]["collision_objects"]:
             frames.add(item["header"]["frame_id"] or WORLD)
             shapes += reader.read_object(item)
-        carried = [
-            reader.read_attached(item)
-            for item in fields["robot_state"]["attached_collision_objects"]
-        ]
-        frames |= {each.frame for each in carried if each.frame != each.link}
-        return SceneContent(find_frame(frames), shapes, carried, fields)
+        attached_items = fields["robot_state"]["attached_collision_objects"]
+        attached = [reader.read_attached(item) for item in attached_items]
+        frames |= {carried.frame for carried in attached if carried.frame != carried.link}
+        return SceneContent(find_frame(frames), shapes, attached, fields)
 
 
 class _Reader:
@@ -308,14 +319,14 @@ class _Reader:
         names = [name]
         if len(shapes) > 1:
             names = [f"{name}/{number}" for number in range(len(shapes))]
-        for each in {name, *names}:
-            if each in self._names:
-                problem = f"has {each!r} twice"
+        for used_name in {name, *names}:
+            if used_name in self._names:
+                problem = f"has {used_name!r} twice"
                 raise ContentError(problem, "ids and names of shapes must differ", "rename one")
-            self._names.add(each)
+            self._names.add(used_name)
         return [
-            SceneShape(each, shape, item["pose"] @ pose, name)
-            for each, (shape, pose) in zip(names, shapes, strict=True)
+            SceneShape(shape_name, shape, item["pose"] @ pose, name)
+            for shape_name, (shape, pose) in zip(names, shapes, strict=True)
         ]
 
     def read_attached(self, item: Mapping[str, Any]) -> AttachedShapes:
@@ -347,8 +358,9 @@ class _Reader:
                 problem = f"has vertices and a resource or dimensions at {here}"
                 raise ContentError(problem, "a mesh has one of them", "remove one")
             if mesh["resource"]:
-                file = locate_meshes({mesh["resource"]: here}, self._path, self._folders)
-                surface = _scale_mesh(file[mesh["resource"]], mesh["dimensions"], here)
+                resource = mesh["resource"]
+                files = locate_meshes({resource: here}, self._path, self._folders)
+                surface = _scale_mesh(files[resource], mesh["dimensions"], here)
             else:
                 surface = _read_inline_mesh(mesh, here)
             yield Mesh(*surface, source=f"{os.fspath(self._path)}: {here}"), pose
@@ -383,21 +395,21 @@ _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
 
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
-    if isinstance(shape, BoundedShape):
-        return BoundedShape(
-            _transform_exact(shape.outer, pose), _transform_exact(shape.inner, pose)
-        )
-    return _transform_exact(shape.outer, pose)
+    outer = _transform_exact(shape.outer, pose)
+    if not isinstance(shape, BoundedShape):
+        return outer
+    return BoundedShape(outer, _transform_exact(shape.inner, pose))
 
 
 def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     """Move a shape by a pose, shape (4, 4)."""
+    rotation = pose[:3, :3]
+    translation = pose[:3, 3]
     if isinstance(shape, Balls):
-        return Balls.of(shape.centers @ pose[:3, :3].T + pose[:3, 3], shape.radii)
-    if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):
-        return Box.of(shape.extents, shape.center + pose[:3, 3])
+        return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
+    if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):
+        return Box.of(shape.extents, shape.center + translation)
+    surface = transform_surface(shape.surface, pose)
     if isinstance(shape, Mesh):
-        return Mesh(
-            *transform_surface((shape.vertices, shape.faces), pose), shape.solid, shape.source
-        )
-    return Mesh(*transform_surface(shape.surface, pose))
+        return Mesh(*surface, shape.solid, shape.source)
+    return Mesh(*surface)

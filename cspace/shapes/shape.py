@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
+from cspace.raster.bitmaps import QUARTER_TURNS
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats, Ints, Surface
 
@@ -175,12 +176,9 @@ class Shape(ABC):
         """Signed permutation matrices, shape (dim, dim), that map the shape to itself."""
         matrices = _signed_permutations(self.dim)
         bounds = np.array(self.outer.bounds)
-        corners = np.sort(bounds @ matrices.mT, axis=1)
-        return [
-            matrix
-            for matrix in matrices[(corners == bounds).all(axis=(1, 2))]
-            if self.is_same(matrix)
-        ]
+        mapped_bounds = np.sort(bounds @ matrices.mT, axis=1)
+        keeps_bounds = (mapped_bounds == bounds).all(axis=(1, 2))
+        return [matrix for matrix in matrices[keeps_bounds] if self.is_same(matrix)]
 
     @cached_property
     def symmetry(self) -> int:
@@ -190,8 +188,13 @@ class Shape(ABC):
         """
         if self.is_round_about_z:
             return 0
-        turns = (each for each in self.symmetries if (each[2:, 2:] == 1.0).all())
-        return sum(each[0, 0] * each[1, 1] - each[0, 1] * each[1, 0] == 1.0 for each in turns)
+        order = 0
+        for matrix in self.symmetries:
+            keeps_z = bool((matrix[2:, 2:] == 1.0).all())
+            (a, b), (c, d) = matrix[:2, :2].tolist()
+            is_turn = keeps_z and a * d - b * c == 1.0
+            order += is_turn
+        return order
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
         """Refuse a robot's mesh too far from its reference point.
@@ -209,12 +212,17 @@ class Shape(ABC):
         """
         if not (matrix == np.sign(matrix)).all():
             return False
-        rows, _ = unique_rows(self.transform_features(matrix) + 0.0)
-        return np.array_equal(self._own_features, rows)
+        return np.array_equal(self._features, self._sort_features(matrix))
 
     @cached_property
-    def _own_features(self) -> Floats:
-        return unique_rows(self.transform_features(np.eye(self.dim)) + 0.0)[0]
+    def _features(self) -> Floats:
+        """Sorted rows that identify the shape."""
+        return self._sort_features(np.eye(self.dim))
+
+    def _sort_features(self, matrix: Floats) -> Floats:
+        """Return the sorted rows that identify the shape under a matrix."""
+        rows, _ = unique_rows(self.transform_features(matrix) + 0.0)  # -0 becomes 0
+        return rows
 
     @abstractmethod
     def transform_features(self, matrix: Floats) -> Floats:
@@ -301,11 +309,9 @@ class ExactShape(Shape):
 
         outline = self.outline
         origin = shapely.Point(0.0, 0.0)
-        return (
-            float(shapely.distance(outline.boundary, origin))
-            if shapely.covers(outline, origin)
-            else 0.0
-        )
+        if not shapely.covers(outline, origin):
+            return 0.0
+        return float(shapely.distance(outline.boundary, origin))
 
     @abstractmethod
     def contains(self, points: ArrayLike) -> Bools:
@@ -365,9 +371,10 @@ class ExactShape(Shape):
 @cache
 def _signed_permutations(dim: int) -> Floats:
     """Return all signed permutation matrices, shape (n, dim, dim)."""
-    orders = permutations(np.eye(dim))
-    signs = product((1.0, -1.0), repeat=dim)
-    return np.array([np.array(sign)[:, None] * order for order, sign in product(orders, signs)])
+    permutation_matrices = permutations(np.eye(dim))
+    sign_matrices = [np.diag(signs) for signs in product((1.0, -1.0), repeat=dim)]
+    pairs = product(permutation_matrices, sign_matrices)
+    return np.array([signs @ np.array(permutation) for permutation, signs in pairs])
 
 
 def unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
@@ -375,12 +382,14 @@ def unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
 
     `rows` has shape (n, k), the indices (n,).
     """
-    order = np.lexsort(rows.T[::-1])
+    last_column_first = rows.T[::-1]  # as lexsort expects
+    order = np.lexsort(last_column_first)
     rows = rows[order]
-    fresh = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
+    is_new = np.ones(len(rows), dtype=np.bool_)
+    is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
     numbers = np.empty(len(rows), dtype=np.int64)
-    numbers[order] = np.cumsum(fresh) - 1
-    return rows[fresh], numbers
+    numbers[order] = np.cumsum(is_new) - 1
+    return rows[is_new], numbers
 
 
 CIRCLE_SIDES: Final = 64
@@ -395,9 +404,6 @@ corners."""
 
 _MAX_ELLIPSE_SLACK: Final = 2.0**-20
 """Maximum relative growth of an ellipse's bounds that covers rounding."""
-
-_QUARTER_TURNS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
-"""Cosine and sine of 0 to 3 quarter turns."""
 
 BoundsPair = tuple[Surface, Surface]
 """An outer and an inner surface; the outer solid contains the inner one."""
@@ -463,10 +469,10 @@ class BoundedShape(Shape):
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return transformed rows; see ``Shape.transform_features``."""
-        rows = [side.transform_features(matrix) for side in (self.outer, self.inner)]
-        return np.concatenate(
-            [np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)]
-        )
+        # The first column tells the bounds apart.
+        outer_rows = np.insert(self.outer.transform_features(matrix), 0, 0, axis=1)
+        inner_rows = np.insert(self.inner.transform_features(matrix), 0, 1, axis=1)
+        return np.concatenate([outer_rows, inner_rows])
 
     def project_to_plane(self) -> Shape:
         """Project both bounds onto the plane of x and y."""
@@ -517,17 +523,20 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
     arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     arc[-1, 0] = 0.0
 
-    def profile(factor: float) -> Floats:
+    def make_profile(factor: float) -> Floats:
         upper = factor * arc + (0.0, length / 2.0)
-        return np.concatenate([upper[::-1] * (1.0, -1.0), upper[0 if length else 1 :]])
+        lower = upper[::-1] * (1.0, -1.0)
+        if length == 0.0:
+            upper = upper[1:]  # the halves of a ball share the corner at the equator
+        return np.concatenate([lower, upper])
 
     # The polygon of the arc touches the arc from outside, like the polygons of its circles.
-    outer = profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
-    return _revolve_bounds(outer, profile(1.0))
+    outer = make_profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
+    return _revolve_bounds(outer, make_profile(1.0))
 
 
 def _revolve_bounds(outer: Floats, inner: Floats) -> BoundsPair:
-    """Revolve the profiles of an outer and an inner bound, with slack for the rounding."""
+    """Revolve an outer and an inner profile, with slack for rounding."""
     return _revolve(outer * (1.0 + _BOUND_SLACK)), _revolve(inner * (1.0 - _BOUND_SLACK))
 
 
@@ -542,27 +551,30 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
     """
     slack = _BOUND_SLACK + 2.0**-50 * float((1.0 + np.abs(center) / radii).max())
     if slack > _MAX_ELLIPSE_SLACK:
-        rule = (
-            f"it may be at most {_MAX_ELLIPSE_SLACK * 2.0**50:.1g} times the radius along each axis"
-        )
-        raise InputError(
-            "center", f"is {tuple(center.tolist())}", rule, "check the units (metres)", value=center
-        )
-    ring = _ring() * radii
-    return center + _CORNER_RADIUS * (1.0 + slack) * ring, center + (1.0 - slack) * ring
+        problem = f"is {tuple(center.tolist())}"
+        max_ratio = _MAX_ELLIPSE_SLACK * 2.0**50
+        rule = f"it may be at most {max_ratio:.1g} times the radius along each axis"
+        raise InputError("center", problem, rule, "check the units (metres)", value=center)
+    ring = _make_ring() * radii
+    outer = center + _CORNER_RADIUS * (1.0 + slack) * ring
+    inner = center + (1.0 - slack) * ring
+    return outer, inner
 
 
-def _ring() -> Floats:
+def _make_ring() -> Floats:
     """Return a polygon in the unit circle, shape (CIRCLE_SIDES, 2).
 
     Quarter turns map it to itself exactly.
     """
-    angle = np.linspace(0.0, math.pi / 2.0, CIRCLE_SIDES // 4 + 1)
-    cosines = np.append(np.cos(angle)[:-1], 0.0)
-    quarter = np.stack([cosines, cosines[::-1]], axis=1)[:-1]
-    return np.concatenate(
-        [np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTER_TURNS]
-    )
+    angles = np.linspace(0.0, math.pi / 2.0, CIRCLE_SIDES // 4 + 1)
+    cosines = np.cos(angles)
+    cosines[-1] = 0.0
+    sines = cosines[::-1]
+    # The last angle begins the next quarter.
+    x = cosines[:-1]
+    y = sines[:-1]
+    quarters = [np.stack([c * x - s * y, s * x + c * y], axis=1) for c, s in QUARTER_TURNS]
+    return np.concatenate(quarters)
 
 
 def _revolve(profile: Floats) -> Surface:
@@ -573,23 +585,23 @@ def _revolve(profile: Floats) -> Surface:
     surface to itself, bit for bit. So do half turns about the other axes if the profile is its own
     mirror image.
     """
-    ring = _ring()
-    rings = [
-        np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()
-    ]
+    ring = _make_ring()
+    inner_corners = profile[1:-1].tolist()
+    rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in inner_corners]
     poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
+    # Vertices are numbered ring by ring, from the bottom; the poles come last.
+    lower_pole = CIRCLE_SIDES * len(rings)
+    upper_pole = lower_pole + 1
     first = np.arange(CIRCLE_SIDES)
-    count = CIRCLE_SIDES * len(rings)
     second = (first + 1) % CIRCLE_SIDES
+    top_ring = lower_pole - CIRCLE_SIDES
     faces: list[tuple[ArrayLike, ...]] = [
-        (count, second, first),
-        (count + 1, first + count - CIRCLE_SIDES, second + count - CIRCLE_SIDES),
+        (lower_pole, second, first),
+        (upper_pole, top_ring + first, top_ring + second),
     ]
-    for low in range(0, count - CIRCLE_SIDES, CIRCLE_SIDES):
-        above = low + CIRCLE_SIDES
-        faces += [
-            (low + first, low + second, above + second),
-            (low + first, above + second, above + first),
-        ]
+    for low in range(0, top_ring, CIRCLE_SIDES):
+        high = low + CIRCLE_SIDES
+        faces.append((low + first, low + second, high + second))
+        faces.append((low + first, high + second, high + first))
     triangles = [np.stack(np.broadcast_arrays(*corners), axis=1) for corners in faces]
     return np.concatenate([*rings, poles]), np.concatenate(triangles)

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from cspace.raster.boxes import RoundedBoxes
     from cspace.raster.surfaces import SolidSurface
 
-_UNIT_CORNERS, _FACES, _TURNS = boundary_mesh(np.ones((1, 1, 1), dtype=np.bool_), 1.0, np.zeros(3))
-_BOX_TRIANGLES = np.where(_TURNS[:, None] > 0, _FACES, _FACES[:, ::-1])
+_UNIT_CORNERS, _FACES, _WINDINGS = boundary_mesh(np.array([[[True]]]), 1.0, np.zeros(3))
+_BOX_TRIANGLES = np.where(_WINDINGS[:, None] > 0, _FACES, _FACES[:, ::-1])
 """Triangles of a box with the corners `_UNIT_CORNERS`, facing outward."""
 
 
@@ -116,9 +116,8 @@ class Box(ExactShape):
     @property
     def boxes(self) -> Boxes:
         """The box itself."""
-        return Boxes(
-            self.lower[None], self.upper[None], (self.upper - self.lower).max(keepdims=True)
-        )
+        size = (self.upper - self.lower).max(keepdims=True)
+        return Boxes(self.lower[None], self.upper[None], size)
 
     @property
     def surface(self) -> Surface:
@@ -175,18 +174,12 @@ class Voxels(ExactShape):
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
             rule = "at least one cell must be occupied"
-            raise GeometryError(
-                "occupied",
-                "holds no True cell",
-                rule,
-                "set the cells that it fills",
-                value=occupied,
-            )
+            hint = "set the cells that it fills"
+            raise GeometryError("occupied", "holds no True cell", rule, hint, value=occupied)
         side = check_positive(spacing, "spacing")
-        corner = check_point(
-            (0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim
-        )
-        return cls(bitmap, side, corner)
+        if lower is None:
+            lower = np.zeros(bitmap.ndim)
+        return cls(bitmap, side, check_point(lower, "lower", dim=bitmap.ndim))
 
     @property
     def span(self) -> float:
@@ -196,10 +189,10 @@ class Voxels(ExactShape):
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the bounding box, shape (dim,) each."""
-        used = np.argwhere(self.occupied)
-        return self.lower + self.side * used.min(axis=0), self.lower + self.side * (
-            used.max(axis=0) + 1
-        )
+        cells = np.argwhere(self.occupied)
+        lower = self.lower + self.side * cells.min(axis=0)
+        upper = self.lower + self.side * (cells.max(axis=0) + 1)
+        return lower, upper
 
     @property
     def measure(self) -> float:
@@ -221,15 +214,17 @@ class Voxels(ExactShape):
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
-        nowhere = np.full(len(boxes.radii), np.inf)
-        outer, _ = rounded_rasters(boxes, spacing, np.full(len(boxes.radii), margin), nowhere)
-        starts = [
+        outward = np.full(len(boxes.radii), margin)
+        no_inner = np.full(len(boxes.radii), np.inf)
+        outer, _ = rounded_rasters(boxes, spacing, outward, no_inner)
+        # Offsets of the raster along each axis, from the corner of the first cell.
+        offsets = [
             low + np.arange(count, dtype=np.float64) - corner
             for low, count, corner in zip(
                 outer.lower, outer.cells.shape, self.lower / spacing, strict=True
             )
         ]
-        inside = boxes_within_cells(self.occupied, starts, 0.0, self.side / spacing)
+        inside = boxes_within_cells(self.occupied, offsets, 0.0, self.side / spacing)
         return outer, Raster.from_bitmap(inside, outer.lower)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
@@ -246,10 +241,12 @@ class Voxels(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
+        # Points outside fall into the padding, which is empty.
         padded = np.pad(self.occupied, 1)
         cells = np.floor((array - self.lower) / self.side) + 1.0
         cells = np.clip(cells, 0, np.array(padded.shape) - 1).astype(np.int64)
-        return np.asarray(padded[tuple(np.moveaxis(cells, -1, 0))])
+        indices = tuple(np.moveaxis(cells, -1, 0))
+        return np.asarray(padded[indices])
 
     def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments in the plane, or triangles in space."""
@@ -264,14 +261,19 @@ class Voxels(ExactShape):
         if self.dim == 2:
             return super().boxes
         labels, _ = scipy.ndimage.label(self.occupied)
-        boxes = scipy.ndimage.find_objects(labels)
-        longest = np.array([max(part.stop - part.start for part in box) for box in boxes])
+        extents_of_parts = [
+            max(cells.stop - cells.start for cells in box)
+            for box in scipy.ndimage.find_objects(labels)
+        ]
         lows, highs = cover_with_boxes(self.occupied, 1.0, np.zeros(3))
-        sizes = self.side * longest[labels[tuple(lows.astype(np.int64).T)] - 1]
+        x, y, z = lows.astype(np.int64).T
+        part_of_boxes = labels[x, y, z] - 1
+        sizes = self.side * np.array(extents_of_parts)[part_of_boxes]
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property
     def _segments(self) -> Floats:
+        """Boundary of the cells in the plane, shape (E, 4), metres."""
         return boundary_segments(self.occupied, self.side, self.lower)
 
     @cached_property
@@ -305,10 +307,8 @@ class Voxels(ExactShape):
         """Boundary triangles, for drawing."""
         if self.dim == 2:
             return super().surface
-        triangles = self.boundary().simplices
-        return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(
-            -1, 3
-        )
+        vertices = self.boundary().simplices.reshape(-1, 3)
+        return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
     def project_to_plane(self) -> Voxels:
         """Project the cells onto the plane of x and y."""
@@ -318,17 +318,19 @@ class Voxels(ExactShape):
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return transformed rows; see ``Shape.transform_features``."""
-        low = self.lower + self.side * np.argwhere(self.occupied)
-        high = self.lower + self.side * (np.argwhere(self.occupied) + 1)
+        cells = np.argwhere(self.occupied)
+        low = self.lower + self.side * cells
+        high = self.lower + self.side * (cells + 1)
         corners = np.stack([low, high]) @ matrix.T
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
     def spec(self) -> dict[str, object]:
         """Plain values for :meth:`from_spec`."""
+        bits = np.packbits(self.occupied).tobytes()
         return {
             "kind": self.kind,
-            "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
+            "bits": base64.b64encode(bits).decode(),
             "shape": list(self.occupied.shape),
             "spacing": self.side,
             "lower": self.lower.tolist(),
@@ -338,6 +340,6 @@ class Voxels(ExactShape):
     def from_spec(cls, spec: Mapping[str, Any]) -> Voxels:
         """Make the cells of a :attr:`spec`."""
         shape = tuple(int(n) for n in spec["shape"])
-        bits = np.frombuffer(base64.b64decode(spec["bits"], validate=True), dtype=np.uint8)
-        bitmap = np.unpackbits(bits, count=math.prod(shape)).astype(np.bool_).reshape(shape)
-        return cls.of(bitmap, spec["spacing"], spec["lower"])
+        packed = np.frombuffer(base64.b64decode(spec["bits"], validate=True), dtype=np.uint8)
+        bits = np.unpackbits(packed, count=math.prod(shape))
+        return cls.of(bits.astype(np.bool_).reshape(shape), spec["spacing"], spec["lower"])

@@ -36,17 +36,19 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     the sum of the energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the
     smallest ball.
     """
-    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)
-    energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
-    above = np.cumsum(energy[::-1])[::-1] * k[1]
+    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)  # cycles per radius
+    spectrum = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)
+    densities = spectrum(k) ** 2 * sphere_measure(k, a.dim)
+    energies_above = np.cumsum(densities[::-1])[::-1] * k[1]
     all_radii = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
-    tails = [
-        balls.radii**a.dim @ np.interp(np.outer(balls.radii, frequencies), k, above)
+    tail_a, tail_b = (
+        balls.radii**a.dim @ np.interp(np.outer(balls.radii, frequencies), k, energies_above)
         for balls in (a, b)
-    ]
-    is_enough = np.sqrt(tails[0]) * np.sqrt(tails[1]) <= bound
-    return float(frequencies[np.argmax(is_enough)] if is_enough.any() else frequencies[-1])
+    )
+    is_enough = np.sqrt(tail_a) * np.sqrt(tail_b) <= bound
+    is_enough[-1] = True
+    return float(frequencies[np.argmax(is_enough)])
 
 
 class Rings(NamedTuple):
@@ -71,14 +73,15 @@ class Rings(NamedTuple):
         """Build rings, each one cycle wide in the longest period."""
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
-        half = box[len(box) // 2 :]
-        moduli = np.linalg.norm(half / lengths, axis=1)
-        ring = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
-        order = np.argsort(ring, kind="stable")
-        counts = np.bincount(ring)
-        starts = np.concatenate([[0], np.cumsum(counts[counts > 0])])
-        indices = np.ascontiguousarray(half[order])
-        twice = np.where(np.arange(len(order)) > 0, 2.0, 1.0)
+        stored = box[len(box) // 2 :]  # the middle one is frequency zero
+        moduli = np.linalg.norm(stored / lengths, axis=1)
+        ring_numbers = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
+        order = np.argsort(ring_numbers, kind="stable")
+        ring_sizes = np.bincount(ring_numbers)
+        starts = np.append(0, np.cumsum(ring_sizes[ring_sizes > 0]))
+        indices = np.ascontiguousarray(stored[order])
+        twice = np.full(len(order), 2.0)
+        twice[0] = 1.0
         return cls(lengths, halves, indices, moduli[order], twice, starts)
 
     @property
@@ -92,7 +95,7 @@ class Rings(NamedTuple):
         return float(np.prod(self.lengths))
 
     def sums(self, values: Floats) -> Floats:
-        """Sum values, in ring order, over each ring."""
+        """Sum values, given in ring order, over each ring."""
         return np.asarray(np.add.reduceat(values, self.starts[:-1]))
 
     def to_rings(self, box: Complexes) -> Complexes:
@@ -107,7 +110,7 @@ class Rings(NamedTuple):
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
-        """Return flat indices in numpy's order, or those of opposite frequencies."""
+        """Return flat indices in numpy's order of the frequencies times ``sign``."""
         columns = sign * self.indices.T.astype(np.int64)
         return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
 
@@ -132,23 +135,30 @@ class Spectrum(NamedTuple):
         weights: Floats | None = None,
     ) -> Spectrum:
         """Compute the spectrum of balls about a point, times ``weights``, at most 1."""
-        shape = balls.centers - center, balls.radii, balls.bump, rings.lengths, rings.counts
-        box = ball_spectrum(*shape, accuracy, weights=weights)
-        moved = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
-        error = balls.integral * (
-            2.0 * accuracy + 2.0 * math.pi * float(rings.moduli.max()) * moved
+        box = ball_spectrum(
+            balls.centers - center,
+            balls.radii,
+            balls.bump,
+            rings.lengths,
+            rings.counts,
+            accuracy,
+            weights=weights,
         )
-        return cls(rings.to_rings(box), error)
+        rounding = PLACEMENT_ROUNDING * (balls.span + float(np.abs(center).max()))
+        phase_error = 2.0 * math.pi * float(rings.moduli.max()) * rounding
+        return cls(rings.to_rings(box), balls.integral * (2.0 * accuracy + phase_error))
 
     def tail(self, rings: Rings, norm: tuple[float, float]) -> float:
         """Return an upper bound of the energy outside the band.
 
-        By Parseval's theorem, that is :func:`norm_square` minus the energy in the band.
+        By Parseval's theorem, that is the whole energy minus the energy in the band. ``norm`` is
+        the result of :func:`cspace.spectral.pairs.norm_square`.
         """
         moduli = np.abs(self.values)
-        total, off = norm
-        inside = float((rings.twice * moduli * (moduli - 2.0 * self.error)).sum()) / rings.volume
-        return max(0.0, total - inside) + off + 2.0**-44 * total
+        total, total_error = norm
+        squares = moduli * (moduli - 2.0 * self.error)  # lower bounds
+        inside = float((rings.twice * squares).sum()) / rings.volume
+        return max(0.0, total - inside) + total_error + 2.0**-44 * total
 
 
 class Terms(NamedTuple):
@@ -180,16 +190,17 @@ class Terms(NamedTuple):
         errors = weights * (
             moduli_a * second.error + moduli_b * first.error + first.error * second.error
         )
-        per_ring = rings.sums(moduli)
+        moduli_per_ring = rings.sums(moduli)
         errors_per_ring = rings.sums(errors)
-        after = np.cumsum((per_ring + errors_per_ring)[::-1])[::-1]
+        remaining = np.cumsum((moduli_per_ring + errors_per_ring)[::-1])[::-1]
         # The phase k t / L of an axis has an error of a few units times k. Sums add one unit per
         # term and per ring.
         counts = np.diff(rings.starts)
         units = 64.0 + counts + len(counts) + 8.0 * sum(rings.halves)
-        moved = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
-        before = np.cumsum(errors_per_ring + ROUNDING_UNIT * units * per_ring + moved)
-        bounds = BOUND_ROUNDING * (np.append(after, 0.0) + tail + np.append(0.0, before))
+        rounding = ROUNDING_UNIT * units * moduli_per_ring
+        placement_errors = 2.0 * math.pi * far * rings.sums(rings.moduli * (moduli + errors))
+        summed = np.cumsum(errors_per_ring + rounding + placement_errors)
+        bounds = BOUND_ROUNDING * (np.append(remaining, 0.0) + tail + np.append(0.0, summed))
         return cls(products, bounds, rings)
 
 
@@ -198,21 +209,22 @@ class Terms(NamedTuple):
 
 @allocating
 def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[Bytes, Ints, Floats]:
-    """Sum ring after ring until the sum decides, for each placement (n, d).
+    """Sum overlaps ring by ring until they are proven below or above a threshold.
 
-    A placement, metres, is the center of A relative to the center of B. Returns verdicts (n,): MISS
-    or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold of NaN; the numbers
-    of frequencies summed (n,); and the sums with their bounds (n, 2).
+    Placements (n, d), metres, are those of the center of A relative to the center of B. Returns
+    verdicts (n,): MISS or HIT if the sum and its bound prove it, else UNDECIDED, as for a threshold
+    of NaN; the numbers of frequencies summed (n,); and the sums with their bounds (n, 2).
     """
     products = terms.products
     indices = terms.rings.indices
     starts = terms.rings.starts
     number, dim = placements.shape
-    middle = max(terms.rings.halves)
+    zero = max(terms.rings.halves)
     verdicts = np.full(number, UNDECIDED, dtype=np.uint8)
     counts = np.empty(number, np.int64)
     sums = np.empty((number, 2))
-    phases = np.empty((dim, 2 * middle + 1), np.complex128)  # exp(2 pi i k t / L) at middle + k
+    # waves[axis, zero + k] is exp(2 pi i k t / L) along an axis.
+    waves = np.empty((dim, 2 * zero + 1), np.complex128)
     for n in range(number):
         for axis in range(dim):
             share = placements[n, axis] / terms.rings.lengths[axis]
@@ -220,16 +232,17 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
                 # Each factor is computed on its own, so that errors do not accumulate.
                 turns = k * share
                 angle = 2.0 * math.pi * (turns - round(turns))
-                value = complex(math.cos(angle), math.sin(angle))
-                phases[axis, middle + k] = value
-                phases[axis, middle - k] = value.conjugate()
+                wave = complex(math.cos(angle), math.sin(angle))
+                waves[axis, zero + k] = wave
+                waves[axis, zero - k] = wave.conjugate()
         total = 0.0
         for ring in range(len(starts) - 1):
             for term in range(starts[ring], starts[ring + 1]):
-                phase = phases[0, middle + indices[term, 0]] * phases[1, middle + indices[term, 1]]
+                product = products[term]
+                wave = waves[0, zero + indices[term, 0]] * waves[1, zero + indices[term, 1]]
                 if dim == 3:
-                    phase *= phases[2, middle + indices[term, 2]]
-                total += products[term].real * phase.real - products[term].imag * phase.imag
+                    wave *= waves[2, zero + indices[term, 2]]
+                total += product.real * wave.real - product.imag * wave.imag
             bound = terms.bounds[ring + 1]
             if total + bound < threshold:
                 verdicts[n] = MISS

@@ -123,9 +123,10 @@ class Bump:
         if self.is_indicator:
             return (distance < 1.0).astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
+            logarithms = np.log(np.minimum(distance, 1.0))
             # expm1 avoids the cancellation in s^-alpha - 1; it is infinite at s = 0, and +0 from s
             # = 1 on.
-            powers = np.expm1(0.0 - self.alpha * np.log(np.minimum(distance, 1.0)))
+            powers = np.expm1(0.0 - self.alpha * logarithms)
             return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
@@ -148,10 +149,9 @@ class Bump:
         value is not usable, as the returned function does for frequencies above ``max_frequency``.
         """
         check_word(dim, "dim", (2, 3))
-        highest = math.ceil(
-            _check_frequency(check_not_negative(max_frequency, "max_frequency"), "max_frequency")
-        )
-        return _table(self, dim, highest, check_tolerance(tolerance))
+        check_not_negative(max_frequency, "max_frequency")
+        highest = _check_frequency(max_frequency, "max_frequency")
+        return _table(self, dim, math.ceil(highest), check_tolerance(tolerance))
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
         """Integrate ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
@@ -162,20 +162,23 @@ class Bump:
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not
         converge.
         """
-        a = np.array([check_positive(first, "first")])
-        b = np.array([check_positive(second, "second")])
-        gap = np.array([check_not_negative(distance, "distance")])
+        first_radii = np.array([check_positive(first, "first")])
+        second_radii = np.array([check_positive(second, "second")])
+        distances = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
-        return float(pair_integrals(self, a, b, gap, dim)[0][0])
+        integrals, _ = pair_integrals(self, first_radii, second_radii, distances, dim)
+        return float(integrals[0])
 
 
 def check_bump(bump: Any) -> Bump:
-    """Return the bump, or ``Bump()`` for None."""
-    if bump is not None and not isinstance(bump, Bump):
+    """Return a bump, or ``Bump()`` for None; raise InputError otherwise."""
+    if bump is None:
+        return Bump()
+    if not isinstance(bump, Bump):
         raise InputError(
             "bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump
         )
-    return Bump() if bump is None else bump
+    return bump
 
 
 def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> float:
@@ -201,20 +204,20 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
 
 @lru_cache(maxsize=16)
 def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
-    """Return the table of a bump, from the cache if recent."""
-    return RadialTable(
-        radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim),
-        max_frequency,
-    )
+    """Tabulate the spectrum of a bump, with a cache of recent tables."""
+    frequencies = table_points(max_frequency, 0.5 * tolerance)
+    return RadialTable(radial_transform(bump.values, frequencies, dim), max_frequency)
 
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
     """Return ``2 count + 1`` nodes and weights of a quadrature on [0, 1]."""
-    u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
-    down = np.exp(-math.pi * np.sinh(u))
-    nodes = 1.0 / (1.0 + down)
-    return nodes, MAX_ABSCISSA / count * math.pi * np.cosh(u) * nodes * (down * nodes)
+    step = MAX_ABSCISSA / count
+    u = step * np.arange(-count, count + 1)
+    decay = np.exp(-math.pi * np.sinh(u))
+    nodes = 1.0 / (1.0 + decay)
+    complements = decay * nodes  # 1 - nodes, without cancellation
+    return nodes, step * math.pi * np.cosh(u) * nodes * complements
 
 
 def pair_integrals(
@@ -236,11 +239,12 @@ def pair_integrals(
     if len(sizes) <= 8:
         return _converged_integrals(bump, first, second, distances, dim)
     # Compare a coarse and a fine quadrature rule on all pairs at once.
-    rough, values = (
+    coarse_values, values = (
         product_integrals(bump.values, first, second, distances, dim, count)
         for count in BATCH_RULE_SIZES
     )
-    worst = SAFETY_FACTOR * float((np.abs(rough - values) / sizes).max())
+    differences = np.abs(coarse_values - values) / sizes
+    worst = SAFETY_FACTOR * float(differences.max())
     # Both rules may round alike, so their difference misses rounding; 2^-46 allows for that of the
     # sums.
     return values, worst * sizes + 2.0**-46 * values
@@ -254,7 +258,8 @@ def _converged_integrals(
     previous = np.full(len(first), math.nan)
     for count in (48, 96, 192, 384):  # nodes of the rule
         values = product_integrals(bump.values, first, second, distances, dim, count)
-        if (np.abs(values - previous) <= PAIR_TOLERANCE * np.maximum(values, floors)).all():
+        tolerances = PAIR_TOLERANCE * np.maximum(values, floors)
+        if (np.abs(values - previous) <= tolerances).all():
             return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + floors
         previous = values
     rule = "the integrals of two bumps must converge"
@@ -278,10 +283,10 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     """
     from scipy.special import j0
 
-    # Frequencies of an octave share a rule, because higher frequencies need more nodes.
     kernel = {2: lambda x: j0(math.pi * x), 3: np.sinc}[dim]
     flat = np.ravel(frequencies)
     result = np.empty(flat.shape)
+    # Frequencies of an octave share a rule, because higher frequencies need more nodes.
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
@@ -290,10 +295,10 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
         count = math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
         s, weights = double_exponential_rule(count)
         measure = weights * function(s) * sphere_measure(s, dim)
-        for part in np.array_split(
-            rows, math.ceil(len(rows) * len(s) / 2**21)
-        ):  # to bound the memory
-            result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
+        # Blocks of rows bound the memory.
+        blocks = math.ceil(len(rows) * len(s) / 2**21)
+        for block in np.array_split(rows, blocks):
+            result[block] = kernel(2.0 * np.outer(flat[block], s)) @ measure
     return result.reshape(np.shape(frequencies))
 
 
@@ -314,19 +319,16 @@ class RadialTable:
     def __call__(self, frequencies: Floats) -> Floats:
         """Interpolate the spectrum; raises InputError above the table."""
         k = np.asarray(frequencies, dtype=np.float64)
-        if k.size and not (
-            k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + 1e-9) + 1e-9
-        ):  # for rounding
+        highest = self.max_frequency * (1.0 + 1e-9) + 1e-9  # for rounding
+        if k.size and not (k.min() >= 0.0 and k.max() <= highest):
             problem = f"reach from {k.min():g} to {k.max():g}"
             rule = f"the table ends at {self.max_frequency:g}"
             raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
-        interval = np.minimum(
-            (k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1
-        )
-        x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
-        return np.asarray(
-            np.polynomial.chebyshev.chebval(x, self._coefficients[:, interval], tensor=False)
-        )
+        last = self._coefficients.shape[1] - 1
+        interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), last)
+        x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)  # from -1 to 1 in each interval
+        coefficients = self._coefficients[:, interval]
+        return np.asarray(np.polynomial.chebyshev.chebval(x, coefficients, tensor=False))
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:
@@ -335,11 +337,12 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
     The last interval may end above ``max_frequency``. The tolerance is the interpolation error
     relative to the value at 0; the error of the spectrum itself adds to it.
     """
-    nodes = TABLE_HALF_WIDTH * (
-        1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH))
-    )
-    intervals = max(1, math.ceil(max_frequency / (2.0 * TABLE_HALF_WIDTH)))
-    return np.asarray(2.0 * TABLE_HALF_WIDTH * np.arange(intervals)[:, None] + nodes)
+    width = 2.0 * TABLE_HALF_WIDTH
+    count = count_nodes(tolerance, math.pi * width)
+    offsets = TABLE_HALF_WIDTH * (1.0 + chebyshev_nodes(count))
+    intervals = max(1, math.ceil(max_frequency / width))
+    starts = width * np.arange(intervals)
+    return np.asarray(starts[:, None] + offsets)
 
 
 def count_nodes(tolerance: float, phase: float) -> int:
@@ -351,7 +354,8 @@ def count_nodes(tolerance: float, phase: float) -> int:
     from scipy.special import jv
 
     terms = np.abs(jv(np.arange(int(2.0 * phase) + 80), phase))
-    return int(np.argmax(4.0 * np.cumsum(terms[::-1])[::-1] <= tolerance))
+    sums_from_degree = np.cumsum(terms[::-1])[::-1]
+    return int(np.argmax(4.0 * sums_from_degree <= tolerance))
 
 
 def chebyshev_nodes(count: int) -> Floats:
@@ -380,8 +384,8 @@ def product_integrals(
     one rule. All arrays have shape (n,). The rule uses polar coordinates around the center of the
     smaller ball, in units of its radius, over the part inside the other ball,
 
-        integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D
-        cos(theta).
+        integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,
+        rho^2 = s^2 + D^2 - 2 s D cos(theta).
 
     The interval of s is cut at the other center, and at the radius from which the other ball covers
     only some directions. Each piece has ``2 count + 1`` nodes.
@@ -392,32 +396,36 @@ def product_integrals(
     radii = large / small
     gaps = distance / small
     x, weights = double_exponential_rule(count)
+    # Arrays over the borders or pieces, the pairs and the nodes of s.
     first = np.clip(gaps - radii, 0.0, 1.0)
     cuts = [np.clip(cut, first, 1.0) for cut in (gaps, radii - gaps)]
     borders = np.sort([first, *cuts, np.ones_like(first)], axis=0)[..., None]
+    lengths = np.diff(borders, axis=0)
     # Measure from the near side of the lens, so that thin lenses keep their digits.
-    rise = (borders[:-1] - first[:, None]) + np.diff(borders, axis=0) * x
+    rise = (borders[:-1] - first[:, None]) + lengths * x
     radial = first[:, None] + rise
-    mass = np.diff(borders, axis=0) * weights * function(radial) * radial ** (dim - 1)
+    mass = lengths * weights * function(radial) * radial ** (dim - 1)
+    # Keep the nodes with a weight, in one row.
     positive = np.nonzero(mass)
     mass = mass[positive]
     rise = rise[positive]
     radial = radial[positive]
-    pairs = positive[1]
+    _, pairs, _ = positive
     totals = np.zeros(len(gaps))
-    for part in np.array_split(
-        np.arange(len(mass)), math.ceil(len(mass) * len(x) / 2**14) or 1
-    ):  # fits into the cache
-        s = radial[part]
-        gap = gaps[pairs[part]]
-        radius = radii[pairs[part]]
-        depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
+    blocks = math.ceil(len(mass) * len(x) / 2**14) or 1  # a block fits into the cache
+    for block in np.array_split(np.arange(len(mass)), blocks):
+        pair = pairs[block]
+        s = radial[block]
+        gap = gaps[pair]
+        radius = radii[pair]
+        depth = np.where(first[pair] > 0.0, rise[block], radius + s - gap)
         with np.errstate(divide="ignore", over="ignore"):  # coinciding centers cover all directions
-            covered = np.clip(depth * (radius + gap - s) / (4.0 * s * gap), 0.0, 1.0)[:, None]
-        sines, densities = _direction_rule(covered, x, dim)
-        square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * sines
-        values = function(np.sqrt(square) / radius[:, None]) * densities
-        totals += np.bincount(pairs[part], mass[part] * (values @ weights), len(gaps))
+            covered = np.clip(depth * (radius + gap - s) / (4.0 * s * gap), 0.0, 1.0)
+        half_sine_squares, densities = _direction_rule(covered[:, None], x, dim)
+        # The law of cosines, without cancellation.
+        squares = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * half_sine_squares
+        values = function(np.sqrt(squares) / radius[:, None]) * densities
+        totals += np.bincount(pair, mass[block] * (values @ weights), len(gaps))
     return np.asarray(totals * small**dim)
 
 
@@ -430,10 +438,11 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
     """
     if dim == 3:
         return covered * x, 4.0 * math.pi * covered
-    last = np.sqrt(covered) / (1.0 + np.sqrt(1.0 - covered))
-    quarter = last * x
-    share = 1.0 / (1.0 + quarter * quarter)
-    return np.asarray((2.0 * quarter * share) ** 2), np.asarray(8.0 * last * share)
+    largest_tangent = np.sqrt(covered) / (1.0 + np.sqrt(1.0 - covered))
+    tangents = largest_tangent * x
+    cosine_squares = 1.0 / (1.0 + tangents * tangents)
+    half_sines = 2.0 * tangents * cosine_squares
+    return np.asarray(half_sines**2), np.asarray(8.0 * largest_tangent * cosine_squares)
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
@@ -446,19 +455,18 @@ def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
             spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
             lens = np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
         else:
-            share = (
-                b - a
-            ) / distance  # divided before multiplying, because the product may underflow
-            lens = _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(
-                b, 0.5 * depth * (1.0 - share)
-            )
-    small_ball = UNIT_BALL_VOLUME[dim] * small**dim
-    return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), small_ball, lens))
+            share = (b - a) / distance  # first, because a product may underflow
+            lens = _segment_area(a, 0.5 * depth * (1.0 + share))
+            lens += _segment_area(b, 0.5 * depth * (1.0 - share))
+    lens = np.where(distance <= np.abs(a - b), UNIT_BALL_VOLUME[dim] * small**dim, lens)
+    return np.where(distance >= a + b, 0.0, lens)
 
 
 def _segment_area(radius: Floats, height: Floats) -> Floats:
     """Return areas of disc segments, accurate also for flat ones."""
     angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
-    series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
-    small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)
-    return np.asarray(0.5 * radius**2 * np.where(angle > 0.25, angle - np.sin(angle), small))
+    # For a small angle, the Taylor series of angle - sin(angle) avoids the cancellation.
+    coefficients = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
+    series = angle**3 * np.polynomial.polynomial.polyval(angle * angle, coefficients)
+    difference = np.where(angle > 0.25, angle - np.sin(angle), series)
+    return np.asarray(0.5 * radius**2 * difference)

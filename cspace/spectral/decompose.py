@@ -88,17 +88,20 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the union's volume over the shape's."""
-        low, high = self.shape_measure
-        lower, upper = self.measure
-        return Bounds(
-            lower / high if high > 0.0 else math.inf, upper / low if low > 0.0 else math.inf
-        )
+        """Bounds of the area or volume of the balls divided by that of the shape."""
+        shape_low, shape_high = self.shape_measure
+        lower = upper = math.inf
+        if shape_high > 0.0:
+            lower = self.measure.lower / shape_high
+        if shape_low > 0.0:
+            upper = self.measure.upper / shape_low
+        return Bounds(lower, upper)
 
     @property
     def volume_ratio(self) -> float:
         """Mean of the bounds in :attr:`volume_bounds`."""
-        return sum(self.volume_bounds) / 2.0
+        lower, upper = self.volume_bounds
+        return (lower + upper) / 2.0
 
 
 MAX_CANDIDATES: Final = 6_000
@@ -159,13 +162,8 @@ def decompose(
     if (number is None) == (tolerance is None):
         problem = f"is {number!r} and tolerance is {tolerance!r}"
         rule = "exactly one of them chooses the balls"
-        raise InputError(
-            "number",
-            problem,
-            rule,
-            "pass e.g. number=64, or tolerance=0.01 in metres",
-            value=number,
-        )
+        hint = "pass e.g. number=64, or tolerance=0.01 in metres"
+        raise InputError("number", problem, rule, hint, value=number)
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
@@ -177,9 +175,10 @@ def decompose(
         rule = "its lattice needs a finite size"
         raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
-    lattice = (
-        Lattice.for_count(region, count) if count else Lattice.for_tolerance(region, length or 0.0)
-    )
+    if count:
+        lattice = Lattice.for_count(region, count)
+    else:
+        lattice = Lattice.for_tolerance(region, length or 0.0)
     centers, radii, gap = choose_balls(lattice, count, length)
     order = np.argsort(-radii, kind="stable")
     centers = frozen(centers[order])
@@ -217,12 +216,13 @@ def _fill_shape(
         rule = "inner balls need an inside"
         raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
     gap = bound_shape_to_balls(lattice, centers, radii)[:2]
-    if tolerance is not None and gap[1] > tolerance:
+    low, high = gap
+    if tolerance is not None and high > tolerance:
         # All cells may lie in the balls grown by less than the tolerance.
         if is_proven and inside_shape.all():
-            return centers, radii, (min(gap[0], tolerance), tolerance)
+            return centers, radii, (min(low, tolerance), tolerance)
         problem = (
-            f"is {tolerance:g} m, but {len(radii)} balls are proven within {gap[1]:g} m of the "
+            f"is {tolerance:g} m, but {len(radii)} balls are proven within {high:g} m of the "
             "shape only"
         )
         rule = "parts thinner than the lattice have no balls"
@@ -249,13 +249,8 @@ def _cover_shape(
     if not is_whole:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
-        raise InputError(
-            name,
-            problem,
-            "their union must contain the shape",
-            f"pass a larger {name}",
-            value=value,
-        )
+        rule = "their union must contain the shape"
+        raise InputError(name, problem, rule, f"pass a larger {name}", value=value)
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
     # their cells and no ball sticks out too far.
@@ -266,8 +261,9 @@ def _cover_shape(
         # it is smooth, so they are tried too.
         centers, depths, growths = _nearest_balls(lattice, _fill_greedily(lattice, number), balls)
         radii = (depths + growths) * (1.0 + 2.0**-40)
-        centers = centers[radii > 0.0]
-        radii = radii[radii > 0.0]
+        is_needed = radii > 0.0
+        centers = centers[is_needed]
+        radii = radii[is_needed]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
@@ -278,38 +274,41 @@ def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Fl
     centers (n, d) and radii (n,) in metres, negative outside the shape, and the growth of each ball
     with which all cover the shape (n,). Without any choice, n is 0.
     """
-    best = math.inf
-    found: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), *np.empty((2, 0))
+    smallest = math.inf
+    none = np.empty(0)
+    best: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), none, none
     for choice in choices:
         if not len(choice.centers):
             continue
         centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
         _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
-        if distance < best:
-            best = distance
-            found = (centers, depths, growths)
-    return found
+        if distance < smallest:
+            smallest = distance
+            best = (centers, depths, growths)
+    return best
 
 
 def _inner_candidates(lattice: Lattice) -> LatticeBalls:
     """List candidate balls in the shape."""
-    inside = _medial_balls(lattice)
-    inside = inside.select(inside.depths > 0.0)
-    return inside if len(inside.depths) else _deepest_points(lattice, lattice.cell_centers)
+    balls = _medial_balls(lattice)
+    inside = balls.select(balls.depths > 0.0)
+    if not len(inside.depths):  # the shape is thinner than a cell
+        return _deepest_points(lattice, lattice.cell_centers)
+    return inside
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     """Choose at most ``number`` balls that contain many cell centers."""
     inside = _inner_candidates(lattice)
     cells = CellCounts.of(lattice, whole=False)
-    border = lattice.region.inner
+    boundary = lattice.region.inner
     chosen = choose(cells, inside.centers, inside.reaches, number)
     if not len(chosen):  # the shape is so thin that it contains no cell center
         chosen = np.argsort(-inside.depths)[:number]
     balls = inside.select(chosen)
-    frame = lattice.corner, lattice.side, border.error
-    polish(cells, border.tree, balls.centers, balls.depths, *frame)
+    frame = lattice.corner, lattice.side, boundary.error
+    polish(cells, boundary.tree, balls.centers, balls.depths, *frame)
     return balls
 
 
@@ -321,19 +320,19 @@ def _cover_with(
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found.
     """
-    bad = 1.001 * lattice.diagonal
-    good = 2.0 * lattice.region.size / lattice.side
-    best, is_whole = _choose_cover(lattice, candidates, good, inside=inside, max_balls=number)
+    too_small = 1.001 * lattice.diagonal
+    enough = 2.0 * lattice.region.size / lattice.side
+    best, is_whole = _choose_cover(lattice, candidates, enough, inside=inside, max_balls=number)
     for _ in range(12):
-        if not is_whole or good < 1.02 * bad:
+        if not is_whole or enough < 1.02 * too_small:
             break
-        length = math.sqrt(good * bad)
-        balls, fits = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
-        if fits:
+        length = math.sqrt(enough * too_small)
+        balls, covers = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
+        if covers:
             best = balls
-            good = length
+            enough = length
         else:
-            bad = length
+            too_small = length
     return best, is_whole
 
 
@@ -353,16 +352,17 @@ def _choose_cover(
     cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
     offered = candidates
+    find_balls = _deepest_points if inside else _balls_around
     # Cells that the candidates leave open get balls of their own.
     for _ in range(2):
         offered = offered._replace(reaches=offered.depths + reach)
-        more = max_balls - len(balls.reaches)
-        chosen = choose(cells, offered.centers, offered.reaches, more)
+        max_more = max_balls - len(balls.reaches)
+        chosen = choose(cells, offered.centers, offered.reaches, max_more)
         balls = balls.append(offered.select(chosen))
-        rest = cells.open_cells
-        if not len(rest) or len(balls.reaches) == max_balls:
+        open_cells = cells.open_cells
+        if not len(open_cells) or len(balls.reaches) == max_balls:
             break
-        offered = _deepest_points(lattice, rest) if inside else _balls_around(lattice, rest)
+        offered = find_balls(lattice, open_cells)
     return cells.trim(balls), not len(cells.open_cells)
 
 
@@ -376,7 +376,7 @@ def _balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
 
 
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
-    """List the balls that no neighboring ball contains.
+    """List the largest balls around cell centers that no neighboring ball contains.
 
     They lie along the medial axis of the shape. Growing all balls by one length does not change
     which balls contain others.
@@ -399,34 +399,40 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
     }
     is_medial = ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
     balls = _balls_around(lattice, lattice.cell_centers[is_medial])
+    number = len(balls.depths)
+    if not number:
+        return balls
     # Thin out the candidates evenly, but keep the largest ball.
-    kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
-    if len(kept):
-        kept[np.argmax(balls.depths)] = True
-    return balls.select(kept)
+    is_kept = np.zeros(number, dtype=np.bool_)
+    is_kept[:: math.ceil(number / MAX_CANDIDATES)] = True
+    is_kept[np.argmax(balls.depths)] = True
+    return balls.select(is_kept)
 
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return a ball around a deep point of each cell, if any."""
-    points = _balls_around(lattice, cells[:0])
-    for cuts in (1, 2, 4, 8, 16):  # parts per side of a cell
+    """Return a ball in the shape for each cell in which a point of the shape is found.
+
+    ``cells`` are cell centers, shape (n, 3).
+    """
+    balls = _balls_around(lattice, np.empty((0, 3)))
+    for parts in (1, 2, 4, 8, 16):  # per side of a cell
         if not len(cells):
             break
-        ticks = [
-            (np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half
-        ]
-        trials = cells[:, None] + np.array(list(product(*ticks)))
-        balls = _balls_around(lattice, trials.reshape(-1, 3))
-        number = trials.shape[1]
-        best = balls.depths.reshape(-1, number).argmax(axis=1) + number * np.arange(len(cells))
-        deepest = balls.select(best)
-        points = points.append(deepest.select(deepest.depths > 0.0))
-        cells = cells[deepest.depths <= 0.0]
-    return points
+        offsets = (np.arange(parts) + 0.5) / parts - 0.5
+        axes = [offsets if half else np.zeros(1) for half in lattice.half]
+        points = cells[:, None] + np.array(list(product(*axes)))
+        depths = lattice.depths_at(points.reshape(-1, 3)).reshape(points.shape[:2])
+        rows = np.arange(len(cells))
+        best = depths.argmax(axis=1)
+        deepest = LatticeBalls(points[rows, best], depths[rows, best], depths[rows, best])
+        is_inside = deepest.depths > 0.0
+        balls = balls.append(deepest.select(is_inside))
+        cells = cells[~is_inside]
+    return balls
 
 
 class LatticeBalls(NamedTuple):
-    """Balls in lattice coordinates, in sides of a cell.
+    """Balls in lattice coordinates, in units of the side of a cell.
 
     ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center
     in the shape, and ``reaches``, shape (n,), the radii.
@@ -442,7 +448,11 @@ class LatticeBalls(NamedTuple):
 
     def append(self, other: LatticeBalls) -> LatticeBalls:
         """Return these balls, followed by others."""
-        return LatticeBalls(*map(np.concatenate, zip(self, other, strict=True)))
+        return LatticeBalls(
+            np.concatenate([self.centers, other.centers]),
+            np.concatenate([self.depths, other.depths]),
+            np.concatenate([self.reaches, other.reaches]),
+        )
 
 
 class CellCounts(NamedTuple):
@@ -466,13 +476,18 @@ class CellCounts(NamedTuple):
 
     @classmethod
     def of(cls, lattice: Lattice, *, whole: bool) -> CellCounts:
-        """Start without balls, which must contain whole cells, or centers in the shape."""
+        """Create counts of no ball.
+
+        If ``whole``, balls contain a cell if they contain all of it; otherwise its center, and
+        cells whose center is not proven to lie in the shape are ignored.
+        """
         counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
         counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
-        open_before = np.zeros(np.add(counts.shape, (0, 0, 1)), dtype=np.int32)
+        nx, ny, nz = counts.shape
+        open_before = np.zeros((nx, ny, nz + 1), dtype=np.int32)
         np.cumsum(counts == 0, axis=2, out=open_before[:, :, 1:])
-        rows = np.empty((math.prod(counts.shape[:2]), 4), dtype=np.int64)
         half = lattice.half if whole else np.zeros(3)
+        rows = np.empty((nx * ny, 4), dtype=np.int64)
         return cls(counts, open_before, half, rows, np.empty(len(rows)))
 
     @property
@@ -495,31 +510,34 @@ class CellCounts(NamedTuple):
 
 @kernel
 def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the cells whose centers lie within ``length`` of a coordinate."""
-    return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
+    """Return the range of cells whose centers lie within ``length`` of ``center``."""
+    first = math.ceil(center - length - 0.5)
+    stop = math.floor(center + length + 0.5)
+    return max(0, first), min(count, stop)
 
 
 @kernel
 def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
-    """Find the rows of cells in a ball; count rows and open cells.
+    """Find the rows of cells in a ball; count them and their open cells.
 
     They fill the first rows of ``cells.rows``. ``center`` has shape (3,).
     """
     half = cells.half
     nx, ny, nz = cells.counts.shape
     radius = reach - LATTICE_ROUNDING
+    square = radius * radius
     count = 0
     gain = 0
     for i in range(*_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
-        if square_x > radius * radius:
+        if square_x > square:
             continue
-        reach_y = math.sqrt(radius * radius - square_x) - half[1]
+        reach_y = math.sqrt(square - square_x) - half[1]
         for j in range(*_cell_range(center[1], reach_y, ny)):
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
-            if square_xy > radius * radius:
+            if square_xy > square:
                 continue
-            reach_z = math.sqrt(radius * radius - square_xy) - half[2]
+            reach_z = math.sqrt(square - square_xy) - half[2]
             first, stop = _cell_range(center[2], reach_z, nz)
             if first < stop:
                 cells.rows[count, 0] = i
@@ -534,11 +552,12 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
 
 @kernel
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
-    """Add a ball to the counts of its cells, or remove it."""
+    """Add a ball to the counts of its cells (``step`` 1), or remove it (-1)."""
     counts = cells.counts
     open_before = cells.open_before
-    for n in range(_find_rows(cells, center, reach)[0]):
-        i, j, first, stop = cells.rows[n]
+    row_count, _ = _find_rows(cells, center, reach)
+    for row in range(row_count):
+        i, j, first, stop = cells.rows[row]
         for k in range(first, stop):
             if counts[i, j, k] >= 0:
                 counts[i, j, k] += step
@@ -581,15 +600,18 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
     change.
     """
     for ball in order:
-        farthest = -1.0
-        for row in range(_find_rows(cells, centers[ball], reaches[ball])[0]):
+        farthest = -1.0  # square of the reach that the cells only in this ball need
+        row_count, _ = _find_rows(cells, centers[ball], reaches[ball])
+        for row in range(row_count):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
                 if cells.counts[i, j, k] == 1:
                     offset = abs(k + 0.5 - centers[ball, 2]) + cells.half[2]
                     farthest = max(farthest, cells.squares[row] + offset * offset)
-        # One allowance for the reach beyond the cells, one for the rounding of the root.
-        min_reach = math.sqrt(farthest) + 2.0 * LATTICE_ROUNDING if farthest >= 0.0 else 0.0
+        min_reach = 0.0
+        if farthest >= 0.0:
+            # One allowance for the reach beyond the cells, one for the rounding of the root.
+            min_reach = math.sqrt(farthest) + 2.0 * LATTICE_ROUNDING
         if min_reach < reaches[ball] and not (only_drop and min_reach > 0.0):
             _count_ball(cells, centers[ball], reaches[ball], -1)
             if min_reach > 0.0:
@@ -614,16 +636,17 @@ def polish(
     ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
     cell, and ``error`` that of distances; metres.
     """
-    for round_index in range(6):
+    first_step = 2.0
+    for _ in range(6):
         moved = False
         for ball in range(len(centers)):
             center = centers[ball]
             _count_ball(cells, center, radii[ball], -1)
-            best = _find_rows(cells, center, radii[ball])[1]
-            step = 2.0 / (1 << round_index)
+            _, most = _find_rows(cells, center, radii[ball])
+            step = first_step
             for _ in range(4):
-                better = False
-                for direction in range(6):
+                is_better = False
+                for direction in range(6):  # -x, +x, -y, +y, -z, +z
                     axis = direction // 2
                     if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[ball]:
                         continue
@@ -634,16 +657,22 @@ def polish(
                     z = corner[2] + side * center[2]
                     # A radius grows by a step at most.
                     cap = 1.01 * side * (radii[ball] + step) + 4.0 * error
-                    radius = (bound_distance(tree, (x, y, z), cap)[0] - error) / side
-                    gain = _find_rows(cells, center, radius)[1] if radius > 0.0 else -1
-                    if gain > best or (gain == best and radius > radii[ball]):
-                        better = moved = True
-                        best = gain
+                    distance, _ = bound_distance(tree, (x, y, z), cap)
+                    radius = (distance - error) / side
+                    gain = -1
+                    if radius > 0.0:
+                        _, gain = _find_rows(cells, center, radius)
+                    if gain > most or (gain == most and radius > radii[ball]):
+                        is_better = True
+                        most = gain
                         radii[ball] = radius
                     else:
                         center[axis] = before
-                if not better:
+                if is_better:
+                    moved = True
+                else:
                     step *= 0.5
             _count_ball(cells, center, radii[ball], 1)
+        first_step *= 0.5
         if not moved:
             break

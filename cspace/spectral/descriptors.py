@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, overload
 
 import numpy as np
@@ -77,12 +77,14 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
         raise InputError(
             "second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second
         )
+    # One row of sums of corners for each pair of parts.
     sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
     points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
     slack = 2.0**-33 * float(np.abs(points).max())
     sums = shapely.convex_hull(shapely.linestrings(points))
+    has_area = shapely.get_dimensions(sums) == 2
     grown = shapely.buffer(sums, slack, join_style="mitre", cap_style="square")
-    shrunk = shapely.buffer(sums[shapely.get_dimensions(sums) == 2], -slack, join_style="mitre")
+    shrunk = shapely.buffer(sums[has_area], -slack, join_style="mitre")
     # Merge corners that differ only by the slack; this costs half of the slack.
     outer, inner = (
         shapely.simplify(shapely.union_all(parts), slack / 2.0) for parts in (grown, shrunk)
@@ -96,16 +98,20 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex parts, shape (n, k, 2), repeating corners."""
+    """Split a geometry into ``n`` convex parts, and return their corners (n, k, 2).
+
+    Parts with fewer than ``k`` corners repeat the last one.
+    """
     import shapely
 
     rings: list[list[Corner]] = []
     for part in read_shapes(geometry):
         if part.geom_type == "Polygon":
             rings += _merge_convex(_triangles(part))
-        else:
-            points = list(map(tuple, shapely.get_coordinates(part).tolist()))
-            rings += [[*pair] for pair in pairwise(points)] or [points]
+            continue
+        points = [(x, y) for x, y in shapely.get_coordinates(part).tolist()]
+        segments = [[*pair] for pair in pairwise(points)]
+        rings += segments or [points]
     max_corners = max(map(len, rings))
     return np.array([ring + ring[-1:] * (max_corners - len(ring)) for ring in rings])
 
@@ -119,19 +125,15 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     """
     import shapely
 
-    rings = [
-        _without_straight_corners(list(ring.coords)[:-1])
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-    cleaned = shapely.orient_polygons(shapely.Polygon(rings[0], rings[1:]))
+    exterior, *holes = (_without_straight_corners(ring) for ring in _open_rings(polygon))
+    cleaned = shapely.orient_polygons(shapely.Polygon(exterior, holes))
     triangles = []
     for part in shapely.get_parts(shapely.constrained_delaunay_triangles(cleaned)):
         a, b, c = list(part.exterior.coords)[:3]
         orientation = _orientation(a, b, c)
         if orientation:
             triangles.append([a, b, c] if orientation > 0 else [a, c, b])
-    outlines = [list(ring.coords)[:-1] for ring in (cleaned.exterior, *cleaned.interiors)]
-    if not triangles or _boundary(triangles) != _boundary(outlines):
+    if not triangles or _boundary(triangles) != _boundary(_open_rings(cleaned)):
         hint = "round it with shapely.set_precision"
         raise GeometryError(
             "polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon
@@ -139,31 +141,42 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     return triangles
 
 
+def _open_rings(polygon: Any) -> list[list[Corner]]:
+    """Return the rings of a polygon, the exterior first, without the repeated last corner."""
+    return [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def _edges(ring: list[Corner]) -> list[tuple[Corner, Corner]]:
+    """Return the directed edges of a ring without a repeated last corner."""
+    return list(pairwise([ring[-1], *ring]))
+
+
 def _boundary(rings: list[list[Corner]]) -> Counter[tuple[Corner, Corner]]:
     """Count the directed edges of rings; opposite edges cancel."""
-    edges = Counter((ring[k - 1], ring[k]) for ring in rings for k in range(len(ring)))
+    edges = Counter(chain.from_iterable(map(_edges, rings)))
     return edges - Counter((b, a) for a, b in edges.elements())
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
     """Merge adjacent rings while they stay convex (Hertel and Mehlhorn, 1983)."""
     pieces = dict(enumerate(rings))
-    owner = {
-        (ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))
-    }
+    owner: dict[tuple[Corner, Corner], int] = {}
+    for number, ring in pieces.items():
+        owner.update(dict.fromkeys(_edges(ring), number))
     for a, b in list(owner):
         left_piece = owner[a, b]
         right_piece = owner.get((b, a))
         if right_piece is None or left_piece == right_piece:
             continue
-        # b ... a, and a ... b
-        left = _rotate_ring(pieces[left_piece], a)
-        right = _rotate_ring(pieces[right_piece], b)
-        if _orientation(left[-2], a, right[1]) < 0 or _orientation(right[-2], b, left[1]) < 0:
+        left = _rotate_ring(pieces[left_piece], a)  # b ... a
+        right = _rotate_ring(pieces[right_piece], b)  # a ... b
+        is_reflex_at_a = _orientation(left[-2], a, right[1]) < 0
+        is_reflex_at_b = _orientation(right[-2], b, left[1]) < 0
+        if is_reflex_at_a or is_reflex_at_b:
             continue
-        right = pieces.pop(right_piece)
-        owner.update({(right[k - 1], right[k]): left_piece for k in range(len(right))})
-        pieces[left_piece] = left + _rotate_ring(right, b)[1:-1]
+        owner.update(dict.fromkeys(_edges(right), left_piece))
+        pieces[left_piece] = left + right[1:-1]
+        del pieces[right_piece]
     return list(pieces.values())
 
 
@@ -186,10 +199,10 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return the exact orientation: 1 left, -1 right, 0 straight."""
+    """Return the exact orientation of three points: 1 left, -1 right, 0 straight."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
-    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    return (area > 0) - (area < 0)
+    doubled_area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    return (doubled_area > 0) - (doubled_area < 0)
 
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
@@ -296,7 +309,8 @@ class BallDescriptor(Balls):
             return self
         shares = 1.0 - np.arange(number) / number
         steps = np.unique(np.quantile(self.radii, shares, method="higher"))
-        return BallDescriptor(self.centers, steps[np.searchsorted(steps, self.radii)], self.bump)
+        grown = steps[np.searchsorted(steps, self.radii)]
+        return BallDescriptor(self.centers, grown, self.bump)
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
@@ -319,15 +333,16 @@ def check_same_dim(name: str, dim: int, other: int) -> None:
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
-    """Return the descriptor of balls given as for :class:`cspace.spectral.FourierOverlap`.
+    """Convert balls, as :class:`cspace.spectral.FourierOverlap` accepts them, to a descriptor.
 
     Raises InputError, which names the argument ``name``, for anything else.
     """
     pair: Any = source
-    balls: Any
-    for balls in (source, getattr(source, "shape", None)):  # the shape of a robot has its balls
-        if not isinstance(pair, tuple) and isinstance(balls, BallSet):
-            pair = (balls.centers, balls.radii)
+    if not isinstance(source, tuple):
+        for balls in (source, getattr(source, "shape", None)):  # a robot's shape has its balls
+            if isinstance(balls, BallSet):
+                pair = (balls.centers, balls.radii)
+                break
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         problem = f"is a {type(source).__name__}"
         rule = "it must have centers and radii, or be a pair of them"
@@ -336,24 +351,21 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
 
 
 def common_bump(bump: Bump | None, *sources: object) -> Bump:
-    """Return the bump passed, the sources' common bump, or ``Bump()``.
+    """Return a given bump, else the common bump of descriptors, or ``Bump()``.
 
     Raises InputError if ``bump`` is no bump, or if it is None and the bumps of the sources differ.
     """
-    bumps = {
-        found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)
-    }
-    if bump is None and len(bumps) > 1:
-        raise InputError(
-            "bump", f"is missing, but the descriptors have {bumps}", "they must agree", "pass bump="
-        )
-    return check_bump(bumps.pop() if bump is None and bumps else bump)
+    if bump is not None:
+        return check_bump(bump)
+    bumps = {source.bump for source in sources if isinstance(source, BallDescriptor)}
+    if len(bumps) > 1:
+        problem = f"is missing, but the descriptors have {bumps}"
+        raise InputError("bump", problem, "they must agree", "pass bump=")
+    return bumps.pop() if bumps else Bump()
 
 
 def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
-    """Return 1 at cell centers in a shape.
-
-    The value is 0 at other cell centers.
+    """Sample a shape on a grid: 1 at cell centers in the shape, else 0.
 
     Parameters
     ----------
@@ -366,31 +378,27 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
     values other than 0 and 1.
     """
     source: Any = shape
-    known: Any
-    balls = isinstance(source, BallSet)
     if hasattr(source, "dtype") or isinstance(source, list | tuple | int | float):
         return Descriptor(grid, check_cells(source, "shape").astype(np.float64))
-    known = source if balls else as_shape(source)
-    check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
-    if balls:
+    if isinstance(source, BallSet):
+        check_same_dim("shape", source.centers.shape[1], grid.dim)
         inside = np.zeros(grid.shape, dtype=bool)
-        for window, squares in _ball_windows(
-            known.centers, np.maximum(known.radii, SMALLEST_NORMAL), grid
-        ):
+        radii = np.maximum(source.radii, SMALLEST_NORMAL)
+        for window, squares in _ball_windows(source.centers, radii, grid):
             inside[window] |= squares <= 1.0
-    elif isinstance(known, ExactShape):
-        centers = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-        inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
-        if isinstance(
-            known, Mesh
-        ):  # a mesh contains the points of only some of its faces, so mark them all
-            mark_touched(
-                inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5
-            )
-    else:
+        return Descriptor(grid, inside.astype(np.float64))
+    known = as_shape(source)
+    check_same_dim("shape", known.dim, grid.dim)
+    if not isinstance(known, ExactShape):
         problem = "is bounded by an outer and an inner shape"
         rule = "it must be an exact shape"
         raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
+    centers = np.meshgrid(*map(grid.centers, range(grid.dim)), indexing="ij")
+    inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
+    if isinstance(known, Mesh):
+        # A mesh contains the points of only some of its faces, so mark them all.
+        triangles = (known.triangles - np.asarray(grid.lower)) / grid.spacing
+        mark_touched(inside, triangles, 0.5, 0.5)
     return Descriptor(grid, inside.astype(np.float64))
 
 
@@ -401,22 +409,24 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
     of the ball.
     """
     lower = np.array(grid.lower)
+    cell_centers = [grid.centers(axis) for axis in range(grid.dim)]
     for center, radius in zip(centers, radii.tolist(), strict=True):
         # Add one cell on either side, for rounding.
         start = np.floor((center - radius - lower) / grid.spacing) - 1.0
         stop = np.ceil((center + radius - lower) / grid.spacing) + 1.0
         start, stop = np.clip([start, stop], 0, grid.shape).astype(np.int64)
-        if (start < stop).all():
-            window = tuple(map(slice, start, stop))
-            squares = (
-                ((grid.centers(axis)[part] - center[axis]) / radius) ** 2
-                for axis, part in enumerate(window)
-            )
-            yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
+        if not (start < stop).all():
+            continue
+        window = tuple(map(slice, start, stop))
+        squares = [
+            ((column[part] - coordinate) / radius) ** 2
+            for column, part, coordinate in zip(cell_centers, window, center, strict=True)
+        ]
+        yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Return a descriptor on a grid; raises InputError for others."""
+    """Return a descriptor sampled on a grid; raise InputError otherwise."""
     if not isinstance(descriptor, Descriptor):
         problem = f"is a {type(descriptor).__name__}, no Descriptor"
         rule = "it must be sampled on a grid"
@@ -440,23 +450,21 @@ def union(
     Sampled descriptors share a grid, descriptors of balls a bump. Raises InputError if the kinds,
     grids, bumps or dimensions differ.
     """
-    given = (first, *others)
-    balls = [each for each in given if isinstance(each, BallDescriptor)]
-    if len(balls) != len(given):
-        sampled = _on_one_grid(given)
-        return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
-    for each in balls[1:]:
-        if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            problem = (
-                f"holds balls of {each.bump} in {each.dim}D, the first is {balls[0].bump} in "
-                f"{balls[0].dim}D"
-            )
-            raise InputError(
-                "others", problem, "they must agree", "sample them on one grid first", value=each
-            )
-    centers = np.concatenate([each.centers for each in balls])
-    radii = np.concatenate([each.radii for each in balls])
-    return BallDescriptor(centers, radii, balls[0].bump)
+    descriptors = (first, *others)
+    ball_sets = [part for part in descriptors if isinstance(part, BallDescriptor)]
+    if len(ball_sets) != len(descriptors):
+        sampled = _on_one_grid(descriptors)
+        return Descriptor(sampled[0].grid, reduce(np.add, [part.values for part in sampled]))
+    bump = ball_sets[0].bump
+    dim = ball_sets[0].dim
+    for balls in ball_sets[1:]:
+        if balls.bump != bump or balls.dim != dim:
+            problem = f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D"
+            hint = "sample them on one grid first"
+            raise InputError("others", problem, "they must agree", hint, value=balls)
+    centers = np.concatenate([balls.centers for balls in ball_sets])
+    radii = np.concatenate([balls.radii for balls in ball_sets])
+    return BallDescriptor(centers, radii, bump)
 
 
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
@@ -467,29 +475,23 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     not sampled (the product of two bumps is no bump), or the grids differ.
     """
     sampled = _on_one_grid((first, *others))
-    factors = [each.values for each in sampled]
+    factors = [part.values for part in sampled]
     product = reduce(np.multiply, factors)
-    lost = (np.abs(product) < SMALLEST_NORMAL) & reduce(
-        np.logical_and, [values != 0.0 for values in factors]
-    )
-    signs = reduce(np.multiply, [np.sign(values) for values in factors])
-    return Descriptor(sampled[0].grid, np.where(lost, SMALLEST_NORMAL * signs, product))
+    signs = reduce(np.multiply, map(np.sign, factors))
+    has_underflowed = (np.abs(product) < SMALLEST_NORMAL) & (signs != 0.0)
+    return Descriptor(sampled[0].grid, np.where(has_underflowed, SMALLEST_NORMAL * signs, product))
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
-    """Return the cells at whose centers a descriptor exceeds a threshold.
+    """Return a mask of the cells at whose centers a descriptor exceeds a threshold.
 
     Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
-        raise InputError(
-            "threshold",
-            f"is {threshold!r}",
-            "it must be one number",
-            "pass e.g. 0.0",
-            value=threshold,
-        )
+        problem = f"is {threshold!r}"
+        rule = "it must be one number"
+        raise InputError("threshold", problem, rule, "pass e.g. 0.0", value=threshold)
     return np.asarray(check_sampled(descriptor).values > level)
 
 
@@ -549,47 +551,41 @@ def minkowski_sum(
 
     if isinstance(first, Geometry) and isinstance(second, Geometry):
         return sum_polygons(first, second)
-    one = check_sampled(first)
-    other = check_sampled(second)
-    grid = one.grid
-    f = one.values
-    g = other.values
-    if not _same_spacing(grid, other.grid):
-        problem = f"has {other.dim} axes and a spacing of {other.grid.spacing:g} m, the first"
-        problem += f" {one.dim} and {grid.spacing:g} m"
-        raise InputError(
-            "second", problem, "they must agree", "sample both on similar grids", value=second
-        )
+    f, g = (check_sampled(part).values for part in (first, second))
+    grid, second_grid = (check_sampled(part).grid for part in (first, second))
+    if not _same_spacing(grid, second_grid):
+        problem = f"has {second_grid.dim} axes and a spacing of {second_grid.spacing:g} m, "
+        problem += f"the first {grid.dim} and {grid.spacing:g} m"
+        hint = "sample both on similar grids"
+        raise InputError("second", problem, "they must agree", hint, value=second)
     sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
         sums = np.rint(sums)
-    elif not ((f < 0.0).any() or (g < 0.0).any()):
+    elif min(f.min(), g.min()) >= 0.0:
+        # The sum is positive exactly where it has a pair of positive cells; count these pairs.
         pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
         sums = np.where(pairs > 0.5, np.maximum(sums, SMALLEST_NORMAL), 0.0)
-    lower = np.add(grid.lower, other.grid.lower) + 0.5 * grid.spacing
+    lower = np.add(grid.lower, second_grid.lower) + 0.5 * grid.spacing
     return Descriptor(Grid(lower, grid.spacing, sums.shape), sums * grid.spacing**grid.dim)
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
     """Return True if two grids agree in dimension and spacing."""
-    return (
-        f.dim == g.dim
-        and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
-    )
+    if f.dim != g.dim:
+        return False
+    difference_over_grid = abs(f.spacing - g.spacing) * max(f.shape + g.shape)
+    return difference_over_grid <= GRID_TOLERANCE * f.spacing
 
 
 def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
-    """Return descriptors on one grid; raises InputError for others."""
-    sampled = [check_sampled(each) for each in descriptors]
+    """Check that descriptors are sampled on one grid; return them as a list."""
+    sampled = [check_sampled(part) for part in descriptors]
     grid = sampled[0].grid
-    for other in (each.grid for each in sampled):
-        same_cells = grid.shape == other.shape and _same_spacing(grid, other)
-        if (
-            not same_cells
-            or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing
-        ):
-            raise InputError(
-                "others", f"holds one on {other}", f"all must be on {grid}", "sample all on it"
-            )
+    for part in sampled[1:]:
+        same_cells = grid.shape == part.grid.shape and _same_spacing(grid, part.grid)
+        shift = GRID_TOLERANCE * grid.spacing
+        if not same_cells or not np.allclose(grid.lower, part.grid.lower, rtol=0.0, atol=shift):
+            problem = f"holds one on {part.grid}"
+            raise InputError("others", problem, f"all must be on {grid}", "sample all on it")
     return sampled

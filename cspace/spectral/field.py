@@ -75,20 +75,20 @@ class OverlapField:
             hint = "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", problem, rule, hint, value=argument)
         grid = space.grid
-        slices = space.slice_of
         check_same_dim("overlap", overlap.dim, grid.dim)
-        shape = int(slices.max()) + 1, *grid.shape
+        shape = _shape_on(space)
         check_memory(8.0 * math.prod(shape), "the overlap field", grid)
         axes = [grid.centers(axis) for axis in range(grid.dim)]
         centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         values = np.empty(shape)
+        slice_values = values.reshape(-1, *grid.shape)
         rotation_cells = space.rotations.make_shape_cells(grid.dim)
-        for number in range(len(values)):
-            first_cell = int(np.argmax(slices == number))
+        for number in range(len(slice_values)):
+            first_cell = int(np.argmax(space.slice_of == number))
             matrix = rotation_cells[first_cell].matrix
             placed = overlap if matrix is None else overlap.rotated(matrix)
-            values[number] = placed.value(centers)
-        return cls(space, values.reshape(_shape_on(space)))
+            slice_values[number] = placed.value(centers)
+        return cls(space, values)
 
     @property
     def cells(self) -> Floats:
@@ -108,34 +108,40 @@ class OverlapField:
         grid = self.space.grid
         points = check_points(q, "q", space.size)
         rows = points.reshape(-1, space.size)
-        places = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
+        # Coordinates in cells; the center of the first cell is at 0.
+        positions = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
         slices = space.slice_of[space.rotations.find_cells(rows)]
-        coordinates = np.column_stack([slices, places]).T
-        found = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
-        return np.asarray(np.maximum(found, 0.0).reshape(points.shape[:-1]))[()]
+        coordinates = np.column_stack([slices, positions]).T
+        overlaps = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
+        return np.asarray(np.maximum(overlaps, 0.0).reshape(points.shape[:-1]))[()]
 
 
 def _shape_on(space: CSpace) -> tuple[int, ...]:
-    """Return the shape of a field of the map."""
+    """Return the array shape of overlap fields on a map."""
     slices = int(space.slice_of.max()) + 1
     return (*space.rotations.leading_axes(slices), *space.grid.shape)
 
 
 @kernel
 def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
-    """Interpolate a field, given as the values of all cells in a row, in compiled code."""
+    """Interpolate a field at a configuration, for compiled callers.
+
+    ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
+    ``position`` has three coordinates, metres.
+    """
     s = slice_of(map_, rotation)
     total = 0.0
-    for corner in range(8):
+    for corner in range(8):  # of the cube of eight cell centers around the position
         weight = 1.0
         cell = s
         for axis in range(3):
+            is_upper = (corner >> axis) & 1
             count = map_.states.shape[axis + 1]
             place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5
             place = min(max(place, 0.0), count - 1.0)
             k = min(int(place), max(count - 2, 0))
             share = place - k
-            if (corner >> axis) & 1:
+            if is_upper:
                 k = min(k + 1, count - 1)
                 weight *= share
             else:

@@ -153,20 +153,21 @@ class FourierOverlap:
         band: float | None = None,
         tolerance: float = 1e-3,
     ) -> None:
-        kind = common_bump(bump, a, b)
-        first = as_balls(a, "a", kind)
-        second = as_balls(b, "b", kind)
+        chosen = common_bump(bump, a, b)
+        first = as_balls(a, "a", chosen)
+        second = as_balls(b, "b", chosen)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
-        arms = np.linalg.norm(first.centers - first.center, axis=1) + first.radii
-        reach = float(arms.max()) * (1.0 + 2.0**-40)
-        sides = (np.abs(second.centers - second.center) + second.radii[:, None]).max(axis=0)
-        half_sides = (sides + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
+        reaches = np.linalg.norm(first.centers - first.center, axis=1) + first.radii
+        reach = float(reaches.max()) * (1.0 + 2.0**-40)  # at any rotation
+        extents = np.abs(second.centers - second.center) + second.radii[:, None]
+        half_sides = (extents.max(axis=0) + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * half_sides
-        far = max(first.span, second.span)
-        if far > min(1e40, 1e6 * float(lengths.min())):  # above 1e40, squares of volumes overflow
-            problem = f"or a reaches {far:g} m from the origin of its frame, but both span only "
-            problem += f"{lengths.min():g} m"
+        farthest = max(first.span, second.span)
+        shortest = float(lengths.min())
+        if farthest > min(1e40, 1e6 * shortest):  # above 1e40, squares of volumes overflow
+            problem = f"or a reaches {farthest:g} m from the origin of its frame, but both span "
+            problem += f"only {shortest:g} m"
             hint = "move the origin nearer, or check the units"
             raise InputError("b", problem, "rounding would matter", hint)
         if lengths.max() < 1e-100:
@@ -221,12 +222,12 @@ class FourierOverlap:
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
-            kind = getattr(source, "kind", name[:5])
-            if kind in ("inner", "outer") and kind != name[:5]:
+            rule_kind, _, _ = name.partition("_")
+            kind = getattr(source, "kind", rule_kind)
+            if kind in ("inner", "outer") and kind != rule_kind:
+                problem = f"is of kind {kind!r}"
                 hint = "decompose the shape with that kind"
-                raise InputError(
-                    name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source
-                )
+                raise InputError(name, problem, f"it must be {rule_kind!r}", hint, value=source)
         chosen = common_bump(bump, *given.values())
         more = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
@@ -244,17 +245,19 @@ class FourierOverlap:
             check_same_dim(name, balls.dim, a.dim)
         rounded = (balls.round_radii(number) for balls in (a, b))
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
-        made = cls(*grown, tolerance=tolerance)
+        overlap = cls(*grown, tolerance=tolerance)
         inner = NO_TREE, NO_TREE
         if inside:
-            inner = _build_trees(inside[0], inside[1], a.center, b.center)
-        made.pair = replace(
-            made.pair,
-            span=made.pair.span + math.sqrt(a.dim) * sum(balls.span for balls in sets.values()),
+            inner_balls_a, inner_balls_b = inside
+            inner = _build_trees(inner_balls_a, inner_balls_b, a.center, b.center)
+        span = math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
+        overlap.pair = replace(
+            overlap.pair,
+            span=overlap.pair.span + span,
             outer=_build_trees(a, b, a.center, b.center),
             inner=inner,
         )
-        return made
+        return overlap
 
     def __repr__(self) -> str:
         """Return the numbers of balls and of frequencies, and the threshold."""
@@ -300,7 +303,8 @@ class FourierOverlap:
         is 0 outside the domain. More than a few dozen placements share one non-uniform transform,
         with a tolerance of 1e-9 times the 2-norm of the terms. Raises as the class does.
         """
-        return np.asarray(self._sums(t, [self.pair.levels[-1].sums])[..., 0])[()]
+        sums = self._sums(t, [self.pair.levels[-1].sums])
+        return np.asarray(sums[..., 0])[()]
 
     def gradient(self, t: ArrayLike) -> Floats:
         """Compute the derivatives of :meth:`value`, shape (..., d)."""
@@ -308,11 +312,12 @@ class FourierOverlap:
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
         """Compute :meth:`value` and :meth:`gradient` together, which is faster."""
-        sums = self._sums(t, [self.pair.levels[-1].sums, *self.pair.levels[-1].slopes])
+        level = self.pair.levels[-1]
+        sums = self._sums(t, [level.sums, *level.slopes])
         return sums[..., 0], sums[..., 1:]
 
     def rotation_gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivative of :meth:`value` by rotations of A.
+        """Compute the derivative of :meth:`value` with respect to rotations of A.
 
         A rotates about the origin of its frame. In the plane, the derivative with respect to the
         angle, shape (...); in space, the vector whose product with a unit axis is the derivative
@@ -330,16 +335,16 @@ class FourierOverlap:
         period, the band and the threshold stay; the spectrum of A is recomputed at first use.
         """
         matrix = rotation_matrix(rotation, self.dim)
-        other = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
-        turned = rotation_matrix(matrix @ self.pair.rotation, self.dim)
-        other.pair = replace(self.pair, rotation=turned)
-        return other
+        whole_rotation = rotation_matrix(matrix @ self.pair.rotation, self.dim)
+        rotated = copy.copy(self)
+        rotated.pair = replace(self.pair, rotation=whole_rotation)
+        return rotated
 
     def separated(self, t: ArrayLike) -> Separation:
-        """Decide whether A and B are apart.
+        """Decide whether A and B are apart, or overlap by less than a :attr:`threshold`.
 
-        With a :attr:`threshold` above zero, decide whether their overlap is below it. First, trees
+        The threshold matters if it is above zero. First, trees
         of balls tell whether two balls touch. If none do, it is a *MISS*: the overlap is zero. If
         two overlap and the threshold is zero, it is a *HIT*. For a threshold above zero,
         frequencies are summed ring by ring, from low to high, until the sum and a bound of the
@@ -361,11 +366,17 @@ class FourierOverlap:
             verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(
                 relative[touching]
             )
+        totals, bounds = sums.T
         if placements.ndim == 1:
-            return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
+            verdict = Verdict(int(verdicts[0]))
+            return Separation(verdict, int(counts[0]), float(totals[0]), float(bounds[0]))
         shape = placements.shape[:-1]
-        totals, bounds = (column.reshape(shape) for column in sums.T)
-        return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
+        return Separation(
+            verdicts.reshape(shape),
+            counts.reshape(shape),
+            totals.reshape(shape),
+            bounds.reshape(shape),
+        )
 
     def _compare_with_threshold(self, relative: Floats) -> tuple[Bytes, Ints, Floats]:
         """Sum frequencies at placements (n, d) until the sums decide.
@@ -375,41 +386,43 @@ class FourierOverlap:
         verdicts = np.full(len(relative), UNDECIDED, dtype=np.uint8)
         counts = np.zeros(len(relative), dtype=np.int64)
         sums = np.zeros((len(relative), 2))
-        rest = np.arange(len(relative))
+        pairs_per_placement = len(self.pair.b.radii) * len(self.pair.a.radii)
+        rest = np.arange(len(relative))  # placements without a verdict
         for level in self.pair.levels:
-            verdicts[rest], taken, sums[rest] = separate_all(
+            verdicts[rest], summed, sums[rest] = separate_all(
                 relative[rest], level.terms, self.threshold
             )
-            counts[rest] += taken
+            counts[rest] += summed
             rest = rest[verdicts[rest] == UNDECIDED]
-            pairs = len(rest) * len(self.pair.b.radii) * len(self.pair.a.radii)
-            if pairs <= MAX_SUMMED_PAIRS:
+            if len(rest) * pairs_per_placement <= MAX_SUMMED_PAIRS:
                 break
         # For few placements, sums over pairs of balls are faster than spectra in the next band, and
         # decide.
-        if 0 < pairs <= MAX_SUMMED_PAIRS:
+        if 0 < len(rest) * pairs_per_placement <= MAX_SUMMED_PAIRS:
             sums[rest] = self.pair.sum_pairs(relative[rest])
-            verdicts[rest[sums[rest].sum(axis=1) < self.threshold]] = MISS
-            verdicts[rest[sums[rest, 0] - sums[rest, 1] > self.threshold]] = HIT
+            totals, bounds = sums[rest].T
+            verdicts[rest[totals + bounds < self.threshold]] = MISS
+            verdicts[rest[totals - bounds > self.threshold]] = HIT
         return verdicts, counts, sums
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
-        """Sum lists of terms at placements, shape (..., sums)."""
+        """Sum several lists of terms at placements (..., d); return shape (..., lists)."""
         placements = check_points(t, "t", self.dim)
         relative = self.pair.relative(placements)
         out = np.zeros((len(relative), len(sums)))
         inside = np.flatnonzero((np.abs(relative) <= self.pair.half_sides).all(axis=-1))
         if len(inside) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for column, terms in enumerate(sums):
-                out[inside, column] = separate_all(relative[inside], terms, math.nan)[2][:, 0]
+                # No sum is below or above NaN, so all frequencies are summed.
+                _, _, totals = separate_all(relative[inside], terms, math.nan)
+                out[inside, column] = totals[:, 0]
         else:
             rings = self.pair.levels[-1].band.rings
-            boxes = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            for part in np.array_split(
-                inside, math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)
-            ):
-                angles = 2.0 * math.pi * relative[part] / rings.lengths
-                out[part] = evaluate_real_series(angles, boxes, 1e-9).T
+            spectra = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
+            blocks = math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)
+            for block in np.array_split(inside, blocks):
+                angles = 2.0 * math.pi * relative[block] / rings.lengths
+                out[block] = evaluate_real_series(angles, spectra, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
 
 
@@ -461,8 +474,9 @@ class BallPair:
         """Contact test of A, rotated, and B."""
         outer_a, outer_b = self.outer
         inner_a, inner_b = self.inner
-        outer_a, inner_a = (rotate_tree(tree, self.rotation) for tree in (outer_a, inner_a))
-        half_sides = _in_space(self.half_sides[None])[0]
+        outer_a = rotate_tree(outer_a, self.rotation)
+        inner_a = rotate_tree(inner_a, self.rotation)
+        (half_sides,) = _in_space(self.half_sides[None])
         return ContactTest(outer_a, outer_b, inner_a, inner_b, half_sides, 4.0 * self.error)
 
     @cached_property
@@ -477,18 +491,21 @@ class BallPair:
         return np.asarray((flat + self.pivot) - self.b.center)
 
     def sum_pairs(self, relative: Floats) -> Floats:
-        """Return ideal overlaps and bounds of their errors, shape (n, 2)."""
-        arms = (self.a.centers - self.a.center) @ self.rotation.T
-        moved = (arms + each for each in relative)
+        """Compute ideal overlaps at placements (n, d), and bounds of their errors.
+
+        The result has shape (n, 2).
+        """
+        rotated = (self.a.centers - self.a.center) @ self.rotation.T
+        moved = (rotated + placement for placement in relative)
         fixed = self.b.centers - self.b.center, self.b.radii, np.ones(len(self.b.radii))
-        found = sum_pairs(self.a.bump, moved, self.a.radii, fixed, 4.0 * self.error)
-        return np.stack(found, axis=1)
+        overlaps_and_bounds = sum_pairs(self.a.bump, moved, self.a.radii, fixed, 4.0 * self.error)
+        return np.stack(overlaps_and_bounds, axis=1)
 
 
 def _build_trees(
     a: BallDescriptor, b: BallDescriptor, center_a: Floats, center_b: Floats
 ) -> tuple[Floats, Floats]:
-    """Build the trees of two ball sets, relative to centers."""
+    """Build the trees of two ball sets, each relative to its own center."""
     return build_tree(a.centers - center_a, a.radii), build_tree(b.centers - center_b, b.radii)
 
 
@@ -508,12 +525,15 @@ def _choose_halves(
     if band is not None:
         highest = check_positive(band, "band", "cycles per metre")
     else:
-        typical = np.median(a.radii, keepdims=True), np.median(b.radii, keepdims=True)
-        overlaps, _ = pair_integrals(a.bump, *typical, np.maximum(*typical), a.dim)
+        radius_a = np.median(a.radii, keepdims=True)
+        radius_b = np.median(b.radii, keepdims=True)
+        distance = np.maximum(radius_a, radius_b)
+        overlaps, _ = pair_integrals(a.bump, radius_a, radius_b, distance, a.dim)
         scale = threshold or float(overlaps[0])
         wanted = estimate_band(a, b, check_positive(tolerance, "tolerance", "parts") * scale)
-        fitting = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / a.dim)
-        highest = min(wanted, fitting, MAX_WAVE_INDEX / float(lengths.max()))
+        # Two million frequencies, opposite ones counted once, fill the box of this half side.
+        affordable = 0.5 * (2.0**22 / float(np.prod(lengths))) ** (1.0 / a.dim)
+        highest = min(wanted, affordable, MAX_WAVE_INDEX / float(lengths.max()))
     halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
     counts = [2 * half + 1 for half in halves]
     if math.prod(counts) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
@@ -600,13 +620,11 @@ class _Level:
     @cached_property
     def terms(self) -> Terms:
         """Terms for verdicts, with bounds of all frequencies."""
-        tail = math.sqrt(self._spectrum.tail(self.band.rings, _norm(self.band.a))) * math.sqrt(
-            self.band.tail_b
-        )
-        return self._terms(tail)
+        tail_a = self._spectrum.tail(self.band.rings, _norm(self.band.a))
+        return self._terms(math.sqrt(tail_a) * math.sqrt(self.band.tail_b))
 
     def _terms(self, tail: float) -> Terms:
-        """Return the terms, with bounds that include a tail."""
+        """Return the terms of values, with bounds that include a bound ``tail`` of all others."""
         band = self.band
         return Terms.of(self._spectrum, band.spectrum_b, band.rings, self._error, tail)
 
@@ -624,12 +642,13 @@ class _Level:
             Spectrum.of(a, self._pivot, rings, weights=column).values for column in a.centers.T
         ]
         waves = (rings.indices / rings.lengths).T
-        pairs = [(0, 1)] if len(waves) == 2 else [(1, 2), (2, 0), (0, 1)]
+        planes = [(0, 1)] if a.dim == 2 else [(1, 2), (2, 0), (0, 1)]  # of the rotations
         scale = rings.twice / rings.volume * self.band.spectrum_b.values
-        changes = [
-            -2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i]) for i, j in pairs
-        ]
-        return [self.sums._replace(products=scale * change.conj()) for change in changes]
+        twists = []
+        for i, j in planes:
+            change = -2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i])
+            twists.append(self.sums._replace(products=scale * change.conj()))
+        return twists
 
     @cached_property
     def slopes(self) -> list[Terms]:
@@ -639,10 +658,14 @@ class _Level:
 
 
 def _in_space(points: Floats) -> Floats:
-    """Return points of the plane or space, shape (n, 3)."""
-    spatial = np.zeros((len(points), 3))
-    spatial[:, : points.shape[1]] = points
-    return spatial
+    """Return points (n, d) in space, with z = 0 if they lie in the plane."""
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+
+
+def as_matrices(rotations: ArrayLike | Rotation) -> ArrayLike:
+    """Convert a scipy Rotation to matrices; return anything else unchanged."""
+    converted: ArrayLike = rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations
+    return converted
 
 
 def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
@@ -650,9 +673,7 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
 
     Raises InputError for anything else.
     """
-    values = check_finite(
-        rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation"
-    )
+    values = check_finite(as_matrices(rotation), "rotation")
     if dim == 2 and values.ndim == 0:
         sine = math.sin(float(values))
         cosine = math.cos(float(values))
@@ -661,8 +682,8 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
-    kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[
-        dim - 2
-    ]
-    rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
+    form, example = "a Rotation", "Rotation.identity()"
+    if dim == 2:
+        form, example = "an angle in radians", "1.57"
+    rule = f"it must be {form} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)

@@ -33,15 +33,15 @@ MAX_PAIRS_PER_BLOCK: Final = 2**20
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
     """Return the integral of a descriptor's square and its error."""
     # Each ball with itself once, and each pair of different balls twice.
-    square = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
-    value = float(square[0] * (balls.radii**balls.dim).sum())
+    unit_ball = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
+    value = float(unit_ball[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
     centers = balls.centers
     radii = balls.radii
-    for i, j, gaps in _close_pairs(centers, radii, centers, radii, 0.0):
+    for i, j, distances in _close_pairs(centers, radii, centers, radii, 0.0):
         once = i < j
         values, errors = tabulated_integrals(
-            balls.bump, radii[i[once]], radii[j[once]], gaps[once], balls.dim
+            balls.bump, radii[i[once]], radii[j[once]], distances[once], balls.dim
         )
         value += 2.0 * float(values.sum())
         error += 2.0 * float(errors.sum())
@@ -55,33 +55,31 @@ def sum_pairs(
     fixed: tuple[Floats, Floats, Floats],
     slack: float,
 ) -> tuple[Floats, Floats]:
-    """Return overlaps as sums over pairs of balls, with error bounds.
+    """Sum the overlaps of pairs of balls at placements, with error bounds.
 
     ``moved`` yields the centers (k, d) of the moved balls at each of n placements, whose radii are
     ``radii``; ``fixed`` are the centers, radii and weights of the others. ``slack`` bounds the
     rounding of a distance, metres. The results have shape (n,).
     """
     centers, other_radii, weights = fixed
-    found = [np.empty((5, 0))]
+    pairs = [np.empty((5, 0))]  # placement, radius, other radius, distance and weight
     number = 0
     dim = centers.shape[1]
-    for placement, points in enumerate(moved):
-        number = placement + 1
-        for i, j, gaps in _close_pairs(points, radii, centers, other_radii, slack):
-            found.append(
-                np.stack([np.full(len(i), placement), radii[i], other_radii[j], gaps, weights[j]])
-            )
-    rows, first, second, distances, factors = np.concatenate(found, axis=1)
+    for points in moved:
+        for i, j, distances in _close_pairs(points, radii, centers, other_radii, slack):
+            placement = np.full(len(i), number)
+            pairs.append(np.stack([placement, radii[i], other_radii[j], distances, weights[j]]))
+        number += 1
+    placements, first, second, distances, factors = np.concatenate(pairs, axis=1)
     values, errors = tabulated_integrals(bump, first, second, distances, dim)
     # The common part of two balls changes by at most a cross-section of the smaller one times a
     # change of distance.
-    edges = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
-    errors += slack * edges + 2.0**-40 * np.abs(values)
-    sums = (factors * values, np.abs(factors) * errors)
-    totals, bounds = (
-        np.bincount(rows.astype(np.int64), each, number).astype(np.float64) for each in sums
-    )
-    return totals, bounds
+    cross_sections = {2: 2.0, 3: math.pi}[dim] * np.minimum(first, second) ** (dim - 1)
+    errors += slack * cross_sections + 2.0**-40 * np.abs(values)
+    rows = placements.astype(np.int64)
+    totals = np.bincount(rows, factors * values, number)
+    bounds = np.bincount(rows, np.abs(factors) * errors, number)
+    return totals.astype(np.float64), bounds.astype(np.float64)
 
 
 def tabulated_integrals(
@@ -93,18 +91,20 @@ def tabulated_integrals(
 ) -> tuple[Floats, Floats]:
     """Compute many :func:`pair_integrals`; equal radii share a table."""
     values, errors = np.zeros((2, len(distances)))
-    pairs = np.maximum(first, second) + 1j * np.minimum(first, second)
-    keys, group, counts = np.unique(pairs, return_inverse=True, return_counts=True)
+    # Pairs of radii as complex numbers, which np.unique finds fast.
+    radii = np.maximum(first, second) + 1j * np.minimum(first, second)
+    keys, group, counts = np.unique(radii, return_inverse=True, return_counts=True)
     # The integrals of indicators are not smooth in the distance.
-    tabulated = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
-    for number in np.flatnonzero(tabulated):
-        large = keys[number].real
-        small = keys[number].imag
+    is_tabulated = (counts > PAIR_TABLE_NODES) & (not bump.is_indicator)
+    for number in np.flatnonzero(is_tabulated):
+        large = float(keys[number].real)
+        small = float(keys[number].imag)
         members = group == number
-        fit, error = _tabulate_pair(bump, float(large), float(small), dim)
-        values[members] = fit(np.minimum(2.0 * distances[members] / (large + small), 2.0) - 1.0)
+        fit, error = _tabulate_pair(bump, large, small, dim)
+        shares = np.minimum(2.0 * distances[members] / (large + small), 2.0)
+        values[members] = fit(shares - 1.0)
         errors[members] = error
-    few = ~tabulated[group]
+    few = ~is_tabulated[group]
     if few.any():
         values[few], errors[few] = pair_integrals(
             bump, first[few], second[few], distances[few], dim
@@ -115,29 +115,31 @@ def tabulated_integrals(
 def _close_pairs(
     points: Floats, radii: Floats, others: Floats, other_radii: Floats, slack: float
 ) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """Yield blocks of pairs of balls that may meet: two indices, and the distance."""
+    """Yield blocks of pairs of balls that may meet: two indices, and the distance of centers."""
     from scipy.spatial.distance import cdist
 
     blocks = math.ceil(len(radii) * len(other_radii) / MAX_PAIRS_PER_BLOCK)
     for block in np.array_split(np.arange(len(radii)), blocks):
-        gaps = cdist(points[block], others)
-        rows, columns = np.nonzero(gaps < radii[block, None] + other_radii + slack)
-        yield block[rows], columns, gaps[rows, columns]
+        distances = cdist(points[block], others)
+        reaches = np.add.outer(radii[block], other_radii) + slack
+        rows, columns = np.nonzero(distances < reaches)
+        yield block[rows], columns, distances[rows, columns]
 
 
 @lru_cache(maxsize=4096)
 def _tabulate_pair(
     bump: Bump, first: float, second: float, dim: int
 ) -> tuple[np.polynomial.Chebyshev, float]:
-    """Return integrals as a function of [-1, 1], and their error."""
+    """Fit the integral of two bumps as a function of the distance, with its error.
+
+    Distances from 0 to the sum of the radii are mapped to [-1, 1].
+    """
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
-    between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
-    gaps = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, between]))
-    values, errors = pair_integrals(
-        bump, np.full_like(gaps, first), np.full_like(gaps, second), gaps, dim
-    )
-    fit = np.polynomial.Chebyshev(chebyshev_coefficients(values[:PAIR_TABLE_NODES]))
-    error = float(errors.max()) + SAFETY_FACTOR * float(
-        np.abs(fit(between) - values[PAIR_TABLE_NODES:]).max()
-    )
-    return fit, error
+    midpoints = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
+    distances = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, midpoints]))
+    radii = np.full_like(distances, first), np.full_like(distances, second)
+    values, errors = pair_integrals(bump, *radii, distances, dim)
+    at_nodes, at_midpoints = np.split(values, [PAIR_TABLE_NODES])
+    fit = np.polynomial.Chebyshev(chebyshev_coefficients(at_nodes))
+    largest_miss = float(np.abs(fit(midpoints) - at_midpoints).max())
+    return fit, float(errors.max()) + SAFETY_FACTOR * largest_miss

@@ -26,7 +26,7 @@ from cspace.spectral.descriptors import (
     common_bump,
     union,
 )
-from cspace.spectral.overlap import FourierOverlap, rotation_matrix
+from cspace.spectral.overlap import FourierOverlap, as_matrices, rotation_matrix
 from cspace.spectral.pairs import norm_square, sum_pairs
 from cspace.spectral.spectra import (
     Complexes,
@@ -80,15 +80,12 @@ class Placements(NamedTuple):
         """Placements as configurations of maps, with a yaw or a quaternion."""
         from scipy.spatial.transform import Rotation
 
+        coordinates = np.empty((0, 4))
         if self.translations.shape[1] == 2:
-            angles = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
-        else:
-            angles = (
-                Rotation.from_matrix(self.rotations).as_quat()
-                if len(self.scores)
-                else np.empty((0, 4))
-            )
-        return np.column_stack([self.translations, angles])
+            coordinates = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
+        elif len(self.scores):
+            coordinates = Rotation.from_matrix(self.rotations).as_quat()
+        return np.column_stack([self.translations, coordinates])
 
 
 def best_placements(
@@ -160,38 +157,37 @@ def best_placements(
     >>> best.translations.shape, best.rotations.shape
     ((1, 2), (1, 2, 2))
     """
-    sets = {
-        name: source
-        for name, source in {"a": a, "b": b, "avoid": avoid}.items()
-        if source is not None
-    }
-    kind = common_bump(bump, *sets.values())
-    body, target, *others = (as_balls(source, name, kind) for name, source in sets.items())
+    given = {"a": a, "b": b}
+    if avoid is not None:
+        given["avoid"] = avoid
+    chosen = common_bump(bump, *given.values())
+    body, target, *avoided = (as_balls(source, name, chosen) for name, source in given.items())
     number = check_count(n, "n", 1, hint="pass e.g. 10")
     cost = check_not_negative(penalty, "penalty", "pass e.g. 10")
     check_flag(refine_rotations, "refine_rotations")
-    for balls in others:
+    for balls in avoided:
         check_same_dim("avoid", balls.dim, target.dim)
-    weights = np.concatenate(
-        [np.ones(len(target.radii)), *(np.full(len(balls.radii), -cost) for balls in others)]
-    )
-    score = _Score(body, union(target, *others), weights, band, tolerance)
+    targets = union(target, *avoided)
+    weights = np.full(len(targets.radii), -cost)
+    weights[: len(target.radii)] = 1.0
+    score = _Score(body, targets, weights, band, tolerance)
     matrices = _rotation_matrices(rotations, body.dim)
     apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
-    found = _Poses.none(body.dim)
+    poses = _Poses.none(body.dim)
     for matrix in matrices:
-        floor = found.scores[-1] if len(found.scores) == most else 0.0
-        found = found.append(score.peaks(matrix, float(floor), most)).distinct(
-            score.root, 0.5 * apart, most
-        )
-    found = score.climb(found, refine_rotations).distinct(score.root, apart, number)
-    scores, bounds = score.sum_pairs(found)
+        floor = 0.0
+        if len(poses.scores) == most:
+            floor = float(poses.scores[-1])
+        peaks = score.peaks(matrix, floor, most)
+        poses = poses.append(peaks).distinct(score.root, 0.5 * apart, most)
+    poses = score.climb(poses, refine_rotations).distinct(score.root, apart, number)
+    scores, bounds = score.sum_pairs(poses)
     best = np.argsort(-scores, kind="stable")
     best = best[scores[best] > bounds[best]]
-    translations = found.centers - found.rotations @ score.centroid
-    return Placements(scores[best], bounds[best], translations[best], found.rotations[best])
+    translations = poses.centers - poses.rotations @ score.centroid
+    return Placements(scores[best], bounds[best], translations[best], poses.rotations[best])
 
 
 class Correlation:
@@ -219,18 +215,24 @@ class Correlation:
         self.cells_per_metre = self.shape / self.lengths
         self.lattice = FrequencyLattice(self.lengths, counts)
         self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
-        centers = target.centers - target.center
-        shape = centers, target.radii, target.bump, lengths, counts, SEARCH_ACCURACY
-        self.spectrum = ball_spectrum(*shape, weights=weights)
+        self.spectrum = ball_spectrum(
+            target.centers - target.center,
+            target.radii,
+            target.bump,
+            lengths,
+            counts,
+            SEARCH_ACCURACY,
+            weights=weights,
+        )
 
     def overlaps(self, matrix: Floats) -> Floats:
         """Return the overlaps with the body rotated, at all steps of the lattice.
 
         At the first step, the centers of body and target coincide.
         """
-        moved = (self.body.centers - self.body.center) @ matrix.T
-        turned = sum_terms(self.lattice, moved, self.terms, SEARCH_ACCURACY)
-        return self.invert(self.spectrum * turned.conj())
+        rotated = (self.body.centers - self.body.center) @ matrix.T
+        body_spectrum = sum_terms(self.lattice, rotated, self.terms, SEARCH_ACCURACY)
+        return self.invert(self.spectrum * body_spectrum.conj())
 
     def invert(self, spectrum: Complexes) -> Floats:
         """Return the values of a spectrum on the lattice."""
@@ -238,7 +240,8 @@ class Correlation:
 
         padded = np.zeros(self.shape, dtype=np.complex128)
         # Negative frequencies count from the end.
-        padded[np.ix_(*map(frequency_indices, self.lattice.counts))] = spectrum
+        places = np.ix_(*map(frequency_indices, self.lattice.counts))
+        padded[places] = spectrum
         half = padded[..., : self.shape[-1] // 2 + 1]
         values = irfftn(half, s=self.shape, workers=cores())
         return np.asarray(values * self.cells_per_metre.prod())
@@ -250,13 +253,14 @@ class Correlation:
         from scipy.ndimage import spline_filter
 
         knots = tuple(np.arange(count + 7) - 3.0 for count in self.shape)
-        found = []
+        splines = []
         for term in self.terms:
             field = self.invert(self.spectrum * self.lattice.spread(term.factor))
             coefficients = spline_filter(field, mode="grid-wrap")
             # The splines are periodic: one cell before and two cells after the period.
-            found.append(NdBSpline(knots, np.pad(coefficients, (1, 2), mode="wrap"), 3))
-        return found
+            periodic = np.pad(coefficients, (1, 2), mode="wrap")
+            splines.append(NdBSpline(knots, periodic, 3))
+        return splines
 
     def evaluate(self, centers: Floats) -> Floats:
         """Return the overlaps of moved balls and their derivatives, shape (n, k, 1 + d).
@@ -336,9 +340,10 @@ class BallPenetration:
             raise InputError(
                 "centers", f"has shape {points.shape}", rule, "pass all balls", value=centers
             )
-        found = self._fields.evaluate(points.reshape(-1, count, dim))
-        sums = found.reshape(*points.shape[:-1], 1 + dim)
-        sums[~((self._lower <= points) & (points <= self._upper)).all(axis=-1)] = 0.0
+        sums = self._fields.evaluate(points.reshape(-1, count, dim))
+        sums = sums.reshape(*points.shape[:-1], 1 + dim)
+        is_near = ((self._lower <= points) & (points <= self._upper)).all(axis=-1)
+        sums[~is_near] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 
@@ -351,7 +356,7 @@ class _Poses(NamedTuple):
 
     @classmethod
     def none(cls, dim: int) -> _Poses:
-        """Return no pose."""
+        """Create an empty set of poses."""
         return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
 
     def select(self, chosen: NDArray[Any]) -> _Poses:
@@ -360,7 +365,11 @@ class _Poses(NamedTuple):
 
     def append(self, other: _Poses) -> _Poses:
         """Return these poses followed by others."""
-        return _Poses(*map(np.concatenate, zip(self, other, strict=True)))
+        return _Poses(
+            np.concatenate([self.scores, other.scores]),
+            np.concatenate([self.centers, other.centers]),
+            np.concatenate([self.rotations, other.rotations]),
+        )
 
     def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
         """Return at most ``most`` best poses, none near a better one.
@@ -369,14 +378,14 @@ class _Poses(NamedTuple):
         C^(1/2) of the covariance of their centers: the displacement of poses (c, R) is the distance
         of the vectors (c, R C^(1/2)).
         """
-        vectors = np.column_stack(
-            [self.centers, (self.rotations @ root).reshape(len(self.scores), root.size)]
-        )
+        turned_roots = (self.rotations @ root).reshape(len(self.scores), root.size)
+        vectors = np.column_stack([self.centers, turned_roots])
         chosen: list[int] = []
         for pose in np.argsort(-self.scores, kind="stable").tolist():
             if len(chosen) == most:
                 break
-            if (((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1) >= apart * apart).all():
+            squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
+            if (squares >= apart * apart).all():
                 chosen.append(pose)
         return self.select(np.array(chosen, dtype=np.int64))
 
@@ -401,20 +410,21 @@ class _Score:
         self.target = target
         self.weights = weights
         self.dim = body.dim
-        scale = norm_square(body)[0]
+        self_overlap, _ = norm_square(body)
         overlap = FourierOverlap(
-            body, target, bump=body.bump, threshold=scale, band=band, tolerance=tolerance
+            body, target, bump=body.bump, threshold=self_overlap, band=band, tolerance=tolerance
         )
         counts = overlap.counts
         if band is None:
             shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
-            counts = tuple(2 * max(1, math.floor(shrink * (each // 2))) + 1 for each in counts)
+            halves = (max(1, math.floor(shrink * (count // 2))) for count in counts)
+            counts = tuple(2 * half + 1 for half in halves)
         self.correlation = Correlation(body, target, overlap.lengths, counts, weights)
         self.centroid = body.centers.mean(axis=0)
         self.arms = body.centers - self.centroid
-        values, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
-        self.root = axes * np.sqrt(np.maximum(values, 0.0)) @ axes.T
-        self.gyration = math.sqrt(float(values.sum() + (body.radii**2).mean()))
+        variances, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
+        self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+        self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
 
     def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
         """Return the highest local maxima on the lattice, above a score."""
@@ -423,73 +433,77 @@ class _Score:
         values = self.correlation.overlaps(matrix)
         if values.max() <= floor:
             return _Poses.none(self.dim)
-        tops = np.flatnonzero((values > floor) & (values == maximum_filter(values, 3, mode="wrap")))
-        if len(tops) > most:
-            tops = tops[np.argpartition(-values.ravel()[tops], most)[:most]]
-        parts = np.stack(np.unravel_index(tops, values.shape), axis=1) / values.shape
-        centers = (parts - np.round(parts)) * self.correlation.lengths + self.target.center
+        is_peak = (values > floor) & (values == maximum_filter(values, 3, mode="wrap"))
+        peaks = np.flatnonzero(is_peak)
+        if len(peaks) > most:
+            order = np.argpartition(-values.ravel()[peaks], most)
+            peaks = peaks[order[:most]]
+        steps = np.stack(np.unravel_index(peaks, values.shape), axis=1)
+        shares = steps / values.shape  # of the period
+        centers = (shares - np.round(shares)) * self.correlation.lengths + self.target.center
         centers += matrix @ (self.centroid - self.body.center)
-        scores = values.ravel()[tops]
-        return _Poses(scores, centers, np.broadcast_to(matrix, (len(tops), *matrix.shape)))
+        rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
+        return _Poses(values.ravel()[peaks], centers, rotations)
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
         """Move poses along the gradient to near maxima, by BFGS.
 
         Steps are in metres: along the axes, and for rotations the arc at the radius of gyration.
         """
-        poses, slopes = self._scored(poses, turn)
+        poses, slopes = self._score_poses(poses, turn)
         spacing = float((self.correlation.lengths / self.correlation.lattice.counts).min())
-        trust = np.full(len(slopes), 0.5 * spacing)
+        last_length, max_length = spacing * np.array(ASCENT_LENGTHS)
+        trust = np.full(len(slopes), 0.5 * spacing)  # largest length of the next step
         sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
         for _ in range(40):
             steps = np.einsum("nij,nj->ni", inverse, slopes)
             lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
-            if (lengths <= ASCENT_LENGTHS[0] * spacing).all():
+            if (lengths <= last_length).all():
                 break
             steps *= np.minimum(1.0, trust / lengths)[:, None]
             lengths = np.minimum(lengths, trust)
-            tried, others = self._scored(self._moved(poses, steps), turn)
-            inverse = _update_inverse(inverse, steps, slopes - others)
-            better = tried.scores > poses.scores
-            longer = np.minimum(2.0 * lengths, ASCENT_LENGTHS[1] * spacing)
-            trust = np.where(better, longer, 0.3 * lengths)
-            slopes[better] = others[better]
-            for column, new in zip(poses, tried, strict=True):
-                column[better] = new[better]
+            moved, moved_slopes = self._score_poses(self._move_poses(poses, steps), turn)
+            inverse = _update_inverse(inverse, steps, slopes - moved_slopes)
+            is_better = moved.scores > poses.scores
+            longer = np.minimum(2.0 * lengths, max_length)
+            trust = np.where(is_better, longer, 0.3 * lengths)
+            slopes[is_better] = moved_slopes[is_better]
+            for column, moved_column in zip(poses, moved, strict=True):
+                column[is_better] = moved_column[is_better]
         return poses
 
-    def _moved(self, poses: _Poses, steps: Floats) -> _Poses:
+    def _move_poses(self, poses: _Poses, steps: Floats) -> _Poses:
         """Move poses by translations and rotations about the centroid."""
         from scipy.spatial.transform import Rotation
 
         rotations = poses.rotations
         turns = steps[:, self.dim :] / self.gyration
         if turns.size:
-            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))
-            turned = Rotation.from_rotvec(vectors).as_matrix()[:, : self.dim, : self.dim]
-            rotations = turned @ rotations
+            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))  # about z in the plane
+            matrices = Rotation.from_rotvec(vectors).as_matrix()
+            rotations = matrices[:, : self.dim, : self.dim] @ rotations
         return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
 
-    def _scored(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Score poses, and compute the derivatives by steps."""
+    def _score_poses(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
+        """Score poses, and compute the derivatives with respect to steps."""
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         sums = self.correlation.evaluate(poses.centers[:, None] + arms)
-        scores = sums[..., 0].sum(axis=1)
         forces = sums[..., 1:]
-        parts = [forces.sum(axis=1)]
+        slopes = forces.sum(axis=1)
         if turn:
             margins = (0, 0), (0, 0), (0, 3 - self.dim)
             twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
-            parts.append(twists[:, 2 if self.dim == 2 else 0 :] / self.gyration)
-        return _Poses(scores, poses.centers.copy(), poses.rotations.copy()), np.concatenate(
-            parts, axis=1
-        )
+            if self.dim == 2:
+                twists = twists[:, 2:]
+            slopes = np.column_stack([slopes, twists / self.gyration])
+        scored = _Poses(sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy())
+        return scored, slopes
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
-        """Return ideal scores of poses and bounds of their errors."""
-        far = float(np.abs(poses.centers).max(initial=0.0))
-        slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + far)
+        """Compute ideal scores of poses and bounds of their errors."""
+        farthest = float(np.abs(poses.centers).max(initial=0.0))
+        slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + farthest)
         moved = (
             self.arms @ matrix.T + center
             for center, matrix in zip(poses.centers, poses.rotations, strict=True)
@@ -499,14 +513,18 @@ class _Score:
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Update negated inverse Hessians by steps and falls of slopes."""
+    """Update negated inverse Hessians (n, k, k) by the formula of BFGS.
+
+    ``steps`` and ``changes``, shape (n, k), are steps and the falls of the slopes along them.
+    """
     products = (steps * changes).sum(axis=1)
-    usable = products > 1e-10 * np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
-    rho = np.where(usable, 1.0 / np.where(usable, products, 1.0), 0.0)[:, None, None]
-    left = np.eye(steps.shape[1]) - rho * steps[:, :, None] * changes[:, None, :]
-    return np.asarray(
-        left @ inverse @ np.swapaxes(left, 1, 2) + rho * steps[:, :, None] * steps[:, None, :]
-    )
+    lengths = np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
+    is_usable = products > 1e-10 * lengths
+    rho = np.where(is_usable, 1.0 / np.where(is_usable, products, 1.0), 0.0)[:, None, None]
+    columns = steps[:, :, None]
+    left = np.eye(steps.shape[1]) - rho * columns * changes[:, None, :]
+    squares = rho * columns * steps[:, None, :]
+    return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + squares)
 
 
 def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
@@ -515,20 +533,12 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
         cells = Rotations.of(rotations)
         cells.check_dimension(dim)
         return cells.make_matrices(cells.centers, dim)
-    values = check_finite(
-        rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations, "rotations"
-    )
-    flat = (
-        np.atleast_1d(values)
-        if dim == 2 and values.ndim < 2
-        else values.reshape(-1, *values.shape[-2:])
-    )
-    if not len(flat):
-        raise InputError(
-            "rotations",
-            "is empty",
-            "there must be one",
-            "pass e.g. Rotations.of(36)",
-            value=rotations,
-        )
-    return np.stack([rotation_matrix(value, dim) for value in flat])
+    values = check_finite(as_matrices(rotations), "rotations")
+    if dim == 2 and values.ndim < 2:
+        values = np.atleast_1d(values)
+    else:
+        values = values.reshape(-1, *values.shape[-2:])
+    if not len(values):
+        hint = "pass e.g. Rotations.of(36)"
+        raise InputError("rotations", "is empty", "there must be one", hint, value=rotations)
+    return np.stack([rotation_matrix(value, dim) for value in values])

@@ -84,10 +84,11 @@ class ShapeBoundary:
     """
 
     def __init__(self, shape: ExactShape) -> None:
-        # Overlapping polygons are united first, so that only the boundary of the union remains.
-        self.pieces, radii = (
-            Polygons([shape.outline]) if isinstance(shape, Polygons) else shape
-        ).boundary()
+        exact = shape
+        if isinstance(shape, Polygons):
+            # Unite overlapping polygons, so that only the boundary of the union remains.
+            exact = Polygons([shape.outline])
+        self.pieces, radii = exact.boundary()
         if radii.any():
             rule = "decompose() finds balls for other shapes"
             raise InputError(
@@ -107,23 +108,25 @@ class ShapeBoundary:
             return 0.0, 0.0
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
         if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
-            return abs(self.shape.measure), abs(self.shape.measure)
+            measure = abs(self.shape.measure)
+            return measure, measure
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of depths, negative outside, at most ``cap``."""
+        """Compute lower bounds of the depths of points, negative outside, at most ``cap``."""
         near, far = self.distances(points, cap)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of distances to the shape, at most ``cap``."""
+        """Compute lower bounds of the distances of points to the shape, at most ``cap``."""
         outside = ~self.shape.contains(points)
+        near, _ = self.distances(points[outside], cap)
         gaps = np.zeros(len(points))
-        gaps[outside] = np.maximum(self.distances(points[outside], cap)[0] - self.error, 0.0)
+        gaps[outside] = np.maximum(near - self.error, 0.0)
         return gaps
 
     def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
-        """Compute bounds of distances to the boundary, at most ``cap``."""
+        """Compute lower and upper bounds of distances to the boundary, at most ``cap``."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near = np.empty(len(points))
         far = np.empty(len(points))
@@ -139,17 +142,19 @@ class ShapeBoundary:
     @cached_property
     def tree(self) -> PieceTree:
         """Tree of the pieces, for distances."""
-        triangles = np.pad(self.pieces, ((0, 0), (0, 3 - self.dim), (3 - self.dim, 0)), mode="edge")
-        triangles[..., : 3 - self.dim] = 0.0
+        # Segments of the plane get x = 0 and repeat their last corner.
+        missing = 3 - self.dim
+        triangles = np.pad(self.pieces, ((0, 0), (0, missing), (missing, 0)), mode="edge")
+        triangles[..., :missing] = 0.0
         edges = np.roll(triangles, -1, axis=1) - triangles
         longest = np.linalg.norm(edges, axis=2).max(axis=1)
-        areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-        errors = np.where(
-            (areas <= THIN_HEIGHT * longest**2) & (self.dim == 3), THIN_HEIGHT * longest, 0.0
-        )
+        doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        is_spatial = self.dim == 3
+        is_thin = is_spatial & (doubled_areas <= THIN_HEIGHT * longest**2)
+        errors = np.where(is_thin, THIN_HEIGHT * longest, 0.0)
         (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
-        return PieceTree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
+        return PieceTree(corners, rows[:, 9].copy(), boxes, spans, is_spatial)
 
 
 class Region:
@@ -169,7 +174,7 @@ class Region:
         self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
         self.depths = self.inner.depths
         self.gaps = self.outer.gaps
-        self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+        self.size = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
 
     @property
     def measure(self) -> tuple[float, float]:
@@ -179,14 +184,15 @@ class Region:
     @property
     def box_volume(self) -> float:
         """Volume of the bounding box, thickened to 0.001 diagonals."""
-        return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
+        sides = np.ptp(self.bounds, axis=0)
+        return float(np.prod(np.maximum(sides, 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
         """Create a grid, of a spacing in metres, that just covers the region.
 
         Raises InputError if it does not fit into memory.
         """
-        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing).astype(np.int64) + 1
+        counts = np.ceil(np.ptp(self.bounds, axis=0) / spacing).astype(np.int64) + 1
         grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts)
         hint = "use a larger tolerance or fewer balls"
         check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
@@ -227,10 +233,8 @@ class Lattice:
 
         Raises InputError if that takes too many cells.
         """
-        counts = USUAL_LATTICE_CELLS[region.dim], MAX_LATTICE_CELLS
-        usual, finest = (
-            float((region.box_volume / count) ** (1.0 / region.dim)) for count in counts
-        )
+        usual = _cell_side(region, USUAL_LATTICE_CELLS[region.dim])
+        finest = _cell_side(region, MAX_LATTICE_CELLS)
         if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
             problem = f"is {tolerance:g} m, but the shape is {region.size:g} m across"
             hint = f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m"
@@ -244,25 +248,31 @@ class Lattice:
     def for_count(cls, region: Region, number: int) -> Lattice:
         """Create a lattice that resolves ``number`` balls."""
         dim = region.dim
-        box_cells = min(
-            max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS
-        )
-        enough_cells = max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
+        cells_for_balls = number * BOX_CELLS_PER_BALL[dim]
+        box_cells = min(max(MIN_BOX_CELLS[dim], cells_for_balls), MAX_LATTICE_CELLS)
+        enough_cells = max(MIN_SHAPE_CELLS[dim], cells_for_balls // 2)
         while True:
-            lattice = cls(region, float((region.box_volume / box_cells) ** (1.0 / dim)))
-            if len(lattice.cell_centers) >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
+            lattice = cls(region, _cell_side(region, box_cells))
+            shape_cells = len(lattice.cell_centers)
+            if shape_cells >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
                 return lattice
             # A thin shape fills little of its box, so it needs more cells in the box.
-            factor = (enough_cells / max(len(lattice.cell_centers), 1)) ** (dim / (dim - 1.0))
-            box_cells = min(MAX_REFINED_CELLS, int(box_cells * min(max(2.0, factor), 16.0)))
+            factor = (enough_cells / max(shape_cells, 1)) ** (dim / (dim - 1.0))
+            factor = min(max(2.0, factor), 16.0)
+            box_cells = min(MAX_REFINED_CELLS, int(box_cells * factor))
 
     def to_metres(self, points: Floats) -> Floats:
         """Convert lattice coordinates (n, 3) to metres (n, d)."""
         return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return the depths of the region, in sides."""
+        """Return lower bounds of the depths of points in the region, in sides."""
         return self.region.depths(self.to_metres(points)) / self.side
+
+
+def _cell_side(region: Region, box_cells: float) -> float:
+    """Return the side of a cell, metres, if the bounding box has ``box_cells`` cells."""
+    return float((region.box_volume / box_cells) ** (1.0 / region.dim))
 
 
 # ---- distances -----------------------------------------------------------------------------------
@@ -286,7 +296,10 @@ class PieceTree(NamedTuple):
 
 @allocating
 def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
-    """Return bounds of the distance to the nearest piece, at most ``cap``."""
+    """Return lower and upper bounds of the distance to a boundary, at most ``cap``.
+
+    ``position`` has three coordinates, metres.
+    """
     near = cap
     far = cap
     pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
@@ -307,9 +320,9 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
                 if tree.spatial:
                     gap = point_triangle(position, piece)
                 else:
-                    gap = math.sqrt(
-                        point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0))
-                    )
+                    start_corner = row_at(piece[0], 0)
+                    stop_corner = row_at(piece[1], 0)
+                    gap = math.sqrt(point_segment(position, start_corner, stop_corner))
                 near = min(near, gap)
                 far = min(far, gap + tree.errors[n])
             continue
@@ -339,37 +352,36 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Return bounds of the area or volume of balls' union."""
+    """Return lower and upper bounds of the area or volume of a union of balls."""
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely
 
-    # Inscribed and circumscribed polygons bound the area of the discs; GEOS may snap corners, for
-    # which 1e-9 allows.
-    quarter = int(np.clip(2**16 // len(radii), 64, 1024)) // 4
+    # Inscribed and circumscribed polygons bound the area of the discs.
+    quarter = int(np.clip(2**16 // len(radii), 64, 1024)) // 4  # sides in a quarter of a circle
     lower, upper = Balls(centers, radii).bounds
-    cell_centers = shapely.points(centers - lower)
+    points = shapely.points(centers - lower)
+    circumscribed = radii / math.cos(math.pi / (4 * quarter))
     inner, outer = (
-        float(
-            shapely.union_all(shapely.buffer(cell_centers, scale * radii, quad_segs=quarter)).area
-        )
-        for scale in (1.0, 1.0 / math.cos(math.pi / (4 * quarter)))
+        float(shapely.union_all(shapely.buffer(points, sizes, quad_segs=quarter)).area)
+        for sizes in (radii, circumscribed)
     )
+    # GEOS may snap corners, for which 1e-9 allows.
     error = MEASURE_ROUNDING * float(np.subtract(upper, lower).max()) ** 2
     return max(0.0, inner * (1.0 - 1e-9) - error), outer * (1.0 + 1e-9) + error
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Return bounds of a volume by inner and outer cells."""
+    """Return lower and upper bounds of a volume, from cells inside and cells that cover it."""
     lower, upper = np.array(shape.bounds)
-    spacing = float(
-        np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / 2**23)
-    )
-    counts = np.ceil((upper - lower) / spacing) + 1.0
-    outer, inner = shape.cells(
-        Grid(0.5 * (lower + upper - spacing * counts), spacing, counts.astype(np.int64))
-    )
-    return float(np.count_nonzero(inner)) * spacing**3, float(np.count_nonzero(outer)) * spacing**3
+    sides = upper - lower
+    box_volume = np.prod(np.maximum(sides, 1e-3 * sides.max()))
+    spacing = float(np.cbrt(box_volume / 2**23))
+    counts = np.ceil(sides / spacing) + 1.0
+    corner = 0.5 * (lower + upper - spacing * counts)
+    outer, inner = shape.cells(Grid(corner, spacing, counts.astype(np.int64)))
+    cell_volume = spacing**3
+    return np.count_nonzero(inner) * cell_volume, np.count_nonzero(outer) * cell_volume
 
 
 def bound_shape_to_balls(
@@ -393,13 +405,13 @@ def bound_shape_to_balls(
     box_centers = lattice.to_metres(lattice.cell_centers)
     high = 0.0
     growths = np.full(len(radii), -np.inf)
-    halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
+    child_offsets = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))  # in half sides
     for level in range(MAX_GAP_HALVINGS + 1):
         # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
-        radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error
+        radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error  # of a ball around a box
         cap = 1.01 * radius + 2.0 * region.outer.error
         is_inside = region.depths(box_centers[kept], cap) > 0.0
         is_near = region.gaps(box_centers[kept], cap) <= radius
@@ -410,11 +422,12 @@ def bound_shape_to_balls(
         owners = owners[kept]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
         is_open = far > low + max(0.02 * low, 1e-4 * region.size)
-        if level == MAX_GAP_HALVINGS or np.count_nonzero(is_open) * len(halves) > MAX_GAP_BOXES:
+        child_count = np.count_nonzero(is_open) * len(child_offsets)
+        if level == MAX_GAP_HALVINGS or child_count > MAX_GAP_BOXES:
             is_open[:] = False
         high = max(high, float(far[~is_open].max(initial=0.0)))
         np.maximum.at(growths, owners[~is_open], far[~is_open])
-        box_centers = (box_centers[is_open, None] + half * halves).reshape(-1, dim)
+        box_centers = (box_centers[is_open, None] + half * child_offsets).reshape(-1, dim)
         half = 0.5 * half
         if not len(box_centers):
             break
@@ -430,7 +443,8 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     high = max(0.0, float((radii - region.depths(centers)).max()))
     count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
     directions = np.random.default_rng(0).normal(size=(count, region.dim))
-    directions *= (1.0 - MEASURE_ROUNDING) / np.linalg.norm(directions, axis=1)[:, None]
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions *= (1.0 - MEASURE_ROUNDING) / lengths
     points = centers[:, None] + radii[:, None, None] * directions
     low = float(region.gaps(points.reshape(-1, region.dim)).max())
     return min(low, high), high
@@ -455,7 +469,7 @@ def cube_gaps(
         gaps = cdist(points[block], centers) - radii
         nearest = gaps.argmin(axis=1)
         near[block] = gaps.min(axis=1)
-        corners = np.abs(points[block] - centers[nearest]) + half
-        far[block] = np.linalg.norm(corners, axis=1) - radii[nearest]
+        farthest_corners = np.abs(points[block] - centers[nearest]) + half
+        far[block] = np.linalg.norm(farthest_corners, axis=1) - radii[nearest]
         owners[block] = nearest
     return near, far, owners

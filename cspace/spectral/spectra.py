@@ -127,19 +127,16 @@ def ball_spectrum(
         raise InputError(
             "weights", f"has shape {factors.shape}", rule, "pass numbers", value=weights
         )
-    extent = (points + sizes[:, None]).max(axis=0) - (points - sizes[:, None]).min(axis=0)
+    lower = (points - sizes[:, None]).min(axis=0)
+    upper = (points + sizes[:, None]).max(axis=0)
+    extent = upper - lower
     # 1e-9 allows for rounding; larger balls would overlap their copies.
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
         axis = int(np.argmax(extent / lattice.periods))
         length = f"{lattice.periods[axis]:g} m along {'xyz'[axis]}"
         problem = f"holds {length}, but the balls extend over {extent[axis]:g} m"
-        raise InputError(
-            "lengths",
-            problem,
-            "they must fit into one period",
-            "pass a longer period",
-            value=lengths,
-        )
+        rule = "they must fit into one period"
+        raise InputError("lengths", problem, rule, "pass a longer period", value=lengths)
     terms = [
         term._replace(strengths=term.strengths * factors[term.members])
         for term in radial_terms(lattice, kind, sizes, within)
@@ -169,7 +166,8 @@ class FrequencyLattice(NamedTuple):
 
     def spread(self, values: Floats) -> Floats:
         """Copy values of :attr:`moduli` to all frequencies of these moduli."""
-        return values[np.ix_(*(np.abs(frequency_indices(count)) for count in self.counts))]
+        sources = [np.abs(frequency_indices(count)) for count in self.counts]
+        return values[np.ix_(*sources)]
 
 
 class Term(NamedTuple):
@@ -188,14 +186,16 @@ class Term(NamedTuple):
 def radial_terms(
     lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
 ) -> Iterator[Term]:
-    """Return the terms of balls, wherever their centers are."""
+    """Return terms that describe balls of given radii around any centers."""
     moduli = lattice.moduli
     dim = len(lattice.counts)
-    different = len(np.unique(radii))
+    radius_count = len(np.unique(radii))
     terms = None
-    if different > MIN_RADII_FOR_BASIS:
-        terms = radius_basis(bump, radii, moduli, dim, tolerance, different)
-    return _terms_by_radius(bump, radii, moduli, dim, tolerance) if terms is None else terms
+    if radius_count > MIN_RADII_FOR_BASIS:
+        terms = radius_basis(bump, radii, moduli, dim, tolerance, radius_count)
+    if terms is None:
+        terms = _terms_by_radius(bump, radii, moduli, dim, tolerance)
+    return terms
 
 
 def _terms_by_radius(
@@ -205,13 +205,14 @@ def _terms_by_radius(
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     for radius in np.unique(radii).tolist():
         members = np.flatnonzero(radii == radius)
-        yield Term(members, np.full(len(members), radius**dim), table(radius * moduli))
+        strengths = np.full(len(members), radius**dim)
+        yield Term(members, strengths, table(radius * moduli))
 
 
 def radius_basis(
     bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float, max_terms: int
 ) -> Iterator[Term] | None:
-    """Return a few terms that serve all radii.
+    """Return a few terms that represent balls of all radii.
 
     Returns None unless there are fewer than ``max_terms`` terms. As a function of the radius,
     ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So it is
@@ -233,25 +234,27 @@ def radius_basis(
     spectrum = bump.table(dim, highest + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
     nodes = center + half * chebyshev_nodes(count)
     samples = max_modulus * np.linspace(0.0, 1.0, 4 * count)
-    left, sizes, _ = np.linalg.svd(spectrum(nodes[:, None] * samples), full_matrices=False)
+    # Columns of ``left`` are combinations of the radii at the nodes, the largest first.
+    left, sizes, _ = np.linalg.svd(spectrum(np.outer(nodes, samples)), full_matrices=False)
     rank = int(np.count_nonzero(sizes > within * spectrum(np.zeros(1))[0]))
     if rank >= max_terms:
         return None
     combinations = left[:, :rank]
     # Tables need unit band limit, so frequencies are in cycles per largest radius.
     points = table_points(highest, within / math.sqrt(count))
-    values = spectrum((nodes / max_radius)[:, None, None] * points)
-    position = np.clip((radii - center) / half, -1.0, 1.0)
-    shares = np.polynomial.chebyshev.chebval(position, chebyshev_coefficients(combinations))
-    all_balls = np.arange(len(radii))
+    values = spectrum(np.multiply.outer(nodes / max_radius, points))
+    positions = np.clip((radii - center) / half, -1.0, 1.0)
+    shares = np.polynomial.chebyshev.chebval(positions, chebyshev_coefficients(combinations))
     strengths = shares * radii**dim
-    tables = (
-        RadialTable(np.tensordot(column, values, axes=1), highest) for column in combinations.T
-    )
-    return (
-        Term(all_balls, row, table(max_radius * moduli))
-        for row, table in zip(strengths, tables, strict=True)
-    )
+    all_balls = np.arange(len(radii))
+    frequencies = max_radius * moduli
+
+    def make_terms() -> Iterator[Term]:
+        for combination, row in zip(combinations.T, strengths, strict=True):
+            table = RadialTable(np.tensordot(combination, values, axes=1), highest)
+            yield Term(all_balls, row, table(frequencies))
+
+    return make_terms()
 
 
 # ---- non-uniform transforms ----------------------------------------------------------------------
@@ -272,8 +275,9 @@ def sum_terms(
     shares -= np.round(shares)
     total = np.zeros(lattice.counts, dtype=np.complex128)
     for term in terms:
-        is_small = len(term.members) <= MAX_SUMMED_BALLS[len(lattice.counts)]
-        sum_waves = _sum_products if is_small else _transform
+        sum_waves = _transform
+        if len(term.members) <= MAX_SUMMED_BALLS[len(lattice.counts)]:
+            sum_waves = _sum_products
         waves = sum_waves(lattice, shares[term.members], term.strengths, tolerance)
         waves *= lattice.spread(term.factor)
         total += waves
@@ -298,12 +302,15 @@ def _sum_products(
     lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
 ) -> Complexes:
     """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis."""
-    first, *rest = (
+    # Factors have shape (frequencies, points); those of all axes but the first are merged.
+    first, *others = (
         np.exp(-2j * math.pi * np.outer(frequency_indices(count), column))
         for count, column in zip(lattice.counts, shares.T, strict=True)
     )
-    others = rest[0] if len(rest) == 1 else (rest[0][:, None] * rest[1]).reshape(-1, len(strengths))
-    return np.asarray(((first * strengths) @ others.T).reshape(lattice.counts))
+    merged = others[0]
+    if len(others) == 2:
+        merged = (merged[:, None] * others[1]).reshape(-1, len(strengths))
+    return np.asarray(((first * strengths) @ merged.T).reshape(lattice.counts))
 
 
 def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
@@ -321,8 +328,9 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
 
 def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
     """Return the options of a transform; large ones take several threads."""
-    # With a coarser grid, errors exceeded the tolerance.
-    upsampling = 1.25 if tolerance >= 1e-8 else 1.5 if tolerance >= 1e-11 else 2.0
+    upsampling = 1.25
+    if tolerance < 1e-8:  # with a coarser grid, errors exceeded the tolerance
+        upsampling = 1.5 if tolerance >= 1e-11 else 2.0
     threads = cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
     return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": upsampling}
 
@@ -336,7 +344,7 @@ def frequency_indices(count: int) -> NDArray[np.intp]:
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
-    """Return the periods, shape (dim,), or raise InputError."""
+    """Check period lengths and return one per axis, shape (dim,)."""
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
@@ -352,7 +360,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     Raises InputError for anything else, or for too many frequencies.
     """
     numbers = np.asarray(counts)
-    if numbers.shape not in {(), (dim,)} or numbers.dtype.kind not in "iu" or (numbers <= 0).any():
+    is_whole = numbers.dtype.kind in "iu"
+    if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
         rule = f"it must be one whole number above zero or {dim} of them"
         raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256", value=counts)
     shape = tuple(np.broadcast_to(numbers, dim).tolist())

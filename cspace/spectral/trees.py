@@ -39,24 +39,24 @@ def build_tree(centers: Floats, radii: Floats) -> Floats:
 
 
 def _add_nodes(nodes: list[Floats], points: Floats, radii: Floats) -> None:
-    """Append the tree of balls, shapes (n, 3) and (n, 1), which are halved."""
-    center = points[0]
-    reach = radii[0]
+    """Append the tree of balls, with centers (n, 3) and radii (n, 1), to the nodes."""
     size = len(points)
-    if size > 1:
-        # The center is the bounding box's; the radius reaches beyond the farthest ball, in spite of
-        # rounding.
-        center = 0.5 * ((points - radii).min(axis=0) + (points + radii).max(axis=0))
-        gaps = np.linalg.norm(points - center, axis=1, keepdims=True)
-        reach = (1.0 + 2.0**-40) * (gaps + radii).max(axis=0)
+    if size == 1:
+        nodes.append(np.concatenate([points[0], radii[0], [1.0]]))
+        return
+    # The node has the center of the bounding box; its radius reaches beyond the farthest ball, in
+    # spite of rounding.
+    center = 0.5 * ((points - radii).min(axis=0) + (points + radii).max(axis=0))
+    distances = np.linalg.norm(points - center, axis=1, keepdims=True)
+    reach = (1.0 + 2.0**-40) * (distances + radii).max(axis=0)
     nodes.append(np.concatenate([center, reach, [size]]))
-    if size > 1:
-        _add_nodes(nodes, points[: size // 2], radii[: size // 2])
-        _add_nodes(nodes, points[size // 2 :], radii[size // 2 :])
+    half = size // 2
+    _add_nodes(nodes, points[:half], radii[:half])
+    _add_nodes(nodes, points[half:], radii[half:])
 
 
 def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
-    """Rotate a tree about the origin."""
+    """Rotate a tree about the origin by a matrix (d, d)."""
     rotated = tree.copy()
     dim = len(matrix)
     rotated[:, :dim] = tree[:, :dim] @ matrix.T
@@ -67,7 +67,7 @@ def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
 def compare_placed(
     a: Floats, b: Floats, x: float, y: float, z: float, slack: float, pending: Ints
 ) -> int:
-    """Return MISS, HIT or UNDECIDED, the first tree moved by (x, y, z).
+    """Compare tree a, moved by (x, y, z), with tree b; return MISS, HIT or UNDECIDED.
 
     ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is
     scratch of shape (MAX_PENDING_NODE_PAIRS, 2).
@@ -79,29 +79,31 @@ def compare_placed(
     while count > 0:
         count -= 1
         i, j = pending[count]
-        p, q = a[i], b[j]
-        dx, dy, dz = p[0] + x - q[0], p[1] + y - q[1], p[2] + z - q[2]
+        node_a = a[i]
+        node_b = b[j]
+        dx = node_a[0] + x - node_b[0]
+        dy = node_a[1] + y - node_b[1]
+        dz = node_a[2] + z - node_b[2]
         square = dx * dx + dy * dy + dz * dz
-        reach = p[3] + q[3]
+        reach = node_a[3] + node_b[3]
         if square > (reach + slack) * (reach + slack):
             continue
-        size_a = int(p[4])
-        size_b = int(q[4])
+        size_a = int(node_a[4])
+        size_b = int(node_b[4])
         if size_a == 1 and size_b == 1:
             if reach > slack and square < (reach - slack) * (reach - slack):
                 return HIT
             result = UNDECIDED
             continue
         # Replace the node with the larger ball by its two children.
-        i1, i2, j1, j2 = i, i, j, j
-        if size_b == 1 or (size_a > 1 and p[3] > q[3]):
-            i1, i2 = i + 1, i + 2 * (size_a // 2)
+        pending[count + 1, 0] = i
+        pending[count + 1, 1] = j
+        if size_b == 1 or (size_a > 1 and node_a[3] > node_b[3]):
+            pending[count, 0] = i + 1
+            pending[count + 1, 0] = i + 2 * (size_a // 2)
         else:
-            j1, j2 = j + 1, j + 2 * (size_b // 2)
-        pending[count, 0] = i1
-        pending[count, 1] = j1
-        pending[count + 1, 0] = i2
-        pending[count + 1, 1] = j2
+            pending[count, 1] = j + 1
+            pending[count + 1, 1] = j + 2 * (size_b // 2)
         count += 2
     return result
 
@@ -147,9 +149,10 @@ def test_placements(
     relative: Floats,
     out: Bytes,
 ) -> None:
-    """Write the verdicts of placements (n, 3): the outer trees decide first, then the inner ones.
+    """Write the verdicts of placements (n, 3) to ``out``.
 
-    The other arguments are those of :class:`ContactTest`.
+    The outer trees decide first, then the inner ones. The other arguments are those of
+    :class:`ContactTest`.
     """
     pending = np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64)
     for n in range(len(relative)):
@@ -159,5 +162,6 @@ def test_placements(
             continue
         if compare_placed(outer_a, outer_b, x, y, z, slack, pending) == MISS:
             continue
-        inner = compare_placed(inner_a, inner_b, x, y, z, slack, pending)
-        out[n] = HIT if inner == HIT else UNDECIDED
+        out[n] = UNDECIDED
+        if compare_placed(inner_a, inner_b, x, y, z, slack, pending) == HIT:
+            out[n] = HIT

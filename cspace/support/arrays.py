@@ -60,11 +60,13 @@ def reduce_blocks(
     """
     # Combining all blocks at once is twenty times faster than ``reduceat``, which goes block by
     # block.
-    for axis, start in enumerate(starts):
-        last = np.append(start[1:], cells.shape[axis]) - 1
-        reduced = cells.take(start, axis)
-        for step in range(1, int((last - start).max()) + 1):
-            combine(reduced, cells.take(np.minimum(start + step, last), axis), out=reduced)
+    for axis, first in enumerate(starts):
+        last = np.append(first[1:], cells.shape[axis]) - 1
+        longest = int((last - first).max())
+        reduced = cells.take(first, axis)
+        for step in range(1, longest + 1):
+            member = np.minimum(first + step, last)
+            combine(reduced, cells.take(member, axis), out=reduced)
         cells = reduced
     return cells
 
@@ -75,15 +77,12 @@ def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
 
 
 def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
-    """Intersect two boxes of cells.
-
-    Returns the intersection in the indices of each box.
-    """
-    pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
-    here, there = (
-        tuple(
-            slice(low - s.start, high - s.start) for (low, high), s in zip(pairs, each, strict=True)
-        )
-        for each in (box, other)
-    )
-    return here, there
+    """Return the intersection of two boxes, in the indices of each box."""
+    in_box = list[slice]()
+    in_other = list[slice]()
+    for a, b in zip(box, other, strict=True):
+        low = max(a.start, b.start)
+        high = min(a.stop, b.stop)
+        in_box.append(slice(low - a.start, high - a.start))
+        in_other.append(slice(low - b.start, high - b.start))
+    return tuple(in_box), tuple(in_other)

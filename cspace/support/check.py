@@ -77,19 +77,19 @@ def _first_wrong_entry(array: NDArray[Any], name: str, wrong: Bools) -> tuple[st
     The name is, for example, ``points[2, 0]``.
     """
     index = tuple(np.argwhere(wrong)[0].tolist())
-    return f"{name}[{', '.join(map(str, index))}]" if index else name, array[index].item()
+    entry = f"{name}[{', '.join(map(str, index))}]" if index else name
+    return entry, array[index].item()
 
 
 def check_unmasked(values: Any, name: str) -> None:
-    """Refuse masked entries, because they are neither free nor occupied.
-
-    Raises InputError if ``values`` is a masked array with masked entries.
-    """
-    if isinstance(values, np.ma.MaskedArray) and (count := int(np.ma.getmaskarray(values).sum())):
+    """Raise InputError for masked entries, because they are neither free nor occupied."""
+    if not isinstance(values, np.ma.MaskedArray):
+        return
+    count = int(np.ma.getmaskarray(values).sum())
+    if count:
+        problem = f"has {count} masked entries"
         hint = "fill them first, e.g. array.filled(True) for occupied cells"
-        raise InputError(
-            name, f"has {count} masked entries", "each must have a value", hint, value=values
-        )
+        raise InputError(name, problem, "each must have a value", hint, value=values)
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
@@ -98,19 +98,14 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
     Raises InputError if it is not one number, not finite, not above zero, or extreme.
     """
     array = check_finite(value, name)
+    problem = f"is {value!r}"
     if array.ndim or array <= 0.0:
-        hint = f"pass it in {unit}" + ", e.g. 0.05" * (unit == "metres")
-        raise InputError(
-            name, f"is {value!r}", "it must be one number above zero", hint, value=value
-        )
+        example = ", e.g. 0.05" if unit == "metres" else ""
+        rule = "it must be one number above zero"
+        raise InputError(name, problem, rule, f"pass it in {unit}{example}", value=value)
     if not 1e-100 < array < 1e100:
-        raise InputError(
-            name,
-            f"is {value!r}",
-            "it must be in [1e-100, 1e100]",
-            f"check its unit ({unit})",
-            value=value,
-        )
+        rule = "it must be in [1e-100, 1e100]"
+        raise InputError(name, problem, rule, f"check its unit ({unit})", value=value)
     return float(array)
 
 
@@ -121,9 +116,8 @@ def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -
     """
     array = check_finite(value, name)
     if array.ndim or array < 0.0:
-        raise InputError(
-            name, f"is {value!r}", "it must be one number, zero or above", hint, value=value
-        )
+        rule = "it must be one number, zero or above"
+        raise InputError(name, f"is {value!r}", rule, hint, value=value)
     return float(array)
 
 
@@ -140,18 +134,17 @@ def check_count(
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = None
-    if number is not None and number > MAX_COUNT and maximum is None:
-        maximum = MAX_COUNT
-    if number is None or number < minimum or (maximum is not None and number > maximum):
-        span = (
-            f"from {minimum} to {maximum}"
-            if maximum is not None
-            else ("above zero" if minimum == 1 else f"from {minimum} on")
-        )
-        raise InputError(
-            name, f"is {value!r}", f"it must be a whole number {span}", hint, value=value
-        )
-    return number
+    highest = MAX_COUNT if maximum is None else maximum
+    if number is not None and minimum <= number <= highest:
+        return number
+    if maximum is not None or (number is not None and number > highest):
+        span = f"from {minimum} to {highest}"
+    elif minimum == 1:
+        span = "above zero"
+    else:
+        span = f"from {minimum} on"
+    rule = f"it must be a whole number {span}"
+    raise InputError(name, f"is {value!r}", rule, hint, value=value)
 
 
 def check_word(
@@ -163,20 +156,22 @@ def check_word(
     """
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
-        raise InputError(
-            name, f"is {value!r}", f"it must be {', '.join(others)} or {last}", hint, value=value
-        )
+        rule = f"it must be {', '.join(others)} or {last}"
+        raise InputError(name, f"is {value!r}", rule, hint, value=value)
 
 
 def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
     """Return a name that is known; raise InputError with the nearest known name otherwise."""
     if isinstance(value, str) and value in known:
         return value
-    close = difflib.get_close_matches(str(value), known, n=1)
-    rule = f"there are {', '.join(known)}" if known else "there is none"
-    hint = (
-        f"did you mean {close[0]!r}?" if close else "name one of these" if known else "leave it out"
-    )
+    similar = difflib.get_close_matches(str(value), known, n=1)
+    rule = f"there are {', '.join(known)}"
+    hint = "name one of these"
+    if not known:
+        rule = "there is none"
+        hint = "leave it out"
+    elif similar:
+        hint = f"did you mean {similar[0]!r}?"
     raise InputError(name, f"{verb} {value!r}", rule, hint, value=value)
 
 
@@ -185,13 +180,14 @@ def check_names(values: Iterable[str], name: str) -> list[str]:
 
     Raises InputError if they are no sequence.
     """
+    if isinstance(values, str):
+        return [values]
     try:
-        return [values] if isinstance(values, str) else list(values)
+        return list(values)
     except TypeError as error:
+        problem = f"is {values!r}"
         rule = "it must be a list of names"
-        raise InputError(
-            name, f"is {values!r}", rule, "pass a list of strings", value=values
-        ) from error
+        raise InputError(name, problem, rule, "pass a list of strings", value=values) from error
 
 
 def check_text(value: object, name: str, example: str) -> str:
@@ -202,15 +198,11 @@ def check_text(value: object, name: str, example: str) -> str:
     return value
 
 
-def check_flag(value: bool, name: str) -> None:
-    """Refuse a value that is neither True nor False.
-
-    Raises InputError for it.
-    """
+def check_flag(value: object, name: str) -> None:
+    """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(
-            name, f"is {value!r}", "it must be True or False", "pass one of them", value=value
-        )
+        rule = "it must be True or False"
+        raise InputError(name, f"is {value!r}", rule, "pass one of them", value=value)
 
 
 def check_rng(rng: object) -> np.random.Generator:
@@ -256,14 +248,9 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     """
     point = check_finite(value, name)
     if point.shape != (dim,):
+        rule = f"it must be {dim} numbers in metres"
         hint = f"pass e.g. {(0.5,) * dim}"
-        raise InputError(
-            name,
-            f"has shape {point.shape}",
-            f"it must be {dim} numbers in metres",
-            hint,
-            value=value,
-        )
+        raise InputError(name, f"has shape {point.shape}", rule, hint, value=value)
     return point.copy()
 
 
@@ -278,14 +265,9 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     hint = f"pass ({', '.join(names)}) in metres"
     if box.shape not in ((2 * dim,), (2, dim)):
-        rule = f"it must have {('four', 'six')[dim - 2]} numbers"
-        raise InputError(
-            "bounds",
-            f"is {bounds!r}",
-            rule,
-            f"{hint}, or the lower and the upper corner",
-            value=bounds,
-        )
+        rule = f"it must have {'four' if dim == 2 else 'six'} numbers"
+        hint = f"{hint}, or the lower and the upper corner"
+        raise InputError("bounds", f"is {bounds!r}", rule, hint, value=bounds)
     corners = box.reshape(2, dim)
     if (corners[1] <= corners[0]).any():
         rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
@@ -299,7 +281,8 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     Raises InputError if they are no such pairs.
     """
     pairs = check_real(edges, "edges")
-    pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
+    if pairs.size == 0:
+        pairs = np.empty((0, 2), dtype=np.int64)
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
         problem = (
             f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape "
@@ -371,9 +354,10 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             )
             raise InputError(entry, problem, rule, hint, value=value)
         raise InputError(entry, f"is {value}", "whole numbers must be 0 or 1", hint, value=value)
+    is_boolean = array.dtype.kind == "b"
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
-    stored = array.view(np.uint8) if array.dtype.kind == "b" else array
+    values_stored = array.view(np.uint8) if is_boolean else array
     is_ours = array.base is None and not array.flags.writeable and array.flags.c_contiguous
-    if is_ours and array.dtype.kind == "b" and stored.max() <= 1:
+    if is_ours and is_boolean and values_stored.max() <= 1:
         return array
-    return frozen(np.ascontiguousarray(stored != 0))
+    return frozen(np.ascontiguousarray(values_stored != 0))

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numba
 from numba.core import event
@@ -114,10 +114,8 @@ def _digest_sources() -> str:
     for package in ("cspace", "planners"):
         for file in sorted((root / package).rglob("*.py")):
             source = file.read_bytes()
-            if (
-                _KERNELS.search(source)
-                or file.relative_to(root).as_posix() in FILES_WITHOUT_KERNELS
-            ):
+            name = file.relative_to(root).as_posix()
+            if name in FILES_WITHOUT_KERNELS or _KERNELS.search(source):
                 digest.update(source)
     return digest.hexdigest()[:16]
 
@@ -125,15 +123,17 @@ def _digest_sources() -> str:
 def is_private(folder: Path) -> bool:
     """Return True if no other user can replace a folder's files, which are executed."""
     folder = folder.resolve()
-    modes = [path.stat().st_mode for path in (folder, *folder.parents)]
-    is_own = folder.stat().st_uid == os.geteuid()
-    is_closed = not modes[0] & (stat.S_IWGRP | stat.S_IWOTH)
-    # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
-    return (
-        is_own
-        and is_closed
-        and all(mode & stat.S_ISVTX or not mode & stat.S_IWOTH for mode in modes)
-    )
+    status = folder.stat()
+    is_own = status.st_uid == os.geteuid()
+    is_open = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if is_open or not is_own:
+        return False
+    for parent in folder.parents:
+        mode = parent.stat().st_mode
+        # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            return False
+    return True
 
 
 def _remove_unused(parent: Path) -> None:
@@ -144,34 +144,54 @@ def _remove_unused(parent: Path) -> None:
                 shutil.rmtree(lock.parent)
 
 
+class _Stops(NamedTuple):
+    """State of a clock that stops; threads read it at once.
+
+    Attributes
+    ----------
+    depth : int
+        Number of nested compilations that run.
+    since : float
+        Start of the outermost one.
+    seconds : float
+        Time that all earlier ones took.
+    """
+
+    depth: int = 0
+    since: float = 0.0
+    seconds: float = 0.0
+
+
 class _Clock(event.Listener):
     """A clock in seconds that stops while functions are compiled, for time limits."""
 
-    # Nested compilations, start of the outermost, seconds stopped: threads read one tuple.
-    _state = 0, 0.0, 0.0
+    _stops = _Stops()
     _is_told = False
 
     def __call__(self) -> float:
-        depth, since, stopped = self._state
-        return (since if depth else time.perf_counter()) - stopped
+        """Return the time in seconds without compilations."""
+        stops = self._stops
+        now = stops.since if stops.depth else time.perf_counter()
+        return now - stops.seconds
 
     def on_start(self, event: Any) -> None:
         """Stop the clock, and tell the user once if it has stood for long."""
-        depth, since, stopped = self._state
-        self._state = depth + 1, since if depth else time.perf_counter(), stopped
+        depth, since, seconds = self._stops
+        start = since if depth else time.perf_counter()
+        self._stops = _Stops(depth + 1, start, seconds)
         module = event.data["dispatcher"].py_func.__module__
         has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
             self._is_told = True
-            LOGGER.warning(
-                LONG_WAIT, "once" if cache_folder() else "at each start, as no cache is safe"
-            )
+            how_often = "once" if cache_folder() else "at each start, as no cache is safe"
+            LOGGER.warning(LONG_WAIT, how_often)
 
     def on_end(self, event: Any) -> None:
         """Let the clock go on after the outermost compilation."""
-        depth, since, stopped = self._state
-        now = time.perf_counter()
-        self._state = depth - 1, since, stopped if depth > 1 else stopped + now - since
+        depth, since, seconds = self._stops
+        if depth == 1:
+            seconds += time.perf_counter() - since
+        self._stops = _Stops(depth - 1, since, seconds)
 
 
 class _SaveLock(event.Listener):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -19,7 +20,9 @@ _local = threading.local()  # has the attribute is_worker in threads that are st
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def in_chunks(
@@ -33,8 +36,12 @@ def in_chunks(
     """
     threads = min(cores(), max(1, size // min_items))
     bounds = [size * k // threads for k in range(threads + 1)]
-    bad = in_threads(lambda k: work(bounds[k], bounds[k + 1]), range(threads), threads)
-    return next((bounds[k] + index for k, index in enumerate(bad) if index >= 0), -1)
+    chunks = list(itertools.pairwise(bounds))
+    indices = in_threads(lambda chunk: work(*chunk), chunks, threads)
+    for (start, _), index in zip(chunks, indices, strict=True):
+        if index >= 0:
+            return start + index
+    return -1
 
 
 def in_threads(

@@ -66,20 +66,14 @@ def cross(a: Row, b: Row) -> Row:
 
 @kernel
 def rotate(matrix: Matrix, p: Row) -> Row:
-    """Multiply a matrix by a vector.
-
-    The matrix is given by its rows.
-    """
+    """Multiply a matrix, given by its rows, by a vector."""
     x, y, z = matrix
     return dot(x, p), dot(y, p), dot(z, p)
 
 
 @kernel
 def rotate_back(matrix: Matrix, p: Row) -> Row:
-    """Return the product of a transposed matrix and a vector.
-
-    The rows of ``matrix`` are those before it is transposed.
-    """
+    """Multiply the transpose of a matrix, given by its rows, by a vector."""
     x, y, z = matrix
     return (
         x[0] * p[0] + y[0] * p[1] + z[0] * p[2],
@@ -90,10 +84,7 @@ def rotate_back(matrix: Matrix, p: Row) -> Row:
 
 @kernel
 def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
-    """Rotate a point, then translate it.
-
-    The matrix is given by its rows.
-    """
+    """Rotate a point by a matrix, given by its rows, then translate it."""
     return add_scaled(rotate(matrix, p), position, 1.0)
 
 
@@ -122,11 +113,11 @@ def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
 
 @kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
-    """Return the weights of a triangle's nearest point.
+    """Return the weights (s, t) of a triangle's point nearest to the origin.
 
-    It is the point nearest to the origin; the weights are (s, t). The point is ``a + s (b - a) + t
-    (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly
-    zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+    The point is ``a + s (b - a) + t (c - a)``. Both weights lie in [0, 1]. On a side or corner, s,
+    t or ``1 - s - t`` is exactly zero. Corners may coincide. C. Ericson, "Real-Time Collision
+    Detection", 2005, section 5.1.5.
     """
     ab = minus(b, a)
     ac = minus(c, a)
@@ -181,14 +172,12 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 
 @kernel
 def point_segment(p: Row, a: Row, b: Row) -> float:
-    """Return the squared distance between point and segment.
-
-    The point is p, and the segment leads from a to b.
-    """
-    ab, ap = minus(b, a), minus(p, a)
+    """Return the squared distance of a point p from the segment from a to b."""
+    ab = minus(b, a)
+    ap = minus(p, a)
     square = dot(ab, ab)
     t = min(max(dot(ap, ab) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    # From the nearer end, for the smaller rounding.
+    # The gap is measured from the nearer end, for the smaller rounding.
     gap = add_scaled(minus(p, b), ab, 1.0 - t) if t > 0.5 else add_scaled(ap, ab, -t)
     return dot(gap, gap)
 
@@ -205,23 +194,22 @@ def point_triangle(p: Row, triangle: Floats) -> float:
     ab = minus(b, a)
     bc = minus(c, b)
     ca = minus(a, c)
-    distance = math.sqrt(
-        min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
-    )
-    longest = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
-    n = normal_of(triangle)
-    length = math.sqrt(dot(n, n))
-    if length <= THIN * longest:
+    square = min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
+    distance = math.sqrt(square)
+    longest_square = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+    normal = normal_of(triangle)
+    length = math.sqrt(dot(normal, normal))
+    if length <= THIN * longest_square:
         # Every point of the triangle is within its height of its sides.
-        return max(0.0, distance - THIN * math.sqrt(longest))
-    n, ap = (n[0] / length, n[1] / length, n[2] / length), minus(p, a)
-    if (
+        return max(0.0, distance - THIN * math.sqrt(longest_square))
+    n = normal[0] / length, normal[1] / length, normal[2] / length
+    ap = minus(p, a)
+    is_beside = (
         dot(n, cross(ab, ap)) < 0.0
         or dot(n, cross(bc, minus(p, b))) < 0.0
         or dot(n, cross(ca, minus(p, c))) < 0.0
-    ):
-        return distance
-    return min(distance, abs(dot(n, ap)))
+    )
+    return distance if is_beside else min(distance, abs(dot(n, ap)))
 
 
 @kernel
@@ -235,9 +223,8 @@ def box_distance(box: Floats, p: Row) -> float:
 
 @kernel
 def normal_of(triangle: Floats) -> Row:
-    """Return a normal of a triangle.
-
-    Its length is twice the area of the triangle, whose shape is (3, 3).
-    """
+    """Return a normal of a triangle, shape (3, 3), as long as twice its area."""
     a = row_at(triangle[0], 0)
-    return cross(minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a))
+    ab = minus(row_at(triangle[1], 0), a)
+    ac = minus(row_at(triangle[2], 0), a)
+    return cross(ab, ac)

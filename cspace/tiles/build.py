@@ -18,7 +18,7 @@ from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
-from cspace.record.save import TILES_FORMAT, is_map_folder, read_format
+from cspace.record.save import TILES_FORMAT, read_format
 from cspace.robot import Robot
 from cspace.support.arrays import StrPath
 from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
@@ -78,31 +78,27 @@ def build_tiles(
 
 def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
-    hint = "choose another name, or remove it"
-    if read_format(path) == TILES_FORMAT:
-        folder = TileFolder.open(path)
-        if folder.about != about:
-            problem = "holds another map, or one of other obstacles"
-            rule = "a build resumes only with the same robot, rotations, options and obstacles"
-            raise FileError(str(path), problem, rule, hint)
-        return folder
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        rule = "store must be new, empty or a tiled map"
-        raise FileError(str(path), "exists, but is no tiled map", rule, hint)
-    with replacing(path, overwrite=True, folder=is_map_folder) as temporary:
-        write_root(temporary, frame, about)
-    return TileFolder.open(path)
+    if read_format(path) != TILES_FORMAT:
+        # Only an empty folder is replaced.
+        with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
+            write_root(temporary, frame, about)
+    folder = TileFolder.open(path)
+    if folder.about != about:
+        problem = "holds another map, or one of other obstacles"
+        rule = "a build resumes only with the same robot, rotations, options and obstacles"
+        raise FileError(str(path), problem, rule, "choose another name, or remove it")
+    return folder
 
 
 def bytes_to_build(folder: TileFolder) -> float:
     """Estimate the memory to build one tile, in bytes."""
     sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
-    shape = np.minimum(sides, folder.grid.shape).tolist()
+    window = np.minimum(sides, folder.grid.shape).tolist()
     frame = folder.frame
     slices = folder.slices
     rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
-    copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(shape)
-    return float(map_bytes(shape, slices) + copies + rasters)
+    copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(window)
+    return float(map_bytes(window, slices) + copies + rasters)
 
 
 def build_tile(
@@ -115,9 +111,9 @@ def build_tile(
     if the workspace has changed since the build began.
     """
     frame = folder.frame
-    name = folder.frame.workspace.source
-    box = folder.cells(index)
-    window = folder.clip(grow(box, folder.reach))
+    name = frame.workspace.source
+    cells = folder.locate_tile(index)
+    window = folder.clip(grow(cells, folder.reach))
     outer, inner = source.read(as_box(window))
     if source.stamp != folder.about["source_stamp"]:
         raise changed_source(name, "its size, time or digest differs")
@@ -125,9 +121,9 @@ def build_tile(
     built, _ = build(
         around, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
     )
-    own = as_box(box - window[0])
-    workspace = Workspace(folder.sub_grid(box), outer[own], inner[own], source=name)
-    states = built.states[(slice(None), *own)]
+    in_window = as_box(cells - window[0])
+    workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
+    states = built.states[:, *in_window]
     folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
 
 
@@ -139,12 +135,13 @@ def resolve_tile(
     The grid and ``MAX_TILE_STATES`` limit them. Raises InputError unless ``tile`` is a positive
     integer, or one for each axis.
     """
-    given = np.asarray(tile)
-    if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():
+    cells = np.asarray(tile)
+    has_shape = cells.shape in ((), (len(shape),))
+    if cells.dtype.kind not in "iu" or not has_shape or (cells < 1).any():
         rule = "it must be a positive integer, or one for each axis"
         raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096", value=tile)
-    sides = np.minimum(np.broadcast_to(given, (len(shape),)), shape).tolist()
-    while slices * math.prod(sides) > MAX_TILE_STATES and max(sides) > 1:
-        longest = int(np.argmax(sides))
+    sides = np.minimum(cells, shape)
+    while slices * math.prod(sides.tolist()) > MAX_TILE_STATES and sides.max() > 1:
+        longest = np.argmax(sides)
         sides[longest] = -(-sides[longest] // 2)
-    return tuple(sides)
+    return tuple(sides.tolist())

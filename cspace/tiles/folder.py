@@ -119,19 +119,20 @@ class TileFolder:
     def reach(self) -> int:
         """Number of cells along an axis from which the robot may touch a cell, rounded up."""
         frame = self.frame
-        radius = np.linalg.norm(np.abs(frame.robot.shape.outer.bounds).max(axis=0))
+        farthest_corner = np.abs(frame.robot.shape.outer.bounds).max(axis=0)
+        radius = np.linalg.norm(farthest_corner)
         angle = min(frame.rotations.covering_angles.max(), math.pi)
         # The outer raster is that of a robot whose points move within a rotation cell.
-        far = radius * (1.0 + 2.0 * math.sin(angle / 2.0)) + frame.margin
-        return math.ceil(far / frame.grid.spacing) + 2
+        metres = radius * (1.0 + 2.0 * math.sin(angle / 2.0)) + frame.margin
+        return math.ceil(metres / frame.grid.spacing) + 2
 
     # ---- tiles -----------------------------------------------------------------------------------
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of tiles along each axis."""
-        pairs = zip(self.about["shape"], self.tile, strict=True)
-        return tuple(-(-n // side) for n, side in pairs)
+        counts = -(-np.array(self.about["shape"]) // self.tile)
+        return tuple(counts.tolist())
 
     def __iter__(self) -> Iterator[Index]:
         """Iterate over the indices of all tiles."""
@@ -141,45 +142,46 @@ class TileFolder:
         """Return the number of tiles."""
         return math.prod(self.counts)
 
-    def number(self, index: Index) -> int:
+    def find_number(self, index: Index) -> int:
         """Return the position of a tile among all tiles."""
         return int(np.ravel_multi_index(index, self.counts))
 
-    def index(self, number: int) -> Index:
+    def find_index(self, number: int) -> Index:
         """Return the index of the tile at a position among all tiles."""
         return tuple(map(int, np.unravel_index(number, self.counts)))
 
-    def interior(self, index: Index) -> Ints:
+    def locate_interior(self, index: Index) -> Ints:
         """Return the corners of a tile without its halo."""
         first = np.multiply(index, self.tile)
         return self.clip(np.stack([first, first + self.tile]))
 
-    def cells(self, index: Index) -> Ints:
+    def locate_tile(self, index: Index) -> Ints:
         """Return the corners of a tile with its halo."""
-        return self.clip(grow(self.interior(index), self.halo))
+        return self.clip(grow(self.locate_interior(index), self.halo))
 
-    def own(self, index: Index) -> Box:
+    def locate_interior_in_tile(self, index: Index) -> Box:
         """Return the interior of a tile, in the indices of the tile's arrays."""
-        return as_box(self.interior(index) - self.cells(index)[0])
+        return as_box(self.locate_interior(index) - self.locate_tile(index)[0])
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
         return np.clip(corners, 0, self.about["shape"])
 
-    def tiles_in(self, corners: Ints) -> Iterator[Index]:
+    def list_tiles(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
         first, stop = self.clip(corners)
-        return itertools.product(*map(range, first // self.tile, -(-stop // self.tile)))
+        stop_index = -(-stop // self.tile)
+        return itertools.product(*map(range, first // self.tile, stop_index))
 
     def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
-        """Yield tiles, and those of some rows of cells that lie in each.
+        """Group rows of cells, shape (n, d), by the tiles that the cells lie in.
 
-        A cell outside the grid counts to the nearest tile.
+        Yields each tile with its rows. A cell outside the grid counts to the nearest tile.
         """
-        tiles = tuple((cells[rows] // self.tile).T)
-        numbers = np.ravel_multi_index(tiles, self.counts, mode="clip")
+        indices = tuple((cells[rows] // self.tile).T)
+        numbers = np.ravel_multi_index(indices, self.counts, mode="clip")
         for number in np.unique(numbers):
-            yield self.index(number), rows[numbers == number]
+            yield self.find_index(number), rows[numbers == number]
 
     def tile_path(self, index: Index) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
@@ -199,9 +201,9 @@ class TileFolder:
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
         path = self.tile_path(index)
-        tile, about = read_map_and_attributes(path)
-        self._check_stamp(index, about)
-        if tile.grid != self.sub_grid(self.cells(index)):
+        tile, attributes = read_map_and_attributes(path)
+        self._check_stamp(index, attributes)
+        if tile.grid != self.sub_grid(self.locate_tile(index)):
             raise map_error(path, "it is a tile of another place")
         return tile
 
@@ -210,12 +212,12 @@ class TileFolder:
 
         Raises FileError if a tile is of another map.
         """
-        tiles = []
+        summaries = []
         for index in self:
-            tile, _ = read_root(self.tile_path(index), FORMAT)
-            self._check_stamp(index, tile)
-            tiles.append(tile)
-        return tiles
+            attributes, _ = read_root(self.tile_path(index), FORMAT)
+            self._check_stamp(index, attributes)
+            summaries.append(attributes)
+        return summaries
 
     def _check_stamp(self, index: Index, attributes: Mapping[str, Any]) -> None:
         """Raise FileError unless the attributes of a tile have the stamp of the map."""
@@ -228,11 +230,11 @@ class TileFolder:
         Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
         the box of obstacles in it.
         """
-        own = self.own(index)
-        weights = np.bincount(self.frame.slice_of)
-        counts = weights @ count_states(contents.states[(slice(None), *own)])
-        first = tuple(self.cells(index)[0].tolist())
-        occupied = Raster.from_bitmap(contents.workspace.outer, first)
+        states = contents.states[:, *self.locate_interior_in_tile(index)]
+        rotations_of_slice = np.bincount(self.frame.slice_of)
+        counts = rotations_of_slice @ count_states(states)
+        first_cell = tuple(self.locate_tile(index)[0].tolist())
+        occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         summary = {"stamp": self.about["stamp"], "counts": counts.tolist(), "obstacles": box}
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
@@ -262,21 +264,18 @@ class TileFolder:
         """
         frame = self.frame
         shape = self.about["shape"]
-        found = [tile["obstacles"] for tile in self.read_summaries() if tile["obstacles"]]
-        boxes = np.array(found, dtype=np.int64).reshape(-1, 2, len(shape))
-        # Without obstacles, the box is empty.
-        first = boxes[:, 0].min(axis=0, initial=max(shape))
-        last = boxes[:, 1].max(axis=0, initial=-1)
+        no_box = [[max(shape)] * len(shape), [-1] * len(shape)]
+        boxes = np.array([tile["obstacles"] or no_box for tile in self.read_summaries()])
+        obstacles = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
-        box = np.stack([first, last])
-        frame = replace(frame, exterior=Exterior.around(shape, box, rasters, frame.outside))
+        exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         temporary = Path(mkdtemp(prefix=".cspace-", dir=self.path))
-        write_root(temporary, frame, self.about)
+        write_root(temporary, replace(frame, exterior=exterior), self.about)
         with suppress(OSError):  # another build of the map has just written the same
             (temporary / "exterior").rename(self.path / "exterior")
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
-        for unused in self.path.glob(".cspace-*"):
-            shutil.rmtree(unused, ignore_errors=True)
+        for leftover in self.path.glob(".cspace-*"):
+            shutil.rmtree(leftover, ignore_errors=True)
         return TileFolder.open(self.path)
 
 
@@ -295,20 +294,21 @@ def make_frame(
 ) -> Contents:
     """Return a map of the first cell of a workspace, with what all tiles share."""
     whole = workspace.grid
-    slice_of = rotations.assign_slices(robot.shape)
-    ones = (1,) * whole.dim
-    occupied = np.ones(ones, dtype=np.bool_)
-    grid = Grid(whole.lower, whole.spacing, ones, whole.axes, whole.units)
+    one_cell = (1,) * whole.dim
+    grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
+    occupied = np.ones(one_cell, dtype=np.bool_)
     cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
-    states = np.full((int(slice_of.max()) + 1, *ones), MIXED, dtype=np.uint8)
+    slice_of = rotations.assign_slices(robot.shape)
+    slices = int(slice_of.max()) + 1
+    states = np.full((slices, *one_cell), MIXED, dtype=np.uint8)
     return Contents(cell, robot, rotations, slice_of, states, **options)
 
 
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of a frame and of other values, on which a tiled map depends."""
     # The same map may be built from another file, or by another version.
-    about = {**metadata_of(frame), "workspace_source": "", "library_version": ""}
-    digest = hashlib.sha256(json.dumps([about, *others], sort_keys=True).encode())
+    metadata = {**metadata_of(frame), "workspace_source": "", "library_version": ""}
+    digest = hashlib.sha256(json.dumps([metadata, *others], sort_keys=True).encode())
     for array in arrays_of(frame).values():
         digest.update(array.tobytes())
     return digest.hexdigest()

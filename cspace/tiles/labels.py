@@ -14,9 +14,9 @@ Here a cell is ``(rotation cell, x, y)`` or ``(rotation cell, x, y, z)``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -36,42 +36,48 @@ LABEL_BYTES_PER_STATE: Final = 24
 MAX_CROSSING_DEPTH_CELLS: Final = 8.0
 """Crossings this far from the boundary of a common face are equally good, in cells."""
 
-Layers = list[Ints]
-"""Nodes of the cells of the layers of a tile, or -1; see :func:`list_layers`."""
+
+class TileLabels(NamedTuple):
+    """Nodes of a tile.
+
+    Attributes
+    ----------
+    size : int
+        Number of nodes.
+    layers : list of ndarray of int64, shape (2, rotations, ...)
+        Node of each cell of :func:`list_layers`, or -1.
+    """
+
+    size: int
+    layers: list[Ints]
 
 
 def list_layers(folder: TileFolder, index: Index) -> list[Ints]:
-    """Return the cells that a tile shares with the tiles beside it, or with the exterior.
+    """List the cells that a tile shares with the tiles beside it, or with the exterior.
 
     Along each axis, they are the first layer of the interior, and the first layer beyond it, or the
-    last one at the end of the grid. Each has the shape
-    (rotations, nx, ny(, nz), 1 + d), where n is 1 along the axis.
+    last one at the end of the grid. Their shape is (2, rotations, other axes, 1 + d).
     """
-    corners = folder.interior(index)
+    first, stop = folder.locate_interior(index)
+    rotations = np.arange(len(folder.frame.slice_of))
     layers = []
-    rotations = len(folder.frame.slice_of)
     for axis, n in enumerate(folder.grid.shape):
-        for cell in (corners[0, axis], min(corners[1, axis], n - 1)):
-            first, stop = corners.copy()
-            first[axis] = cell
-            stop[axis] = cell + 1
-            cells = np.moveaxis(np.indices((rotations, *(stop - first))), 0, -1)
-            layers.append(cells + np.array([0, *first]))
+        ranges = [rotations, *map(np.arange, first, stop)]
+        ranges[1 + axis] = np.array([first[axis], min(stop[axis], n - 1)])
+        cells = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1)
+        layers.append(np.moveaxis(cells, 1 + axis, 0))
     return layers
 
 
-def label_tile(folder: TileFolder, index: Index) -> list[tuple[int, Layers]]:
-    """Label the FREE cells and the open cells of a tile, as a task.
-
-    Return, for each, the number of nodes and the nodes of the layers.
-    """
+def label_tile(folder: TileFolder, index: Index) -> list[TileLabels]:
+    """Label the FREE cells and the open cells of a tile, as a task."""
     tile = open_tile(folder, index)
     layers = list_layers(folder, index)
-
-    def label(mixed: bool) -> tuple[int, Layers]:
-        return tile.components.count(mixed), [tile.find_nodes(layer, mixed) for layer in layers]
-
-    return [label(False), label(True)]
+    labels = []
+    for mixed in (False, True):
+        nodes = [tile.find_nodes(cells, mixed) for cells in layers]
+        labels.append(TileLabels(tile.components.count(mixed), nodes))
+    return labels
 
 
 class Nodes:
@@ -82,8 +88,9 @@ class Nodes:
 
     Parameters
     ----------
-    labels : sequence of (int, list of ndarray)
-        Number of nodes of each tile, and nodes of its layers.
+    folder : TileFolder
+    labels : sequence of TileLabels
+        Nodes of each tile.
     mixed : bool
         Whether cells are open, so that they join the exterior too.
 
@@ -99,43 +106,43 @@ class Nodes:
         Component of each node, and -1.
     """
 
-    def __init__(
-        self, folder: TileFolder, labels: Sequence[tuple[int, Layers]], mixed: bool
-    ) -> None:
-        self.offsets = np.cumsum([0, *(count for count, _ in labels)], dtype=np.int64)
-        frame = folder.frame
-        count = int(self.offsets[-1]) + len(frame.slice_of)
-        self.exterior = np.full(len(frame.slice_of), -1)
-        if mixed and frame.exterior is not None:
-            is_open = ~frame.exterior.is_all_blocked(folder.grid.shape)[frame.slice_of]
+    def __init__(self, folder: TileFolder, labels: Sequence[TileLabels], mixed: bool) -> None:
+        self.offsets = np.cumsum([0, *(tile.size for tile in labels)], dtype=np.int64)
+        slice_of = folder.frame.slice_of
+        self.exterior = np.full(len(slice_of), -1)
+        if mixed and folder.frame.exterior is not None:
+            is_open = ~folder.frame.exterior.is_all_blocked(folder.grid.shape)[slice_of]
             self.exterior[is_open] = self.offsets[-1] + np.flatnonzero(is_open)
-        first, second = self._join(folder, labels)
+        links = [_pair_up(*nodes) for nodes in self._match_layers(folder, labels)]
+        first, second = np.concatenate(links).T
+        count = int(self.offsets[-1]) + len(slice_of)
         self.graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
         roots = csgraph.connected_components(self.graph, directed=False)[1]
         self.roots = np.append(roots, -1)
 
-    def _join(self, folder: TileFolder, labels: Sequence[tuple[int, Layers]]) -> Ints:
-        """Return the distinct pairs of joined nodes, shape (2, n)."""
-        pairs = []
-
-        def join(first: Ints, second: Ints) -> None:
-            both = np.stack(np.broadcast_arrays(first, second), axis=-1)
-            pairs.append(np.unique(both[(both >= 0).all(axis=-1)], axis=0))
-
-        nodes = {
-            index: [np.where(layer >= 0, layer + first, -1) for layer in layers]
-            for index, first, (_, layers) in zip(folder, self.offsets, labels, strict=False)
-        }
-        outside = self.exterior.reshape(-1, *[1] * folder.grid.dim)
+    def _match_layers(
+        self, folder: TileFolder, labels: Sequence[TileLabels]
+    ) -> Iterator[tuple[Ints, Ints]]:
+        """Yield pairs of arrays with the nodes that the same cells have twice."""
+        nodes = {}
+        for index, offset, tile in zip(folder, self.offsets, labels, strict=False):
+            nodes[index] = [np.where(layer >= 0, layer + offset, -1) for layer in tile.layers]
+        outside = self.exterior.reshape(-1, *[1] * (folder.grid.dim - 1))
         for index, layers in nodes.items():
-            for axis, (first, last) in enumerate(zip(layers[::2], layers[1::2], strict=True)):
+            for axis, (first, last) in enumerate(layers):
                 beyond = (*index[:axis], index[axis] + 1, *index[axis + 1 :])
-                join(last, nodes[beyond][2 * axis] if beyond in nodes else outside)
+                yield last, nodes[beyond][axis][0] if beyond in nodes else outside
                 if index[axis] == 0:
-                    join(first, outside)
-        for others in folder.frame.rotations.neighbors.T:
-            join(self.exterior, np.where(others >= 0, self.exterior[others], -1))
-        return np.concatenate(pairs).T
+                    yield first, outside
+        padded = np.append(self.exterior, -1)  # a missing neighbor is -1
+        for neighbors in folder.frame.rotations.neighbors.T:
+            yield self.exterior, padded[neighbors]
+
+
+def _pair_up(first: Ints, second: Ints) -> Ints:
+    """Return the distinct pairs of two arrays of nodes, shape (n, 2), without -1."""
+    pairs = np.stack(np.broadcast_arrays(first, second), axis=-1)
+    return np.unique(pairs[(pairs >= 0).all(axis=-1)], axis=0)
 
 
 class TiledComponents:
@@ -145,15 +152,13 @@ class TiledComponents:
         self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
     ) -> None:
         self._tiles = tiles
-        self._folder = tiles.folder
-        folder = tiles.folder
-        task = partial(label_tile, tiles.folder)
+        self._folder = folder = tiles.folder
         sides = np.add(folder.tile, 2 * folder.halo)
         needed = LABEL_BYTES_PER_STATE * folder.slices * float(np.prod(sides))
-        found = run_tasks(task, list(folder), len(folder), needed, client, None, progress)
-        self._nodes = [
-            Nodes(folder, [each[mixed] for each in found], bool(mixed)) for mixed in (0, 1)
-        ]
+        task = partial(label_tile, folder)
+        labels = run_tasks(task, list(folder), len(folder), needed, client, None, progress)
+        free, passable = zip(*labels, strict=True)
+        self._nodes = [Nodes(folder, free, mixed=False), Nodes(folder, passable, mixed=True)]
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
@@ -165,13 +170,14 @@ class TiledComponents:
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
         """Return the nodes of cells, or -1."""
         folder = self._folder
-        places = cells[:, 1:]
+        positions = cells[:, 1:]
         known = self._nodes[mixed]
         nodes = known.exterior[cells[:, 0]]
-        inside = ((places >= 0) & (places < folder.grid.shape)).all(axis=1)
-        for index, rows in folder.group_by_tile(places, np.flatnonzero(inside)):
-            found = self._tiles.tile(index).find_nodes(cells[rows], mixed)
-            nodes[rows] = np.where(found >= 0, known.offsets[folder.number(index)] + found, -1)
+        inside = ((positions >= 0) & (positions < folder.grid.shape)).all(axis=1)
+        for index, rows in folder.group_by_tile(positions, np.flatnonzero(inside)):
+            labels = self._tiles.tile(index).find_nodes(cells[rows], mixed)
+            offset = known.offsets[folder.find_number(index)]
+            nodes[rows] = np.where(labels >= 0, labels + offset, -1)
         return nodes
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], list[Ints]]:
@@ -180,17 +186,17 @@ class TiledComponents:
         It passes through FREE cells only, and is empty if none join the two. The crossings, one
         fewer than tiles, are FREE cells that a tile and the next one share.
         """
-        known = self._nodes[False]
+        free = self._nodes[False]
         first, last = self._find_nodes(np.stack([start, goal]), mixed=False).tolist()
-        if first < 0 or known.roots[first] != known.roots[last]:
+        if first < 0 or free.roots[first] != free.roots[last]:
             return [], []
-        after = csgraph.breadth_first_order(known.graph, last, directed=False)[1]
+        next_to_last = csgraph.breadth_first_order(free.graph, last, directed=False)[1]
         nodes = [first]
         while nodes[-1] != last:
-            nodes.append(int(after[nodes[-1]]))
-        numbers = np.searchsorted(known.offsets, nodes, side="right") - 1
-        tiles = [self._folder.index(number) for number in numbers]
-        labels = nodes - known.offsets[numbers]
+            nodes.append(int(next_to_last[nodes[-1]]))
+        numbers = np.searchsorted(free.offsets, nodes, side="right") - 1
+        tiles = [self._folder.find_index(number) for number in numbers]
+        labels = nodes - free.offsets[numbers]
         crossings = [start]
         for k in range(len(tiles) - 1):
             pair = slice(k, k + 2)
@@ -205,13 +211,14 @@ class TiledComponents:
         """
         upper = max(tiles)  # the two differ along one axis
         axis = int(np.flatnonzero(np.diff(tiles, axis=0))[0])
-        cells = list_layers(self._folder, upper)[2 * axis]
+        cells = list_layers(self._folder, upper)[axis][0]
         common = np.ones(cells.shape[:-1], dtype=np.bool_)
         for tile, label in zip(tiles, labels, strict=True):
             common &= self._tiles.tile(tile).find_nodes(cells) == label
-        padded = distance_transform_edt(np.pad(common.squeeze(1 + axis), 1))
-        depth = padded[(slice(1, -1),) * padded.ndim].reshape(common.shape)
-        found = cells[depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max())]
-        ways = [np.linalg.norm((found - end)[:, 1:], axis=1) for end in (start, goal)]
-        best: Ints = found[int(np.argmin(sum(ways)))]
+        depths = distance_transform_edt(np.pad(common, 1))
+        deep = np.argwhere(depths >= min(MAX_CROSSING_DEPTH_CELLS, depths.max())) - 1
+        candidates = cells[tuple(deep.T)]
+        from_start = np.linalg.norm((candidates - start)[:, 1:], axis=1)
+        to_goal = np.linalg.norm((candidates - goal)[:, 1:], axis=1)
+        best: Ints = candidates[np.argmin(from_start + to_goal)]
         return best

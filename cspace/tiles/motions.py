@@ -44,7 +44,6 @@ from cspace.support.arrays import Floats, Ints
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Angle of a rotation, in radians, from which on both arcs are tested."""
 
-
 TINY_ARC_SLACK: Final = 0.975 * OMPL_EQUALITY_SLACK
 """Difference of a cosine from 1 below which the look-up of edges, in spite of rounding, finds that
 two quaternions count as equal."""
@@ -63,26 +62,30 @@ def cut_motions(
     ends = rotations.make_canonical(ends)
     steps = rotations.steps_between(starts, ends)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
-    half = np.flatnonzero(angles >= HALF_TURN)
-    other_arcs = steps[half].copy()
-    other_arcs[:, dim:] *= (1.0 - 2.0 * math.pi / angles[half])[:, None]
-    # Arcs follow the motions; the second arcs of half turns come last.
-    motions = np.concatenate([np.arange(len(starts)), half])
+    half_turns = np.flatnonzero(angles >= HALF_TURN)
+    other_arcs = steps[half_turns]
+    other_arcs[:, dim:] *= (1.0 - 2.0 * math.pi / angles[half_turns])[:, np.newaxis]
+    # An arc for each motion, then the second arcs of half turns.
+    motion_of_arc = np.concatenate([np.arange(len(starts)), half_turns])
     steps = np.concatenate([steps, other_arcs])
-    lengths = np.abs(steps[:, :dim]).max(axis=1) / grid.spacing
-    counts = np.maximum(np.ceil(lengths / longest), 1).astype(np.int64)
-    counts[np.isin(motions, half)] += 1
-    arcs = np.repeat(np.arange(len(motions)), counts)
-    number = np.arange(len(arcs)) - (np.cumsum(counts) - counts)[arcs]
-    rows = motions[arcs]
-    first, last = (
-        rotations.add_steps(starts[rows], steps[arcs] * (cut / counts[arcs])[:, None])
-        for cut in (number, number + 1)
-    )
+    cells = np.abs(steps[:, :dim]).max(axis=1) / grid.spacing
+    counts = np.maximum(np.ceil(cells / longest), 1).astype(np.int64)
+    counts[np.isin(motion_of_arc, half_turns)] += 1
+    arc_of_piece = np.repeat(np.arange(len(counts)), counts)
+    first_piece = np.cumsum(counts) - counts
+    number = np.arange(len(arc_of_piece)) - first_piece[arc_of_piece]
+    motions = motion_of_arc[arc_of_piece]
+
+    def interpolate(cuts: Ints) -> Floats:
+        shares = cuts / counts[arc_of_piece]
+        return rotations.add_steps(starts[motions], steps[arc_of_piece] * shares[:, np.newaxis])
+
+    first = interpolate(number)
+    last = interpolate(number + 1)
     if len(rotations.names) == 4:
         # OMPL's rotation may jump between nearly equal quaternions, so each piece has all of it.
         cosines = np.abs((starts[:, dim:] * ends[:, dim:]).sum(axis=1))
-        jumps = (cosines > 1.0 - TINY_ARC_SLACK)[rows]
-        first[jumps, dim:] = starts[rows[jumps], dim:]
-        last[jumps, dim:] = ends[rows[jumps], dim:]
-    return rows, first, last
+        jumps = (cosines > 1.0 - TINY_ARC_SLACK)[motions]
+        first[jumps, dim:] = starts[motions[jumps], dim:]
+        last[jumps, dim:] = ends[motions[jumps], dim:]
+    return motions, first, last

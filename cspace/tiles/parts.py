@@ -13,13 +13,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cspace.grid import Grid
 from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.queries.components import Components
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.shapes import Shape
 from cspace.space import CSpace
-from cspace.support.arrays import MIXED, Bools, Floats, Ints, States
+from cspace.support.arrays import BLOCKED, MIXED, Bools, Floats, Ints, States, reduce_blocks
 from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
 from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
@@ -58,7 +59,7 @@ def open_tile(folder: TileFolder, index: Index) -> OpenTile:
     tile = folder.read_tile(index)
     closed = np.zeros(folder.slices, dtype=np.bool_)
     components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
-    return OpenTile(folder.cells(index)[0], tile, CSpace(tile), components)
+    return OpenTile(folder.locate_tile(index)[0], tile, CSpace(tile), components)
 
 
 class OpenTiles:
@@ -80,9 +81,8 @@ class OpenTiles:
         self.folder = folder
         sides = np.add(folder.tile, 2 * folder.halo).tolist()
         tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * math.prod(sides)
-        self.tile: Callable[[Index], OpenTile] = lru_cache(max(1, max_bytes // tile_bytes))(
-            partial(open_tile, folder)
-        )
+        keep_recent = lru_cache(max(1, max_bytes // tile_bytes))
+        self.tile: Callable[[Index], OpenTile] = keep_recent(partial(open_tile, folder))
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
@@ -92,7 +92,7 @@ class OpenTiles:
         does not fit into memory.
         """
         folder = self.folder
-        frame = self.folder.frame
+        frame = folder.frame
         if frame.outside != "free":  # no cell beyond the grid is FREE
             corners = folder.clip(corners)
         grid = folder.sub_grid(corners)
@@ -102,16 +102,23 @@ class OpenTiles:
         if frame.exterior is not None:
             _write_outside(frame.exterior, corners[0], states)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for index in folder.tiles_in(corners):
-            first, tile, *_ = self.tile(index)
-            both = np.clip(folder.interior(index), *corners)
-            here = as_box(both - corners[0])
-            there = as_box(both - first)
-            states[(slice(None), *here)] = tile.states[(slice(None), *there)]
-            outer[here] = tile.workspace.outer[there]
-            inner[here] = tile.workspace.inner[there]
+        for index in folder.list_tiles(corners):
+            tile = self.tile(index)
+            shared = np.clip(folder.locate_interior(index), *corners)
+            here = as_box(shared - corners[0])
+            there = as_box(shared - tile.first)
+            states[:, *here] = tile.contents.states[:, *there]
+            outer[here] = tile.contents.workspace.outer[there]
+            inner[here] = tile.contents.workspace.inner[there]
         source = f"a window of {folder.path.name}"
         workspace = Workspace(grid, outer, inner, source=source, shapes=self._shapes_in(corners))
+        return self._make_part(workspace, states, exterior)
+
+    def _make_part(
+        self, workspace: Workspace, states: States, exterior: Exterior | None = None
+    ) -> CSpace:
+        """Return a map of the robot; all outside is unknown without an ``exterior``."""
+        frame = self.folder.frame
         outside = frame.outside if exterior else UNKNOWN
         return CSpace(
             replace(frame, workspace=workspace, states=states, outside=outside, exterior=exterior)
@@ -120,12 +127,47 @@ class OpenTiles:
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
         """Return the obstacles of a window as shapes, if they describe its cells."""
         folder = self.folder
-        shapes = self.folder.frame.workspace.shapes
+        shapes = folder.frame.workspace.shapes
         if not shapes or np.array_equal(folder.clip(corners), corners):
             return shapes
         # Parts of shapes beyond the map do not count if the space outside is free.
         corners_of_shapes = [shape.outer.bounds for shape in shapes]
         return shapes if folder.grid.contains(corners_of_shapes).all() else None
+
+    def overview(self, max_cells: int) -> CSpace:
+        """Return the whole map in coarse cells, at most ``max_cells`` along an axis."""
+        folder = self.folder
+        grid = folder.grid
+        factor = max(1, -(-max(grid.shape) // max_cells))
+        shape = tuple(-(-n // factor) for n in grid.shape)
+        lowest = np.full((folder.slices, *shape), BLOCKED, dtype=np.uint8)
+        highest = np.zeros_like(lowest)
+        outer = np.zeros(shape, dtype=np.bool_)
+        slices = np.arange(folder.slices)
+        for index in folder:
+            tile = folder.read_tile(index)
+            own = folder.locate_interior_in_tile(index)
+            # Coarse cells in the tile, and the first cell of each there.
+            sides = [np.arange(*ends) // factor for ends in folder.locate_interior(index).T]
+            pairs = [np.unique(side, return_index=True) for side in sides]
+            coarse, starts = zip(*pairs, strict=True)
+            tile_states = tile.states[:, *own]
+            layers = [slices, *starts]
+            here = np.ix_(slices, *coarse)
+            # A coarse cell may have parts in several tiles.
+            lowest[here] = np.minimum(lowest[here], reduce_blocks(tile_states, layers, np.minimum))
+            highest[here] = np.maximum(highest[here], reduce_blocks(tile_states, layers))
+            outer[np.ix_(*coarse)] |= reduce_blocks(tile.workspace.outer[own], starts)
+        states = np.where(lowest == highest, lowest, np.uint8(MIXED))
+        for axis, n in enumerate(grid.shape):
+            if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
+                np.moveaxis(states, 1 + axis, 0)[-1] = MIXED
+        coarse_grid = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
+        # Obstacles fill no coarse cell for certain, so the inner cells are empty.
+        inner = np.zeros_like(outer)
+        source = f"overview of {folder.path.name}"
+        workspace = Workspace(coarse_grid, outer, inner, source=source)
+        return self._make_part(workspace, states)
 
     # ---- queries ---------------------------------------------------------------------------------
 
@@ -144,29 +186,31 @@ class OpenTiles:
             yield self.frame, np.flatnonzero(~near)
         for index, rows in folder.group_by_tile(cells, np.flatnonzero(near)):
             group = cells[rows]
-            corners = grow(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
+            needed = grow(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
             if is_inside or folder.frame.outside != "free":
-                corners = folder.clip(corners)
-            if np.array_equal(np.clip(corners, *folder.cells(index)), corners):
+                needed = folder.clip(needed)
+            in_tile = np.clip(needed, *folder.locate_tile(index))
+            if np.array_equal(in_tile, needed):
                 yield self.tile(index).space, rows
             else:
-                yield self.window(corners), rows
+                yield self.window(needed), rows
 
     def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
         """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free."""
         grid = self.folder.grid
-        position = starts[:, : grid.dim]
+        first = starts[:, : grid.dim]
         last = ends[:, : grid.dim]
-        lengths = np.abs(last - position).max(axis=1) / grid.spacing
-        pieces = lengths / (self.folder.halo - 1) + 2.0
-        inside = grid.contains(position) & grid.contains(last)
-        out[:] = (inside | (self.folder.frame.outside == "free")) & (pieces <= MAX_PIECES)
+        cells = np.abs(last - first).max(axis=1) / grid.spacing
+        pieces = cells / (self.folder.halo - 1) + 2.0
+        inside = grid.contains(first) & grid.contains(last)
+        may_leave = self.folder.frame.outside == "free"
+        out[:] = (inside | may_leave) & (pieces <= MAX_PIECES)
         for is_inside in (True, False):
             rows = np.flatnonzero(out & (inside == is_inside))
-            step = int(MAX_PIECES / pieces[rows].max(initial=1.0))
-            for first in range(0, len(rows), step):
-                part = rows[first : first + step]
-                out[part] = self._prove_motions(starts[part], ends[part], is_inside)
+            batch = int(MAX_PIECES / pieces[rows].max(initial=1.0))
+            for begin in range(0, len(rows), batch):
+                chosen = rows[begin : begin + batch]
+                out[chosen] = self._prove_motions(starts[chosen], ends[chosen], is_inside)
 
     def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
         """Return whether motions are free that lie in the closed grid, or that leave it.
@@ -174,18 +218,21 @@ class OpenTiles:
         A motion in the closed grid ignores the cells outside, as in a map in memory.
         """
         folder = self.folder
-        grid = self.folder.grid
+        grid = folder.grid
         rotations = folder.frame.rotations
-        motions, *pieces = cut_motions(grid, rotations, folder.halo - 1, starts, ends)
+        motions, *ends_of_pieces = cut_motions(grid, rotations, folder.halo - 1, starts, ends)
+        pieces = np.stack(ends_of_pieces)
+        cells = grid.cell_of(pieces[0, :, : grid.dim])
         out = np.ones(len(starts), dtype=np.bool_)
-        cells = grid.cell_of(pieces[0][:, : grid.dim])
         for part, rows in self.parts_near(cells, folder.halo, is_inside):
-            q = np.stack(pieces)[:, rows]
+            q0, q1 = pieces[:, rows]
             if is_inside:
                 # Rounding may put the border of the grid just outside the part.
-                place = q[..., : grid.dim]
-                place[...] = np.clip(place, part.grid.lower, part.grid.upper)
-            out[motions[rows[~part.motion_is_free(*q)]]] = False
+                for q in (q0, q1):
+                    position = q[:, : grid.dim]
+                    position.clip(part.grid.lower, part.grid.upper, out=position)
+            unproven = rows[~part.motion_is_free(q0, q1)]
+            out[motions[unproven]] = False
         return out
 
 
@@ -195,6 +242,7 @@ def _write_outside(exterior: Exterior, first: Ints, states: States) -> None:
     The first cell of the box is ``first``.
     """
     for row, part in zip(exterior.table, states, strict=True):
-        part[...] = row[-1]
-        mixed = row[:-1].reshape(2, -1) + ONE_MORE - first
+        *mixed_cells, other_state = row
+        part[...] = other_state
+        mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first
         part[as_box(np.clip(mixed, 0, part.shape))] = MIXED

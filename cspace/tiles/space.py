@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -22,7 +21,6 @@ from cspace.support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrP
 from cspace.support.check import check_count
 from cspace.tiles.folder import ONE_MORE, TileFolder, grow
 from cspace.tiles.labels import TiledComponents
-from cspace.tiles.overview import build_overview
 from cspace.tiles.parts import OpenTiles
 
 if TYPE_CHECKING:
@@ -132,8 +130,9 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def _summary(self) -> str:
+        sides = " x ".join(map(str, self.tile))
         share = "" if self.progress == 1.0 else f", {self.progress:.1%} of them done"
-        return f"{len(self._folder)} tiles of {' x '.join(map(str, self.tile))}{share}"
+        return f"{len(self._folder)} tiles of {sides}{share}"
 
     @property
     def facts(self) -> dict[str, object]:
@@ -166,14 +165,15 @@ class TiledCSpace(ConfigurationMap):
 
     def _write_states(self, rows: Floats, out: States) -> int:
         # A point on a border belongs to the cell that the whole map gives it.
-        return self._ask(
-            lambda part, some: part.classify(self._centers_of(self._cells_of(some))), rows, out, 0
-        )
+        def classify(part: CSpace, some: Floats) -> States:
+            return part.classify(self._centers_of(self._cells_of(some)))
+
+        return self._ask(classify, rows, out, reach=0)
 
     def _centers_of(self, cells: Ints) -> Floats:
         """Return the centers of cells, shape (n, 1 + dim)."""
-        centers = self.grid.center_of(cells[:, 1:]), self.rotations.centers[cells[:, 0]]
-        return np.concatenate(centers, axis=1)
+        positions = self.grid.center_of(cells[:, 1:])
+        return np.concatenate([positions, self.rotations.centers[cells[:, 0]]], axis=1)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         self._refuse_geometry(exact)
@@ -182,17 +182,17 @@ class TiledCSpace(ConfigurationMap):
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         self._refuse_geometry(exact)
         with self._at_one_moment():
-            both = np.stack([starts, ends], axis=1).reshape(-1, self.size)
-            bad = self.find_unusable(both) // 2  # the index of the motion; -1 stays -1
+            ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
+            bad = self.find_unusable(ends_in_turn) // 2  # the index of the motion; -1 stays -1
             if bad < 0:
                 self._tiles.motions_are_free(starts, ends, out)
             return bad
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        reach = math.ceil(distance / self.grid.spacing) + 1
-        return self._ask(
-            lambda part, some: part.is_free_around(some, distance, angle), rows, out, reach
-        )
+        def test(part: CSpace, some: Floats) -> Bools:
+            return part.is_free_around(some, distance, angle)
+
+        return self._ask(test, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
@@ -204,10 +204,9 @@ class TiledCSpace(ConfigurationMap):
     def _refuse_geometry(self, exact: bool) -> None:
         """Raise ConfigurationError if the geometry is asked for."""
         if exact:
+            rule = "this one stays in its folder"
             hint = "use a part of it: space.window(lower, upper)"
-            raise ConfigurationError(
-                "exact", "needs a map in memory", "this one stays in its folder", hint
-            )
+            raise ConfigurationError("exact", "needs a map in memory", rule, hint)
 
     # ---- connectivity ----------------------------------------------------------------------------
 
@@ -253,22 +252,19 @@ class TiledCSpace(ConfigurationMap):
             it, shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if
             no FREE cells connect q0 and q1.
         """
-        rotations = self.rotations
-        start, goal = (
-            rotations.make_canonical(self._check_configurations(q, name), name)
-            for q, name in ((q0, "q0"), (q1, "q1"))
-        )
+        make_canonical = self.rotations.make_canonical
+        start = make_canonical(self._check_configurations(q0, "q0"), "q0")
+        goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
         with self._at_one_moment():
             tiles, cells = self._components.chain(self._cells_of(start), self._cells_of(goal))
         crossings = self._centers_of(np.array(cells, dtype=np.int64).reshape(-1, 1 + self.dim))
-        points = itertools.pairwise([start, *crossings, goal])
-        return [
-            (partial(self._open_part, tile), first, last)
-            for tile, (first, last) in zip(tiles, points, strict=False)
-        ]
+        starts = [start, *crossings]
+        goals = [*crossings, goal]
+        open_parts = [partial(self._open_part, tile) for tile in tiles]
+        return list(zip(open_parts, starts, goals, strict=False))  # no tiles without a chain
 
     def _open_part(self, tile: tuple[int, ...]) -> CSpace:
-        """Return the part of a tile as a map in memory."""
+        """Return a tile as a map in memory."""
         with self._at_one_moment():
             return self._tiles.tile(tile).space
 
@@ -277,9 +273,10 @@ class TiledCSpace(ConfigurationMap):
 
         See :meth:`cspace.CSpace.nearest_free`.
         """
+        grid = self.grid
         point = self._check_configurations(q)
-        center = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
-        reach = 0.5 * self.grid.spacing * np.minimum(self.tile, 2 * MAX_NEAREST_CELLS)
+        center = np.clip(point[: grid.dim], grid.lower, grid.upper)
+        reach = grid.spacing * np.minimum(0.5 * np.array(self.tile), MAX_NEAREST_CELLS)
         return self.window(center - reach, center + reach).nearest_free(point)
 
     # ---- parts -----------------------------------------------------------------------
@@ -313,18 +310,19 @@ class TiledCSpace(ConfigurationMap):
             If the box shares no cell with the map, or exceeds the memory.
         """
         folder = self._folder
-        ends = self.grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
-        cells = folder.clip(self.grid.cell_of(ends) + ONE_MORE)
-        if ends.ndim != 2 or (ends[0] > ends[1]).any() or (cells[0] >= cells[1]).any():
-            rule = f"it must be a box in the map, {self.grid.lower} to {self.grid.upper}"
+        grid = self.grid
+        box = grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        cells = folder.clip(grid.cell_of(box) + ONE_MORE)
+        if box.ndim != 2 or (box[0] > box[1]).any() or (cells[0] >= cells[1]).any():
             problem = f"is from {lower!r} to {upper!r}"
+            rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
             raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
-        corners = grow(cells, folder.reach)
-        whole = folder.clip(corners)
+        reached = grow(cells, folder.reach)
+        inside = folder.clip(reached)
         with self._at_one_moment():
-            if (np.diff(whole, axis=0) == self.grid.shape).all():
-                return self._tiles.window(whole, folder.frame.exterior)
-            return self._tiles.window(corners)
+            if (inside[1] - inside[0] == grid.shape).all():
+                return self._tiles.window(inside, folder.frame.exterior)
+            return self._tiles.window(reached)
 
     def overview(self, max_cells: int = 1024) -> CSpace:
         """Return the whole map in coarse cells, in memory.
@@ -339,4 +337,4 @@ class TiledCSpace(ConfigurationMap):
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         with self._at_one_moment():
-            return build_overview(self._folder, count)
+            return self._tiles.overview(count)

@@ -54,12 +54,12 @@ def run_tasks(
 
     if client is not None:
         return _run_on_cluster(task, tiles, client, advance)
-    free = MAX_MEMORY_FRACTION * free_bytes()
-    if needed > free:
+    available = MAX_MEMORY_FRACTION * free_bytes()
+    if needed > available:
         problem = f"is so large that a task needs {bytes_text(needed)}"
-        hint = "use a smaller tile or fewer rotations"
-        raise InputError("tile", problem, f"{bytes_text(free)} are available", hint, value=needed)
-    threads = min(workers or cores(), int(free // needed))
+        rule = f"{bytes_text(available)} are available"
+        raise InputError("tile", problem, rule, "use a smaller tile or fewer rotations")
+    threads = min(workers or cores(), int(available // needed))
     return in_threads(task, tiles, threads, advance)
 
 
@@ -72,8 +72,8 @@ def _run_on_cluster(
     try:
         _check_workers(client)
         # Every worker gets a copy and keeps it for all its tasks.
-        given = client.scatter(task, hash=False, broadcast=True)
-        futures = client.map(_run_task, list(tiles), task=given, pure=False, retries=TASK_RETRIES)
+        copies = client.scatter(task, hash=False, broadcast=True)
+        futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=TASK_RETRIES)
         results = []
         for future in futures:
             results.append(future.result())
@@ -104,7 +104,7 @@ def _run_task(index: Index, task: Task) -> Any:
 
 
 def _check_workers(client: Any) -> None:
-    """Raise InputError if there is no worker, or one has another version of cspace."""
+    """Raise InputError unless there are workers, all with this version of cspace."""
 
     # Sent by value, because a worker may lack this module.
     def find_version() -> str:
@@ -114,13 +114,7 @@ def _check_workers(client: Any) -> None:
             return "none"
 
     versions = set(client.run(find_version).values())
-    if not versions:
-        raise InputError(
-            "client", "has no workers", "tasks run on them", "start one, e.g. dask worker"
-        )
     if versions != {__version__}:
-        problem = f"has workers with cspace {', '.join(sorted(versions))}"
+        found = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
         rule = f"all must have cspace {__version__}, like this process"
-        raise InputError(
-            "client", problem, rule, "install it there and restart them", value=versions
-        )
+        raise InputError("client", f"has {found}", rule, "install it there and start workers")

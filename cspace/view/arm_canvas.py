@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -105,22 +106,24 @@ class ArmCanvas(Canvas):
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
         space = self._space
-        arm = self._space.arm
+        arm = space.arm
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
-        self.about = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+        words = [f"{n} {name}" if n == 1 else f"{n} {name}s" for name, n in counts.items()]
+        self.about = ", ".join(words)
         is_linear = np.array(arm.units) == "m"
         self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
         steps = np.where(is_linear, _STEP_METRES, _STEP_DEGREES)
-        limits = np.where(space.periodic_axes, math.pi, TWO_PI)
-        lower = np.where(np.isinf(arm.lower), -limits, arm.lower) * self._scale
-        upper = np.where(np.isinf(arm.upper), limits, arm.upper) * self._scale
-        lower = np.ceil(lower / steps - 1e-6) * steps
-        upper = np.floor(upper / steps + 1e-6) * steps
+        unlimited = np.where(space.periodic_axes, math.pi, TWO_PI)
+        lower = np.where(np.isinf(arm.lower), -unlimited, arm.lower) * self._scale
+        upper = np.where(np.isinf(arm.upper), unlimited, arm.upper) * self._scale
+        # Sliders have whole steps within the limits.
+        lower = np.round(np.ceil(lower / steps - 1e-6) * steps, 3)
+        upper = np.round(np.floor(upper / steps + 1e-6) * steps, 3)
+        units = np.where(is_linear, "m", "°")
         self.dials = []
-        for joint, linear, *numbers in zip(arm.joints, is_linear, lower, upper, steps, strict=True):
-            low, high, step = (round(float(number), 3) for number in numbers)
-            self.dials.append(Dial(f"{joint} ({'m' if linear else '°'})", low, high, step))
+        for joint, unit, *numbers in zip(arm.joints, units, lower, upper, steps, strict=True):
+            self.dials.append(Dial(f"{joint} ({unit})", *map(float, numbers)))
         self.legend = [
             (STATE_COLORS[FREE], "arm, FREE"),
             (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
@@ -144,10 +147,7 @@ class ArmCanvas(Canvas):
         return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
 
     def describe(self, q: Floats) -> str:
-        """Show state and closest pair, and return them as text.
-
-        Colour the arm by its state, and draw the pair.
-        """
+        """Colour the arm by its state, draw the closest pair, and return both as text."""
         state = int(self._space.classify(q))
         with self._links_lock:
             for link in self._links["robot"].values():
@@ -156,15 +156,16 @@ class ArmCanvas(Canvas):
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
             return STATES[state]
-        self._draw_line("/contact", contact.points, CONTACT_COLOR, 4.0)
         pair = f"{contact.link} and {contact.other}"
-        apart = f"{contact.distance:.3f} m"
-        label = apart if contact.distance else pair
-        self._server.scene.add_label(
-            "/contact/label", label, position=contact.points.mean(axis=0), anchor="bottom-left"
-        )
-        proven = f", at least {apart} apart: proven" if contact.distance else ""
-        return f"{STATES[state]}  \nclosest pair: {pair}{proven}"
+        label = pair
+        proof = ""
+        if contact.distance:
+            label = f"{contact.distance:.3f} m"
+            proof = f", at least {label} apart: proven"
+        middle = contact.points.mean(axis=0)
+        self._draw_line("/contact", contact.points, CONTACT_COLOR, thickness=4.0)
+        self._server.scene.add_label("/contact/label", label, position=middle, anchor="bottom-left")
+        return f"{STATES[state]}  \nclosest pair: {pair}{proof}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether the straight motion is proven free."""
@@ -180,28 +181,34 @@ class ArmCanvas(Canvas):
         space = self._space
         scene = self._server.scene
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
-        arms = {"robot": ([*figure.links], ROBOT_FILL_COLOR, 1.0)}
-        arms |= {name: (figure.moving, color, MARK_OPACITY) for name, color in MARKS.items()}
         with self._links_lock, self._server.atomic():
-            for group in ("obstacles", *arms):
+            for group in ("obstacles", "robot", *MARKS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
-            for name, surface in figure.obstacles.items():
-                if len(surface[1]):
+            for name, (vertices, faces) in figure.obstacles.items():
+                if len(faces):
+                    surface = (vertices, faces)
                     self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
                 else:
                     radius = float(space.obstacles[name].shape.outer.radii[0])
-                    self._add_cloud(f"/obstacles/{name}", surface[0], radius)
-            self._links: dict[str, dict[str, Any]] = {}
-            for name, (links, color, opacity) in arms.items():
-                self._links[name] = {
-                    link: self._add_mesh(f"/{name}/{link}", figure.links[link], color, opacity)
-                    for link in links
-                }
+                    self._add_cloud(f"/obstacles/{name}", vertices, radius)
+            self._links = {"robot": self._add_links("robot", [*figure.links], ROBOT_FILL_COLOR)}
+            for name, color in MARKS.items():
+                self._links[name] = self._add_links(name, figure.moving, color, MARK_OPACITY)
             self._labels = {name: scene.add_label(f"/{name}/label", name) for name in MARKS}
             self._pose_arm("robot", self.robot)
             for name, q in self._marks.items():
                 self.mark(name, q)
+
+    def _add_links(
+        self, arm: str, links: Sequence[str], color: str, opacity: float = 1.0
+    ) -> dict[str, Any]:
+        """Add links of one of the drawn arms; return their handles by name."""
+        handles = {}
+        for link in links:
+            surface = self._figure.links[link]
+            handles[link] = self._add_mesh(f"/{arm}/{link}", surface, color, opacity)
+        return handles
 
     def place(self, q: Floats) -> None:
         """Move the arm, and its tool frame with it."""
@@ -214,11 +221,13 @@ class ArmCanvas(Canvas):
         Return the reason why it does not reach it; empty if it does.
         """
         arm = self._space.arm
-        q, problem = self.tool.solve(self.robot.clip(arm.lower, arm.upper))
+        near = self.robot.clip(arm.lower, arm.upper)
+        q, problem = self.tool.solve(near)
         self._stand(q)
         if problem:
-            ends = np.stack([arm.pose(q, self.tool.name)[:3, 3], self.tool.pose[:3, 3]])
-            self._draw_line("/gap", ends, UNREACHED_COLOR, 4.0)
+            reached = arm.pose(q, self.tool.name)
+            ends = np.stack([reached[:3, 3], self.tool.pose[:3, 3]])
+            self._draw_line("/gap", ends, UNREACHED_COLOR, thickness=4.0)
         return problem
 
     def _stand(self, q: Floats) -> None:
@@ -241,9 +250,9 @@ class ArmCanvas(Canvas):
             link.remove()
         self._ghosts = []
         if len(points) > 1:
-            # Start and goal have arms already.
-            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)[1:-1]
-            poses = self._space.arm.poses(self.interpolate(points, shares))
+            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)
+            between = shares[1:-1]  # start and goal have arms already
+            poses = self._space.arm.poses(self.interpolate(points, between))
             self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
         super().draw_path(points)
 
@@ -269,7 +278,8 @@ class ArmCanvas(Canvas):
 
     def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
         """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
-        size = max(radius, MIN_POINT_SHARE * float(np.ptp(centers, axis=0).max()))
+        longest = float(np.ptp(centers, axis=0).max())
+        size = max(radius, MIN_POINT_SHARE * longest)
         self._server.scene.add_point_cloud(
             name,
             centers,
@@ -288,10 +298,10 @@ class ArmCanvas(Canvas):
         with self._links_lock:
             for name, q in self._marks.items():
                 is_set = name == "start" or not _are_same(q, self._marks["start"])
+                is_apart = not _are_same(q, self.robot)
                 self._labels[name].visible = is_set
-                apart = not _are_same(q, self.robot)
                 for link in self._links[name].values():
-                    link.visible = is_set and apart
+                    link.visible = is_set and is_apart
 
     def _pose_arm(self, name: str, q: Floats) -> None:
         """Move the links of an arm to a configuration."""
@@ -307,7 +317,8 @@ class ArmCanvas(Canvas):
 
         Return the longest side of the box around the arm, metres.
         """
-        low, high, margin = self._figure.measure(np.array([*self.endpoints.values()]))
+        endpoints = np.array([*self.endpoints.values()])
+        low, high, margin = self._figure.measure(endpoints)
         obstacles = self._figure.obstacles.values()
         clipped = [vertices.clip(low - margin, high + margin) for vertices, _ in obstacles]
         near = np.concatenate([[low, high], *clipped])

@@ -39,24 +39,25 @@ class Cells:
     ----------
     drawn : CSpace
         The map that is drawn and sampled.
-    at : callable
+    make_blocks : callable
         Return the blocks of the map at a rotation cell, or those of the workspace if it is None.
     """
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
         self._space = space
-        self.at = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
+        self.make_blocks = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
         self.invalidate()
 
     def invalidate(self) -> None:
         """Clear the cache, because the map has changed."""
-        self.at.cache_clear()
+        self.make_blocks.cache_clear()
         if isinstance(self._space, CSpace):
             self.drawn = self._space
         else:
             grid = self._space.grid
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
-            self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
+            most = math.floor(share * max(grid.shape))
+            self.drawn = self._space.overview(max(1, most))
 
     def _reduce_to_blocks(self, cell: int | None) -> Blocks:
         """Reduce the map at a rotation cell to blocks; without a cell, reduce the workspace."""
@@ -65,5 +66,7 @@ class Cells:
             classes = classify_ground(space.workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
-        side = math.ceil((space.grid.size / MAX_BLOCKS) ** (1.0 / space.grid.dim))
-        return Blocks(reduce_blocks(classes, block_starts(classes.shape, side)), side)
+        cells_per_block = space.grid.size / MAX_BLOCKS
+        side = math.ceil(cells_per_block ** (1.0 / space.grid.dim))
+        starts = block_starts(classes.shape, side)
+        return Blocks(reduce_blocks(classes, starts), side)

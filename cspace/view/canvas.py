@@ -95,10 +95,8 @@ class Canvas(ABC):
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
         scene.add_light_ambient("/light/ambient", intensity=1.6)
-        for position, intensity in (((-0.4, -0.7, 1.0), 1.3), ((0.8, 0.3, 0.6), 0.5)):
-            scene.add_light_directional(
-                f"/light/{intensity}", intensity=intensity, position=position
-            )
+        scene.add_light_directional("/light/main", intensity=1.3, position=(-0.4, -0.7, 1.0))
+        scene.add_light_directional("/light/fill", intensity=0.5, position=(0.8, 0.3, 0.6))
 
     # ---- configurations --------------------------------------------------------------------------
 
@@ -147,8 +145,9 @@ class Canvas(ABC):
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return
-        q = self.interpolate(points, np.linspace(0.0, 1.0, CURVE_POINTS))
-        self._draw_line("/path", self._path_positions(q), PATH_COLOR, 6.0)
+        shares = np.linspace(0.0, 1.0, CURVE_POINTS)
+        curve = self._path_positions(self.interpolate(points, shares))
+        self._draw_line("/path", curve, PATH_COLOR, thickness=6.0)
 
     def _draw_line(self, name: str, points: Floats, color: str, thickness: float) -> None:
         """Draw a line through points, shape (n, 3); its thickness is in pixels."""
@@ -193,15 +192,18 @@ class Canvas(ABC):
         )
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
-        """Place initial cameras so that a box is in view."""
+        """Place initial cameras so that a box is in view, from the direction ``back``."""
         center = (lower + upper) / 2
-        half = (upper - lower) / 2
+        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+        corners = signs * (upper - lower) / 2  # from the center
         back = back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
-        corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
-        across = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ np.cross(back, right)))
-        distance = 1.1 * float(np.max(across / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back))
+        up = np.cross(back, right)
+        # Pages are at least 1.2 times as wide as high.
+        offsets = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ up))
+        distances = offsets / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back
+        distance = 1.1 * float(distances.max())
         camera = self._server.initial_camera
         camera.fov = FIELD_OF_VIEW
         camera.near = 1e-3 * distance
@@ -212,12 +214,10 @@ class Canvas(ABC):
 
 
 def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
-    """Return FREE configurations, the same at each call, or ``fallback``.
-
-    Shape (n, size).
-    """
+    """Return FREE configurations, the same at each call, or ``fallback``; shape (n, size)."""
+    rng = np.random.default_rng(0)
     try:
-        return np.asarray(space.sample_free(_SAMPLES, np.random.default_rng(0)))
+        return np.asarray(space.sample_free(_SAMPLES, rng))
     except ConfigurationError:
         return fallback[np.newaxis]
 

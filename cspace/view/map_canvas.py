@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,7 +33,15 @@ from cspace.view.canvas import (
     farthest_pair,
     sample_free_configurations,
 )
-from cspace.view.scene import KINDS, SECTION, Section, Stage, make_robot_surface, to_quaternion
+from cspace.view.scene import (
+    KINDS,
+    SECTION,
+    Section,
+    Stage,
+    lift,
+    make_robot_surface,
+    to_quaternion,
+)
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -41,8 +49,23 @@ if TYPE_CHECKING:
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Rotations about the fixed axes x, then y, then z."""
 
-Part = tuple[int | None, float, bool]
-"""What a drawn part depends on: a rotation cell, the cut, and whether the cut has a lid."""
+
+class Part(NamedTuple):
+    """Choices that the drawing of some cells depends on.
+
+    Attributes
+    ----------
+    cell : int or None
+        Rotation cell; None if the drawing shows the workspace.
+    cut : float
+        Height above which cells are omitted, metres.
+    lid : bool
+        True if solids are closed at the cut.
+    """
+
+    cell: int | None
+    cut: float
+    lid: bool
 
 
 class MapCanvas(Canvas):
@@ -81,20 +104,14 @@ class MapCanvas(Canvas):
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         self.size = max(self.glyph.size, 0.012 * longest)
-        wall = min(0.5 * max(self.glyph.size, 0.002 * longest), 0.03 * longest)
-        self.stage = stage = Stage(grid, wall)
+        wall = 0.5 * max(self.glyph.size, 0.002 * longest)
+        self.stage = stage = Stage(grid, min(wall, 0.03 * longest))
         self.kinds = [*KINDS]
         if cells.drawn.workspace.unknown is None:
             self.kinds.remove("unknown")
         hidden = {"mixed"} if stage.has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
-        self.cut = float(stage.upper[2])
-        if stage.has_height:
-            # Above the robot at start, goal and path.
-            about = np.concatenate([[*self.endpoints.values()], points])
-            top = float(self.glyph.extents(about)[:, 1, 2].max())
-            top = math.ceil(top / self._step - 1e-9) * self._step
-            self.cut = min(max(top, stage.lower[2] + grid.spacing), self.cut)
+        self.cut = self._choose_cut(points)
         self._drawn: dict[str, Part | None] = {}
         self._drawing = threading.Lock()
         self._surface = make_robot_surface(space.robot, stage.wall)
@@ -105,11 +122,22 @@ class MapCanvas(Canvas):
         self._place_camera(stage.lower, stage.upper, back)
         self._describe_panel()
 
+    def _choose_cut(self, points: Floats) -> float:
+        """Return a height above the robot at start, goal and path, metres."""
+        stage = self.stage
+        highest = float(stage.upper[2])
+        if not stage.has_height:
+            return highest
+        stations = np.concatenate([[*self.endpoints.values()], points])
+        uppers = self.glyph.extents(stations)[:, 1]
+        steps = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
+        lowest = float(stage.lower[2]) + stage.grid.spacing
+        return min(max(steps * self._step, lowest), highest)
+
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
         space = self._space
-        grid = self._space.grid
-        angles = self.poses.angles
+        grid = space.grid
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         suffix = f" x {space.rotations}" if space.rotations.names else ""
         self.title = space.robot.name
@@ -118,11 +146,13 @@ class MapCanvas(Canvas):
             Dial(label, round(low, 9), round(high, 9), self._step)
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
         ]
-        for angle in angles:
+        for angle in self.poses.angles:
             limit = 90.0 if angle == "pitch" else 180.0
             self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
-        classes = [CLASSES[number] for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)]
-        self.legend = [(color, label) for label, color in classes]
+        self.legend = []
+        for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE):
+            label, color = CLASSES[number]
+            self.legend.append((color, label))
         self.legend.append((KINDS["obstacles"].color, "obstacle, in the light"))
         self.legend.append((ROBOT_FILL_COLOR, "robot"))
 
@@ -182,8 +212,9 @@ class MapCanvas(Canvas):
     def _path_positions(self, q: Floats) -> Floats:
         """Return the positions at which a path is drawn."""
         dim = self._space.grid.dim
-        height = 0.6 * self.stage.wall  # of a path in the plane
-        return np.pad(q[:, :dim], ((0, 0), (0, 3 - dim)), constant_values=height)
+        positions = np.full((len(q), 3), 0.6 * self.stage.wall)  # the height in the plane
+        positions[:, :dim] = q[:, :dim]
+        return positions
 
     # ---- cells -----------------------------------------------------------------------------------
 
@@ -197,14 +228,16 @@ class MapCanvas(Canvas):
         grid = self._space.grid
         if stage.has_height:
             label = f"cut at {grid.labels[2]}"
-            numbers = stage.lower[2] + grid.spacing, stage.upper[2], self._step, self.cut
-            low, high, step, value = (round(float(number), 9) for number in numbers)
-            cut = added[label] = gui.add_slider(label, low, high, step, value)
+            low = round(float(stage.lower[2] + grid.spacing), 9)
+            high = round(float(stage.upper[2]), 9)
+            cut = gui.add_slider(label, low, high, round(self._step, 9), round(self.cut, 9))
+            added[label] = cut
         labels = {name: KINDS[name].label for name in self.kinds}
         labels[SECTION] = "section" if stage.has_height else "ground"
         boxes = {}
         for name, label in labels.items():
-            boxes[name] = added[label] = gui.add_checkbox(label, name in self.shown)
+            boxes[name] = gui.add_checkbox(label, name in self.shown)
+            added[label] = boxes[name]
 
         def choose(_: Any) -> None:
             if stage.has_height:
@@ -212,8 +245,8 @@ class MapCanvas(Canvas):
             self.shown = {name for name, box in boxes.items() if box.value}
             changed()
 
-        for each in added.values():
-            each.on_update(choose)
+        for handle in added.values():
+            handle.on_update(choose)
         return added
 
     def draw(self) -> None:
@@ -223,23 +256,29 @@ class MapCanvas(Canvas):
         with self._drawing:
             for name in (*self.kinds, SECTION):
                 rotates = name == SECTION or KINDS[name].rotates
-                wanted = (cell if rotates else None, self.cut, lid) if name in self.shown else None
-                if self._drawn.get(name, ()) != wanted:
-                    if wanted is None or not self._draw_part(name, *wanted):
-                        self._server.scene.remove_by_name(f"/{name}")
+                wanted: Part | None = None
+                if name in self.shown:
+                    wanted = Part(cell if rotates else None, self.cut, lid)
+                never_drawn = name not in self._drawn
+                if never_drawn or self._drawn[name] != wanted:
+                    self._draw_part(name, wanted)
                     self._drawn[name] = wanted
 
-    def _draw_part(self, name: str, cell: int | None, cut: float, lid: bool) -> bool:
-        """Draw the section, or the cells of a kind; return False if there are none."""
-        blocks = self.cells.at(cell)
+    def _draw_part(self, name: str, part: Part | None) -> None:
+        """Draw the section, or the cells of a kind; remove the drawing if there is nothing."""
+        if part is None:
+            self._server.scene.remove_by_name(f"/{name}")
+            return
+        blocks = self.cells.make_blocks(part.cell)
         if name == SECTION:
-            self._add_image(f"/{name}", self.stage.section(blocks, cut))
-            return True
+            self._add_image(f"/{name}", self.stage.make_section(blocks, part.cut))
+            return
         kind = KINDS[name]
-        surface = self.stage.solid(blocks, kind, cut, lid)
-        if len(surface[1]):
-            self._add_mesh(f"/{name}", surface, kind.color, kind.opacity)
-        return len(surface[1]) > 0
+        vertices, triangles = self.stage.make_solid(blocks, kind, part.cut, part.lid)
+        if len(triangles):
+            self._add_mesh(f"/{name}", (vertices, triangles), kind.color, kind.opacity)
+        else:
+            self._server.scene.remove_by_name(f"/{name}")
 
     def invalidate(self) -> None:
         """Make :meth:`draw` redraw everything, because the map has changed."""
@@ -250,14 +289,15 @@ class MapCanvas(Canvas):
     def _add_image(self, name: str, section: Section) -> None:
         """Add a section of the map to the scene."""
         width, depth = section.upper - section.lower
+        center = (section.lower + section.upper) / 2
         self._server.scene.add_image(
             name,
             section.image,
             float(width),
             float(depth),
             format="png",
-            wxyz=(0.0, 1.0, 0.0, 0.0),
-            position=(*((section.lower + section.upper) / 2).tolist(), section.height),
+            wxyz=(0.0, 1.0, 0.0, 0.0),  # turned about x, because y points down in viser's images
+            position=lift(center.tolist(), section.height),
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -273,9 +313,8 @@ class MapCanvas(Canvas):
             depth_test=False,
         )
         self._add_robot(f"/{name}", color)
-        self._server.scene.add_label(
-            f"/{name}/label", name, position=(0.0, 0.0, self.stage.wall + 0.5 * self.size)
-        )
+        above = (0.0, 0.0, self.stage.wall + 0.5 * self.size)
+        self._server.scene.add_label(f"/{name}/label", name, position=above)
         return controls
 
     def _add_robot(self, name: str, color: str) -> None:
@@ -285,8 +324,10 @@ class MapCanvas(Canvas):
         """
         self._add_mesh(f"{name}/figure", self._surface, color)
         if len(self.glyph.nose) and self.poses.angles:
-            corners = np.column_stack([self.glyph.nose[:3], np.full(3, 1.01 * self.stage.wall)])
-            self._add_mesh(f"{name}/nose", (corners, np.array([[0, 1, 2]])), ROBOT_EDGE_COLOR)
+            above = np.full(3, 1.01 * self.stage.wall)
+            corners = np.column_stack([self.glyph.nose[:3], above])
+            triangle = np.array([[0, 1, 2]])
+            self._add_mesh(f"{name}/nose", (corners, triangle), ROBOT_EDGE_COLOR)
 
 
 class Poses:
@@ -302,24 +343,27 @@ class Poses:
         self.dim = dim
         self._rotations = rotations
         q = np.array([*np.zeros(dim), *rotations.from_matrix(np.eye(3))])
-        self.angles = ANGLES[3 - (rotations.steps_between(q, q).shape[-1] - dim) :]
+        degrees_of_freedom = rotations.steps_between(q, q).shape[-1] - dim
+        self._first_angle = len(ANGLES) - degrees_of_freedom  # a yaw is the last one
+        self.angles = ANGLES[self._first_angle :]
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the position, metres, and the :attr:`angles`, degrees."""
         degrees = Rotation.from_matrix(self._matrix(q)).as_euler("xyz", degrees=True)
-        shown = np.round(degrees[3 - len(self.angles) :], 6) + 0.0  # no minus sign before zero
+        shown = np.round(degrees[self._first_angle :], 6)
+        shown += 0.0  # no minus sign before zero
         return (*q[: self.dim].tolist(), *shown.tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
         """Return the configuration with these :meth:`dial_values`."""
         degrees = np.zeros(3)
-        degrees[3 - len(self.angles) :] = numbers[self.dim :]
+        degrees[self._first_angle :] = numbers[self.dim :]
         matrix = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
         return np.array([*numbers[: self.dim], *self._rotations.from_matrix(matrix)])
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Return position and quaternion w, x, y, z of the robot in space."""
-        return np.array([*q[: self.dim], 0.0][:3]), to_quaternion(self._matrix(q))
+        return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
@@ -327,10 +371,7 @@ class Poses:
         return np.array([*position[: self.dim], *self._rotations.from_matrix(matrix)])
 
     def _matrix(self, q: Floats) -> Floats:
-        """Return the rotation matrix of a configuration.
-
-        Its shape is (3, 3); a map of the plane rotates about z.
-        """
+        """Return the rotation of a configuration, shape (3, 3); in the plane about z."""
         matrix = np.eye(3)
         matrix[: self.dim, : self.dim] = self._rotations.rotation_matrices(q)
         return matrix
@@ -345,7 +386,9 @@ def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
     upright = space.rotations.from_matrix(np.eye(3))
     center = np.add(space.grid.lower, space.grid.upper) / 2
     samples = sample_free_configurations(sampled, np.array([*center, *upright]))
-    turned = np.hstack([samples[:, :dim], np.tile(upright, (len(samples), 1))])
-    free = np.asarray(sampled.is_free(turned))
-    samples = turned[free] if free.any() else samples
+    turned_up = samples.copy()
+    turned_up[:, dim:] = upright
+    is_free = np.asarray(sampled.is_free(turned_up))
+    if is_free.any():
+        samples = turned_up[is_free]
     return farthest_pair(samples, samples[:, :dim])

@@ -115,9 +115,8 @@ class Panel:
             self.mark_robot = gui.add_button_group("make it the", tuple(canvas.endpoints))
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
-            gui.add_html(
-                _legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())])
-            )
+            marks = [(color, name) for name, color in MARKS.items()]
+            gui.add_html(_legend_html([*canvas.legend, *marks]))
 
     def _add_plan(self, choices: Choices) -> None:
         """Add the inputs and messages of a search."""
@@ -247,9 +246,7 @@ class Page:
             slider.on_update(slide_robot)
         panel.share.on_update(slide_along_path)
         panel.plan.on_click(lambda _: self.search())
-        panel.play.on_click(
-            lambda _: self._playing.clear() if self._playing.is_set() else self.play()
-        )
+        panel.play.on_click(lambda _: self._play_or_stop())
         panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
         if canvas.tool is not None:
             self._connect_tool(canvas.tool)
@@ -316,12 +313,13 @@ class Page:
         """Let the arm follow its tool frame, which a user drags."""
         if not tool.is_held:
             self._playing.clear()
-            if (
-                not self._strays
-            ):  # otherwise the arm stands where no plan has brought it, and its start stays
+            # A strayed arm stands where no plan has brought it, so its start stays.
+            if not self._strays:
                 self.mark("start", self._canvas.robot)
-            self._show_path(self._path[:0])
-            tool.is_held = self._strays = True
+            no_path = np.empty((0, self._space.size))
+            self._show_path(no_path)
+            tool.is_held = True
+            self._strays = True
         self._solver.request()
 
     def release(self) -> None:
@@ -344,19 +342,20 @@ class Page:
         self._prover.request()
 
     def search(self) -> None:
-        """Plan from start to goal with the inputs of the panel.
-
-        :attr:`plan` is the result.
-        """
+        """Plan from start to goal with the inputs of the panel; the result is :attr:`plan`."""
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path, from its current position.
-
-        At true speed along a trajectory.
-        """
+        """Move the robot along the path from its current position; a trajectory at true speed."""
         self._playing.set()
         self._player.request()
+
+    def _play_or_stop(self) -> None:
+        """Stop playing, or play."""
+        if self._playing.is_set():
+            self._playing.clear()
+        else:
+            self.play()
 
     def refresh(self) -> None:
         """Draw and prove everything again, because the space has changed."""
@@ -398,8 +397,7 @@ class Page:
     def _describe_reach(self, q: Floats, problem: str) -> str:
         """Describe in Markdown whether the arm reached its tool frame."""
         if problem:
-            sentence = problem[:1].upper() + problem[1:]
-            return f"**Not reached**; the arm shows the nearest pose.  \n{sentence}."
+            return f"**Not reached**; the arm shows the nearest pose.  \n{_capitalize(problem)}."
         if self._space.is_free(q):
             return "**Reached**, proven free."
         return "**Reached**, but not proven free."
@@ -445,9 +443,11 @@ class Page:
         """Move the robot along the path until its end or until stopped."""
         panel = self.panel
         panel.play.label = "Stop"
-        share = panel.share.value / 100.0 if panel.share.value < 100.0 else 0.0
-        motion = self.trajectory
-        seconds = PLAY_SECONDS if motion is None else max(motion.duration, 1.0 / FRAME_RATE)
+        at_end = panel.share.value >= 100.0
+        share = 0.0 if at_end else panel.share.value / 100.0
+        seconds = PLAY_SECONDS
+        if self.trajectory is not None:
+            seconds = max(self.trajectory.duration, 1.0 / FRAME_RATE)
         began = time.perf_counter() - share * seconds
         try:
             while self._playing.is_set() and share < 1.0 and len(self._path):
@@ -465,19 +465,23 @@ class Page:
         self._path = path
         self._canvas.draw_path(path)
         self.panel.share.value = 0.0
-        self.panel.share.disabled = self.panel.play.disabled = not len(path)
+        is_empty = len(path) == 0
+        self.panel.share.disabled = is_empty
+        self.panel.play.disabled = is_empty
         self.trajectory = self._time_path(source)
 
     def _time_path(self, source: Any) -> Trajectory | None:
         """Return a given trajectory, or one along the plan of an arm; None without times."""
         if hasattr(source, "sample"):
             return cast("Trajectory", source)
-        if not hasattr(source, "trajectory") or self._canvas.tool is None or not len(self._path):
+        is_arm = self._canvas.tool is not None
+        if not hasattr(source, "trajectory") or not is_arm or not len(self._path):
             return None
         limits = self._space.max_velocity
         unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
+        max_velocity = dict.fromkeys(unlimited, MAX_VELOCITY)
         motion: Trajectory = source.trajectory(
-            max_velocity=dict.fromkeys(unlimited, MAX_VELOCITY), max_acceleration=MAX_ACCELERATION
+            max_velocity=max_velocity, max_acceleration=MAX_ACCELERATION
         )
         return motion
 
@@ -492,15 +496,22 @@ class Page:
 
 def _describe_plan(plan: Plan) -> str:
     """Return a plan and its proof as text."""
+    status = _capitalize(plan.status)
     if not plan.solved:
         hint = f"  \nTry {plan.hint}." if plan.hint else ""
-        return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{hint}"
+        return f"**{status}.**{hint}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
-    apart = f", {plan.distance_text}" if plan.distance_text else ""
+    length = f"{plan.length:.3f} {plan.length_unit}"
+    distance = f", {plan.distance_text}" if plan.distance_text else ""
     seconds = plan.times.planning + plan.times.simplification
-    took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
-    text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."
-    return f"{text}  \n{plan.length:.3f} {plan.length_unit}{apart}  \n{plan.planner}, {took}"
+    duration = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    lines = [f"**{status}**, {proof}.", length + distance, f"{plan.planner}, {duration}"]
+    return "  \n".join(lines)
+
+
+def _capitalize(text: str) -> str:
+    """Return a text with a capital first letter and the rest unchanged."""
+    return text[:1].upper() + text[1:]
 
 
 def _legend_html(rows: list[tuple[str, str]]) -> str:
@@ -509,12 +520,11 @@ def _legend_html(rows: list[tuple[str, str]]) -> str:
         "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
         "#777;background:"
     )
-    items = "".join(
-        f'<div style="margin:0.15em 0"><span style="{square}{color}"></span>'
-        f"{html.escape(name)}</div>"
-        for color, name in rows
-    )
-    return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
+    items = []
+    for color, name in rows:
+        sample = f'<span style="{square}{color}"></span>'
+        items.append(f'<div style="margin:0.15em 0">{sample}{html.escape(name)}</div>')
+    return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{"".join(items)}</div>'
 
 
 class Worker:
@@ -548,7 +558,8 @@ class Worker:
     def close(self) -> None:
         """Stop the thread after the current run."""
         with self._changed:
-            self._open = self._requested = False
+            self._open = False
+            self._requested = False
             self._changed.notify_all()
 
     def _run(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -113,77 +114,86 @@ class Stage:
     def __init__(self, grid: Grid, wall: float) -> None:
         self.grid = grid
         self.has_height = grid.dim == 3
-        self.shape = np.array([*grid.shape, 1][:3])
         self.wall = wall
-        self._cell = np.array(
-            [grid.spacing, grid.spacing, grid.spacing if self.has_height else wall]
-        )
-        self.lower = np.array([*grid.lower, 0.0][:3])
+        self.shape = np.ones(3, dtype=np.int64)
+        self.shape[: grid.dim] = grid.shape
+        self.lower = lift(grid.lower, 0.0)
+        self._cell = lift([grid.spacing] * grid.dim, wall)
         self.upper = self.lower + self._cell * self.shape
-        # In space, free cells of a section are transparent.
-        self._colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
-        self._colors[: PARTLY + 1, 3] = 0 if self.has_height else 255
+        opaque = 255
+        self._colors = np.array([(*rgb(color), opaque) for _, color in CLASSES], dtype=np.uint8)
+        if self.has_height:
+            self._colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
 
-    def solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
+    def make_solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
 
         Without a ``lid``, the border is open at the cut, where a section closes it.
         """
-        classes = self._below(blocks, cut)
-        wanted = np.zeros(len(CLASSES), dtype=np.bool_)
-        wanted[list(kind.classes)] = True
-        solid = wanted[classes]
+        solid = np.isin(self._classes_below(blocks, cut), kind.classes)
         corners = blocks.side * extract_border(solid, kind.has_boundary, lid)
         lattice = np.minimum(corners, self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
-        squares = np.arange(len(vertices)).reshape(-1, 4)
-        return vertices, squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        rectangles = np.arange(len(vertices)).reshape(-1, 4)
+        triangles = rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        return vertices, triangles
 
-    def section(self, blocks: Blocks, cut: float) -> Section:
+    def make_section(self, blocks: Blocks, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        layer = self._below(blocks, cut)[..., -1]  # the highest one that begins below the cut
+        highest = -1
+        layer = self._classes_below(blocks, cut)[..., highest]
         lower = self.lower[:2]
         size = self.grid.spacing * blocks.side * np.array(layer.shape)
         upper = np.minimum(lower + size, self.upper[:2])
         image = self._colors[layer]  # [x, y, channel]
         # Images are indexed [row, column], and their first row is the one with the largest y.
-        image = image.transpose(1, 0, 2)[::-1]
+        image = np.flipud(image.transpose(1, 0, 2))
         # Browsers blur enlarged images, so each block gets several pixels along each side.
         repeat = max(1, MIN_SECTION_PIXELS // max(layer.shape))
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
         return Section(image, lower, upper, cut if self.has_height else 0.0)
 
-    def _below(self, blocks: Blocks, cut: float) -> Classes:
-        """Return the classes of the blocks below a height."""
+    def _classes_below(self, blocks: Blocks, cut: float) -> Classes:
+        """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""
         classes = np.atleast_3d(blocks.classes)
-        count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2]
-        return classes[..., : max(1, math.ceil(count / blocks.side - 1e-9))]
+        cells = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2]
+        layers = math.ceil(cells / blocks.side - 1e-9)
+        return classes[..., : max(1, layers)]
 
 
 def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) -> Ints:
-    """Return the border of solid cells as rectangles.
+    """Return the border of solid cells as few rectangles, shape (n, 4, 3), in cells.
 
-    There are few of them, shape (n, 4, 3), in cells. Corners are counterclockwise seen from
-    outside. Squares in a row are merged into a rectangle, and rows of equal length into a larger
-    one. The mesh is for display only, because corners may lie inside edges of other rectangles.
+    Corners are counterclockwise seen from outside. Squares in a row are merged into a rectangle,
+    and rows of equal length into a larger one. The mesh is for display only, because corners may
+    lie inside edges of other rectangles.
 
     Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only
     above its top layer.
     """
     rectangles = []
     for axis, up in product(range(3), (0, 1)):
+        others = [other for other in range(3) if other != axis]
+        # Here and below, the axis of the normal comes first.
         exposed = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
-        exposed[-up] &= has_boundary and (lid or (axis, up) != (2, 1))
-        low, high = merge_into_rectangles(exposed)  # in the order of axes of ``exposed``
-        sides = np.maximum(high - low, (1, 0, 0))
-        corners = low[:, np.newaxis] + sides[:, np.newaxis] * np.insert(FACE_CORNERS, 0, up, axis=1)
-        # The normal of x and z is -y.
-        corners = corners if up != (axis == 1) else corners[:, ::-1]
-        rectangles.append(corners[..., np.argsort([axis, *np.delete(np.arange(3), axis)])])
+        is_lid = axis == 2 and up == 1
+        if not has_boundary or (is_lid and not lid):
+            exposed[-1 if up else 0] = False
+        low, high = merge_into_rectangles(exposed)
+        sides = high - low
+        sides[:, 0] = 1
+        face = np.insert(FACE_CORNERS, 0, up, axis=1)
+        corners = low[:, np.newaxis] + sides[:, np.newaxis] * face
+        # The other axes turn counterclockwise around +x and +z, but around -y.
+        is_clockwise = (up == 1) == (axis == 1)
+        if is_clockwise:
+            corners = np.flip(corners, axis=1)
+        to_xyz = np.argsort([axis, *others])
+        rectangles.append(corners[..., to_xyz])
     return np.concatenate(rectangles)
 
 
@@ -197,11 +207,17 @@ def make_robot_surface(robot: Robot, height: float) -> Surface:
 
     if robot.dim == 3:
         return robot.shape.outer.surface
-    parts = shapely.constrained_delaunay_triangles(robot.shape.outer.outline)
-    triangles = shapely.get_coordinates(shapely.get_parts(parts)).reshape(-1, 4, 2)[:, :3]
+    triangulation = shapely.constrained_delaunay_triangles(robot.shape.outer.outline)
+    rings = shapely.get_coordinates(shapely.get_parts(triangulation)).reshape(-1, 4, 2)
+    triangles = rings[:, :3]  # a ring repeats its first corner
     corners, faces = np.unique(triangles.reshape(-1, 2), axis=0, return_inverse=True)
     mesh: Any = extrude_triangulation(corners, faces.reshape(-1, 3), height)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def lift(values: Sequence[float], third: float) -> Floats:
+    """Return values along x and y with a third one along z; three values stay as they are."""
+    return np.array(values if len(values) == 3 else [*values, third])
 
 
 def rgb(color: str) -> Color:

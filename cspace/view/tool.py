@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -65,13 +66,14 @@ class ToolFrame:
         self._space = space
         self.is_held = False
         self.pose = np.eye(4)
-        counts = {frame: count_joints(arm, frame) for frame in arm.frames}
-        self.frames = tuple(frame for frame, count in counts.items() if count)
-        deepest = max(
-            (frame for frame in reversed(self.frames) if frame not in arm.carriers),
-            key=counts.__getitem__,
-        )
-        self.name = deepest if name is None else check_known(name, "frame", self.frames)
+        joint_counts = {frame: count_joints(arm, frame) for frame in arm.frames}
+        self.frames = tuple(frame for frame, count in joint_counts.items() if count)
+        if name is None:
+            candidates = [frame for frame in self.frames if frame not in arm.carriers]
+            # The last frame wins a tie.
+            self.name = max(reversed(candidates), key=joint_counts.__getitem__)
+        else:
+            self.name = check_known(name, "frame", self.frames)
         self._gizmo = server.scene.add_transform_controls(
             "/tool", scale=size, line_width=3.0, depth_test=False
         )
@@ -82,7 +84,8 @@ class ToolFrame:
         """The pose that the frame shall reach."""
         goal = PoseGoal(self.name, self.pose)
         if self.position_only:
-            goal = PoseGoal(self.name, self.pose, (goal.tolerance[0], math.inf))
+            metres, _ = goal.tolerance
+            goal = PoseGoal(self.name, self.pose, (metres, math.inf))
         return goal
 
     def choose(self, name: str, position_only: bool | None = None) -> None:
@@ -90,9 +93,10 @@ class ToolFrame:
 
         By default only its position matters if fewer than six joints move it.
         """
-        few = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
+        if position_only is None:
+            position_only = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
         self.name = name
-        self.position_only = few if position_only is None else position_only
+        self.position_only = position_only
         self._gizmo.disable_rotations = self.position_only
 
     def follow(self, q: Floats) -> None:
@@ -110,8 +114,9 @@ class ToolFrame:
         """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
 
         async def drag(event: Any) -> None:  # async keeps the order of phases
+            rotation = Rotation.from_quat(event.target.wxyz, scalar_first=True)
             self.pose = np.eye(4)
-            self.pose[:3, :3] = Rotation.from_quat(event.target.wxyz, scalar_first=True).as_matrix()
+            self.pose[:3, :3] = rotation.as_matrix()
             self.pose[:3, 3] = event.target.position
             dragged(event.phase)
 
@@ -125,18 +130,14 @@ class ToolFrame:
         reason is empty.
         """
         goal = self.goal
-
-        def find(count: int) -> Floats:
-            return np.asarray(
-                self._space.arm.inverse(
-                    goal.frame, goal.pose, tolerance=goal.tolerance, near=near, max_solutions=count
-                )
-            )
-
+        inverse = partial(
+            self._space.arm.inverse, goal.frame, goal.pose, tolerance=goal.tolerance, near=near
+        )
         try:
-            found = find(1)
-            if not self._space.is_free(found[0]):
-                found = find(MAX_POSE_CANDIDATES)
+            candidates = np.asarray(inverse(max_solutions=1))
+            if not self._space.is_free(candidates[0]):
+                candidates = np.asarray(inverse(max_solutions=MAX_POSE_CANDIDATES))
         except ConfigurationError as error:
             return np.array(error.nearest), str(error)
-        return found[int(np.argmax(self._space.is_free(found)))], ""
+        first_free = np.argmax(self._space.is_free(candidates))  # 0 if none is free
+        return candidates[first_free], ""

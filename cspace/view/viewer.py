@@ -95,7 +95,8 @@ class Viewer:
                 self.canvas = ArmCanvas(space, self.server, points, marks, frame)
             else:
                 self.canvas = MapCanvas(space, self.server, points, marks)
-            source: Any = path if hasattr(path, "sample") or hasattr(path, "trajectory") else None
+            has_times = hasattr(path, "sample") or hasattr(path, "trajectory")
+            source: Any = path if has_times else None
             self.page = Page(self.server, space, self.canvas, points, source)
         except BaseException:
             stop(self.server)
@@ -141,7 +142,8 @@ class Viewer:
 
     def __repr__(self) -> str:
         """Return the address and whether the page is closed."""
-        return f"Viewer({self.url}{', closed' if self._closed.is_set() else ''})"
+        state = ", closed" if self._closed.is_set() else ""
+        return f"Viewer({self.url}{state})"
 
     def _repr_html_(self) -> str:
         """Return a frame with the page, for notebooks."""
@@ -226,7 +228,9 @@ def is_same_site(origin: str | None, asked: str, host: str) -> bool:
         return True
     page = urlsplit(origin)
     server = urlsplit(f"//{asked}")
-    return page.netloc == server.netloc and (is_local(server.hostname) or not is_local(host))
+    if page.netloc != server.netloc:
+        return False
+    return is_local(server.hostname) or not is_local(host)
 
 
 def is_local(host: str | None) -> bool:
@@ -240,7 +244,7 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return a port that is free: the given one, or any for 0; by default, the first to try.
+    """Return a free port: the given one, any for 0, or by default the first to try.
 
     Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """

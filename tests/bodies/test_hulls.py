@@ -1,6 +1,5 @@
 """Trees of hulls and bounds of motions, against samples."""
 
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,8 @@ import trimesh
 
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
-from cspace.arms.chain import Chain, motion_bounds
-from cspace.arms.scenes import make_scene
-from cspace.arms.solids import Solid
-from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, _fit_hull, node_corners
+from cspace.arms.chain import motion_bounds
+from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, node_corners
 from cspace.shapes import Mesh, Shape
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
@@ -41,7 +38,8 @@ SHAPES = {
 def test_nodes_contain_their_descendants(name: str) -> None:
     """Check the box, ball and hull of each node."""
     part = PosedShape(SHAPES[name](), POSE).bounds_pair[0]
-    boundary, radius = part.boundary.simplices, part.boundary.radii.max()
+    boundary = part.boundary.simplices
+    radius = part.boundary.radii.max()
     hulls = part.hulls
     assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
     directions = np.random.default_rng(1).normal(size=(100, 3))
@@ -70,35 +68,6 @@ def test_nodes_contain_their_descendants(name: str) -> None:
         assert len(below) <= MAX_TRIANGLES_PER_TILE or len(hull) < 400
 
 
-def test_hulls_of_solids_contain_all_parts() -> None:
-    parts = [PosedShape(SHAPES[name](), POSE) for name in ("ring", "box", "ball", "globe")]
-    solids = [Solid("several", 0, tuple(parts[:3])), Solid("one", 0, tuple(parts[3:]))]
-    packed = make_scene(Chain(*[np.zeros((1, 1))] * 9), solids, []).solids  # type: ignore[arg-type]
-    hulls, roots = packed.hulls, packed.roots
-    for part, trunk in zip(parts, packed.part_roots.tolist(), strict=True):
-        own = part.bounds_pair[0].hulls
-        size = len(own.nodes)
-        np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], own.boxes)
-        for node in range(0, size, 7):
-            np.testing.assert_array_equal(
-                node_corners(hulls, trunk + node)[0], node_corners(own, node)[0]
-            )
-    assert roots[1] == packed.part_roots[3]
-    found, pending = set(), [int(roots[0])]
-    while pending:
-        node = pending.pop()
-        second, *_, first = hulls.nodes[node].tolist()
-        if node in packed.part_roots:
-            found.add(node)
-            continue
-        for child in (first, second):
-            inside, above = hulls.boxes[child], hulls.boxes[node]
-            assert (np.abs(inside[:3] - above[:3]) + inside[3:6] <= above[3:6] + 1e-12).all()
-            assert np.linalg.norm(above[3:6]) <= above[6] + 1e-12
-            pending.append(child)
-    assert found == set(packed.part_roots[:3].tolist())
-
-
 def write_chain(folder: Path, last: str) -> Path:
     """Write three links of 1 m."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
@@ -116,9 +85,9 @@ def write_chain(folder: Path, last: str) -> Path:
     [
         (lambda folder: write_chain(folder, "revolute"), (-0.01, -0.01), (0.01, 0.01)),
         (lambda folder: write_chain(folder, "prismatic"), (-0.01, -1.0), (0.01, 1.0)),
-        *((lambda folder, seed=seed: random_arm(folder, seed), None, None) for seed in range(3)),
+        (lambda folder: random_arm(folder, 0), None, None),
     ],
-    ids=["turns", "slides", *map(str, range(3))],
+    ids=["turns", "slides", "random"],
 )
 def test_motion_bounds_agree_with_differences(
     tmp_path: Path, make: Any, start: Any, end: Any
@@ -128,8 +97,10 @@ def test_motion_bounds_agree_with_differences(
     The bounds are nearly sharp: in a row of links rotating in one sense, the end of the last link
     reaches the largest acceleration.
     """
-    arm, rng = Arm.from_urdf(make(tmp_path)), np.random.default_rng(5)
-    lower, upper = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
+    arm = Arm.from_urdf(make(tmp_path))
+    rng = np.random.default_rng(5)
+    lower = np.maximum(arm.lower, -2.0)
+    upper = np.minimum(arm.upper, 2.0)
     q0, q1 = (lower, upper) if start is None else (np.array(start), np.array(end))
     times = np.linspace(0.0, 1.0, 101)
     poses = [arm.poses(q0 + t * (q1 - q0)) for t in times]
@@ -161,8 +132,10 @@ def test_motion_bounds_agree_with_differences(
 @pytest.mark.parametrize("seed", range(3))
 def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
     """Place a ball on the course of a corner."""
-    arm, rng = Arm.from_urdf(random_arm(tmp_path, seed)), np.random.default_rng(seed)
-    lower, upper = np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0)
+    arm = Arm.from_urdf(random_arm(tmp_path, seed))
+    rng = np.random.default_rng(seed)
+    lower = np.maximum(arm.lower, -3.0)
+    upper = np.minimum(arm.upper, 3.0)
     names = [each.name for each in arm.links]
     touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
     for k in range(60):
@@ -182,17 +155,15 @@ def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
         assert not space.motion_is_free(q0, q1)
 
 
-@pytest.mark.parametrize("other", ["slides", "turns"])
-def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str) -> None:
+def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path) -> None:
     """Rotate a bar past a wall; solve the distance by hand."""
-    kind = {"slides": "prismatic", "turns": "continuous"}[other]
     path = write_urdf(
         tmp_path,
         link("base"),
         link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0))),
         link("tip", ((0.02, 0.02, 0.02), (0, 0, 0.1))),
         joint("turn", "base", "arm"),
-        joint("more", "arm", "tip", at=(0.5, 0, 0), axis=(1, 0, 0), kind=kind, limits=(-0.1, 0.1)),
+        joint("more", "arm", "tip", at=(0.5, 0, 0), axis=(1, 0, 0), limits=(-0.1, 0.1)),
     )
     arm = Arm.from_urdf(path)
     far = float(np.hypot(1.0, 0.01))
@@ -250,24 +221,3 @@ def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
     assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))
-
-
-def test_a_hull_grows_by_what_its_corners_leave_out() -> None:
-    """Compare extents along the normals of faces, on which points lie, without rounding."""
-
-    def extent(rows: np.ndarray, normal: np.ndarray) -> Fraction:
-        exact = [Fraction(x) for x in normal.tolist()]
-        return max(
-            sum(Fraction(x) * n for x, n in zip(row, exact, strict=True)) for row in rows.tolist()
-        )
-
-    missing = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        points = np.round(rng.uniform(-3.0, 3.0, (300, 3))) @ turn.T + rng.normal(size=3)
-        fit = _fit_hull(points)
-        for normal in turn.T:
-            missing.append(float(extent(points, normal) - extent(fit.corners, normal)))
-            assert missing[-1] <= fit.growth
-    assert max(missing) > 0.0  # some points lie beside the hull of the corners

@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.engines import dilation, fft
-from cspace.engines.dilation import ClippedRuns
 from cspace.raster import Raster
-from tests.helpers.oracles import collide, overlaps_by_shifts, raster_offsets
-from tests.helpers.strategies import bitmaps, seeds
+from tests.helpers.oracles import collide, overlaps_by_shifts
+from tests.helpers.strategies import seeds
 
 
 @pytest.mark.parametrize("outside", [False, True])
@@ -20,34 +19,6 @@ def test_dilation_in_threads_equals_dilation_in_one(outside):
     (ours,) = collide(dilation, occupied, [raster], outside, workers=2)
     (theirs,) = collide(fft, occupied, [raster], outside)
     assert (ours == theirs).all()
-
-
-def test_a_run_does_not_reach_into_the_next_row():
-    """Put a run far beyond one end of a row."""
-    occupied = np.zeros((5, 64), dtype=bool)
-    occupied[1:, :9] = True
-    (hit,) = collide(
-        dilation, occupied, [Raster.from_bitmap(np.ones((1, 60), bool), (0, 0))], False
-    )
-    assert (hit == occupied).all()
-
-
-@given(
-    bitmaps(12),
-    st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
-    st.integers(1, 9),
-    st.integers(1, 9),
-)
-def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
-    raster = Raster.from_bitmap(cells, lower)
-    other = Raster.from_bitmap(np.ones((2, 3), bool), (0, 0))
-    _, runs, _ = ClippedRuns.of([other, raster, other], (1, nx, ny))
-    covered = {(x, y + k) for _, x, y, n in runs.table.tolist() for k in range(n)}
-    offsets = set(raster_offsets(raster))
-    assert covered == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}
-    assert runs.clipped is (len(covered) < len(offsets))
-    assert len(covered) == runs.table[:, 3].sum()
-    assert (np.diff(runs.table[:, 3]) >= 0).all()
 
 
 @settings(max_examples=100)

@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 import shapely
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import ndimage
 
 import cspace
 from cspace import Workspace
-from cspace.bodies.parts import part_anchors
 from cspace.exact.boundaries import clip, obstacle_boundary
-from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import RoundedSimplices
 from tests.helpers.strategies import seeds, stars
 
@@ -25,19 +21,6 @@ def compute_areas(triangles):
     return 0.5 * np.linalg.norm(
         np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
     )
-
-
-@settings(max_examples=40)
-@given(seeds)
-def test_cell_boundaries_have_an_anchor_per_part(seed):
-    rng = np.random.default_rng(seed)
-    cells = rng.random(rng.integers(1, 7, 3)) < 0.5
-    if cells.any():
-        triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
-        assert (
-            len(part_anchors(to_pieces(triangles))[0])
-            >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
-        )
 
 
 @settings(max_examples=30)
@@ -96,13 +79,3 @@ def test_clip_keeps_balls_that_reach_the_grid():
         np.array([0.5, 0.6, 0.0, 1.0]),
     )
     np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
-
-
-def test_part_anchors_returns_one_point_per_part():
-    rng = np.random.default_rng(0)
-    spheres = [
-        trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))
-    ]
-    points, sizes = part_anchors(to_pieces(rng.permutation(np.concatenate(spheres))))
-    assert sorted(np.round(points.mean(axis=1) / 3.0).tolist()) == [0.0, 1.0, 2.0]
-    np.testing.assert_allclose(np.sort(sizes), [0.4, 1.0, 1.8], rtol=0.2)

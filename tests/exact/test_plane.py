@@ -1,7 +1,6 @@
 """Exact queries in the plane, against shapely."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace import BLOCKED, FREE, Robot, Workspace
 from cspace.shapes import Balls
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.placements import ORACLE_BAND, draw_near_mixed, obstacles_of
 from tests.helpers.strategies import robots, seeds, stars
 from tests.soak.plane import move_points
@@ -92,12 +90,37 @@ def spaces(draw):
 def test_points_agree_with_shapely(space, seed):
     q = draw_near_mixed(space, np.random.default_rng(seed), 300)
     shape = obstacles_of(space)
-    free, spare = space.is_free(q, exact=True), measure_distances(space, q, shape) - space.margin
+    free = space.is_free(q, exact=True)
+    spare = measure_distances(space, q, shape) - space.margin
     assert not (free & (spare <= 0.0)).any()
     state = space.classify(q)
     decided = (np.abs(spare) > ORACLE_BAND) & (state != BLOCKED)
     np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
+
+
+@settings(max_examples=25)
+@given(spaces(), seeds, st.sampled_from([0.0, 0.2]), st.sampled_from([0.0, 0.3]))
+def test_obstacle_distance_is_a_sharp_lower_bound(space, seed, length, turn):
+    """Bound the pieces around several free configurations."""
+    rng = np.random.default_rng(seed)
+    q = draw_near_mixed(space, rng, 60)
+    q = q[space.is_free(q, exact=True)][:8]
+    if not len(q):
+        return
+    shape = obstacles_of(space)
+    at_centers = measure_distances(space, q, shape).min()
+    bound = space.obstacle_distance(q, length, turn)
+    assert bound <= at_centers
+    if length == turn == 0.0:
+        assert bound >= at_centers - 1e-6 or at_centers == np.inf
+    direction = rng.normal(size=(len(q), 40, 2))
+    direction *= 0.5 * length / np.linalg.norm(direction, axis=2, keepdims=True)
+    moved = np.repeat(q[:, None], 40, axis=1)
+    moved[..., :2] += direction
+    moved[..., 2:] += 0.5 * turn * rng.choice([-1.0, 1.0], moved[..., 2:].shape)
+    nearest = measure_distances(space, moved, shape).min()
+    assert bound <= nearest or nearest <= space.margin  # the bound is for free paths
 
 
 @settings(max_examples=14)
@@ -108,7 +131,8 @@ def test_free_edges_never_collide(space, seed):
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (60, 1))
     q1[::5, 2:] = q0[::5, 2:]
     q1[1::9, :2] = q0[1::9, :2]
-    free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
+    free = space.motion_is_free(q0, q1, exact=True)
+    by_map = space.motion_is_free(q0, q1)
     assert free[by_map].all()
     shape = obstacles_of(space)
     for first, last, proven in zip(q0, q1, free, strict=True):
@@ -125,8 +149,7 @@ def test_free_edges_never_collide(space, seed):
 # ---- cases solved by hand ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("turns", [None, 36, 72])
-@pytest.mark.parametrize("yaw", [0.0, math.pi, -4.0 * math.pi])
+@pytest.mark.parametrize(("turns", "yaw"), [(None, 0.0), (36, math.pi), (72, -4.0 * math.pi)])
 def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     robot = Robot.rectangle(0.9, SIDE)
     wide = cspace.build(make_corridor(1.02), robot, rotations=turns)
@@ -146,64 +169,6 @@ def test_corridor_as_wide_as_the_robot_is_blocked(share):
     space = cspace.build(make_corridor(share), Robot.rectangle(0.9, SIDE))
     assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0], exact=True)
-
-
-@pytest.mark.parametrize("angle", [0.01, 0.02])
-def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
-    """Rotate a rectangle by a small angle a.
-
-    It reaches (length sin a + width cos a) / 2 to each side.
-    """
-    length, height = 0.9, SIDE * 1.02
-    fits = length * math.sin(angle) + SIDE * math.cos(angle) < height
-    space = cspace.build(make_corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
-    assert space.is_free([3.0, 2.0, angle], exact=True) == fits
-    assert space.motion_is_free([3.0, 2.0, -0.01], [3.0, 2.0, angle], exact=True) == fits
-    assert (
-        space.motion_is_free([3.0, 2.0, math.pi - 0.01], [3.0, 2.0, angle - math.pi], exact=True)
-        == fits
-    )
-
-
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-@pytest.mark.parametrize("margin", [0.0, 0.05])
-@pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.1)])
-def test_discs_are_exactly_round(outside, margin, center):
-    """Test around a point and beside a wall."""
-    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
-    space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
-    for angle in np.linspace(0, 7, 50):
-        direction = np.array([math.cos(angle), math.sin(angle)])
-        near, far = (
-            np.array([1.0, 1.0]) - center + direction * (0.25 + margin + gap)
-            for gap in (-1e-6, 1e-6)
-        )
-        assert space.is_free(far, exact=True) and not space.is_free(near, exact=True)
-        tangent = np.array([-direction[1], direction[0]]) * 0.1
-        assert space.motion_is_free(far - tangent, far + tangent, exact=True)
-        assert not space.motion_is_free(near - tangent, near + tangent, exact=True)
-    wall = 3.0 - 0.25 - margin - center[0]
-    assert not space.is_free([wall + 1e-6, 2.0], exact=True) or outside == "free"
-    assert space.is_free([wall - 1e-6, 2.0], exact=True)
-
-
-def test_disc_rotates_about_its_center_next_to_an_obstacle():
-    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
-    space = cspace.build(workspace, Robot.disc(0.25), rotations=8)
-    beside = 1.25 + 1e-9  # so close that proofs by steps would need too many
-    assert space.motion_is_free([beside, 1.0, 0.0], [beside, 1.0, 3.0], exact=True)
-
-
-def test_touching_counts_as_collision():
-    space = cspace.build(
-        Workspace.from_array(fill_boxes((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0)
-    )
-    assert not space.is_free([4.5, 5.5], exact=True)
-    assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
-    assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)
-    assert space.motion_is_free([4.5 - 1e-6, 3.0], [4.5 - 1e-6, 8.0], exact=True)
-    assert not space.is_free([0.5, 2.5], exact=True)
-    assert space.is_free([0.5 + 1e-6, 2.5], exact=True)
 
 
 def test_containment_counts_as_collision():
@@ -230,76 +195,24 @@ def test_containment_counts_as_collision():
     assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
 
 
-def test_bitmap_parts_inside_an_obstacle_collide():
-    occupied = np.zeros((40, 3), dtype=bool)
-    occupied[[0, 39]] = True
-    robot = Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0))
-    space = cspace.build(
-        Workspace.from_polygons(shapely.box(3, 0, 6, 6), 0.5, (0, 0, 6, 6)), robot, inner=False
-    )
-    assert not space.is_free([2.6, 3.0], exact=True)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.01])
-def test_thin_robot_never_jumps_over_a_thin_obstacle(angle):
+def test_thin_robot_never_jumps_over_a_thin_obstacle():
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.25, (0, 0, 2, 2))
     space = cspace.build(workspace, Robot.rectangle(0.4, 0.002), rotations=8, inner=False)
     rng = np.random.default_rng(0)
-    below, above = rng.uniform(0.7, 0.99, 500), rng.uniform(1.01, 1.3, 500)
+    below = rng.uniform(0.7, 0.99, 500)
+    above = rng.uniform(1.01, 1.3, 500)
     low = np.column_stack([rng.uniform(0.85, 1.15, 500), below, rng.uniform(-0.1, 0.1, 500)])
-    high = np.column_stack([low[:, 0], above, low[:, 2] + angle])
+    high = np.column_stack([low[:, 0], above, low[:, 2] + 0.01])
     endpoints_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
     assert endpoints_clear.sum() > 300
     assert not space.motion_is_free(low, high, exact=True).any()
     assert not space.motion_is_free(high, low, exact=True).any()
 
 
-def test_edges_find_the_end_of_a_long_wall():
-    """Test walls whose indexed centers are far from their ends."""
-    rng = np.random.default_rng(0)
-    tip = rng.uniform(3.0, 5.0, 100)
-    walls = [
-        shapely.LineString([(x, y), (x + 4.0, y)])
-        for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)
-    ]
-    space = cspace.build(
-        Workspace.from_polygons(walls, 0.25, (0, 0, 10, 201)),
-        Robot.rectangle(0.5, 0.5),
-        rotations=8,
-    )
-    low = np.column_stack(
-        [tip - 0.25 - rng.uniform(0.8, 0.99, 100), 2.0 * np.arange(100) + 1.0, np.zeros(100)]
-    )
-    high = np.column_stack(
-        [tip - 0.25 + rng.uniform(0.001, 0.05, 100), low[:, 1], np.full(100, 1e-3)]
-    )
-    assert space.is_free(low, exact=True).all()
-    assert not space.motion_is_free(low, high, exact=True).any()
-
-
-def test_obstacles_are_clipped_to_the_bounds():
-    shape = shapely.Polygon([(2, 1), (9, 1), (9, 3), (2, 3)])
-    space = cspace.build(
-        Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free"
-    )
-    assert space.is_free([4.301, 2.0], exact=True) and not space.is_free([4.301, 2.0])
-    assert not space.is_free([4.299, 2.0], exact=True)
-    assert space.motion_is_free([4.301, 0.0], [4.301, 4.0], exact=True)
-
-
-@pytest.mark.parametrize("low", [-1e-310, -5e-324, -1e-20, 0.0, 1e-310])
-@pytest.mark.parametrize(
-    "corners",
-    [
-        [(1.2, 1.1), (-0.2, -0.5), (0.8, 0.1)],
-        [(0.32, -0.03), (-0.45, 0.37), (1.95, 3.55)],
-        [(0.674, -0.135), (-0.775, 2.245), (1.357, 0.151)],
-        [(1.8, 0.1), (0.8, 3.1), (2.0, -0.3)],
-    ],
-)
-def test_denormal_bounds_clip_like_zero(corners, low):
+@pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
+def test_denormal_bounds_clip_like_zero(low):
     """Test bounds at which GEOS would clip wrongly."""
-    triangle = shapely.Polygon(corners)
+    triangle = shapely.Polygon([(0.32, -0.03), (-0.45, 0.37), (1.95, 3.55)])
     workspace = Workspace.from_polygons(triangle, 0.1, (0, low, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.004), outside="free", inner=False)
     rng = np.random.default_rng(0)
@@ -313,64 +226,11 @@ def test_denormal_bounds_clip_like_zero(corners, low):
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_ball_obstacles_are_exactly_round(outside):
-    rng = np.random.default_rng(0)
-    centers, radii = rng.uniform(-0.3, 4.3, (12, 2)), rng.uniform(0.0, 0.8, 12)
-    cells = Workspace.from_balls(centers, radii, 0.1, (0, 0, 4, 4))
-    workspace = replace(cells, shapes=(Balls(centers, radii),))
-    space = cspace.build(workspace, Robot.rectangle(0.3, 0.2), rotations=12, outside=outside)
-    q = draw_near_mixed(space, rng, 2000)
-    corners = np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)])
-    angle = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
-    placed = np.stack([angle.real + q[:, :1], angle.imag + q[:, 1:2]], axis=-1)
-    gap = (
-        shapely.distance(shapely.polygons(placed)[:, None], shapely.points(centers)) - radii
-    ).min(axis=1)
-    if outside == "blocked":
-        gap = np.minimum(gap, np.minimum(placed, 4.0 - placed).min(axis=(1, 2)))
-    free, state = space.is_free(q, exact=True), space.classify(q)
-    assert not (free & (gap <= 0.0) & (state != FREE)).any()
-    decided = (np.abs(gap) > ORACLE_BAND) & (state == MIXED)
-    np.testing.assert_array_equal(free[decided], gap[decided] > 0.0)
-
-
-def test_half_turns_are_proven_along_both_arcs():
-    """Rotate a bar beside a wall, which blocks one arc."""
-    wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
-    space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
-    assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)
-    assert not space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, -3.1], exact=True)
-    for yaws in [(0.0, math.pi), (math.pi, 0.0), (0.0, -math.pi), (0.0, math.pi + 1e-10)]:
-        assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in yaws), exact=True)
-
-
-def test_grazing_edges_are_free_and_touching_edges_are_not():
-    space = cspace.build(make_corridor(1.0 + 1e-7), Robot.rectangle(0.9, SIDE), rotations=72)
-    assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 0.0], exact=True)
-    assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-9], exact=True)
-    assert not space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-6], exact=True)
-
-
-def test_cells_and_geometry_decide_together():
-    space = cspace.build(make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=72)
-    point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
-    q = [[1.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [3.0, 2.0, 0.02]]
-    assert space.classify(q).tolist() == [FREE, BLOCKED, MIXED, MIXED]
-    assert (
-        space.is_free(q, exact=True).tolist()
-        == [point(*row) for row in q]
-        == [True, False, True, False]
-    )
-    assert edge(1.0, 1.8, 0.0, 1.0, 2.2, 0.1) and edge(1.0, 2.0, 0.0, 5.0, 2.0, 1e-4)
-    assert not space.motion_is_free([3.0, 1.0, 0.0], [3.1, 1.0, 0.0], exact=True)
-
-
-@pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_far_configurations_are_decided(outside):
     space = cspace.build(
         make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside
     )
-    for far in (1e3, 1e9, 1e200, 1.7e308):
+    for far in (1e3, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
         assert (
             not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True)

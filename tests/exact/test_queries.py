@@ -10,7 +10,6 @@ import trimesh
 
 import cspace
 from cspace import MIXED, InputError, Robot, Rotations, Workspace
-from cspace.record.contents import Contents
 from tests.helpers.handmade import configurations
 from tests.helpers.placements import draw_near_mixed
 
@@ -29,7 +28,6 @@ def build_spatial(robot, **options):
 EXACT_SPACES = {
     "plane": build_plane,
     "turning": lambda: build_plane(24),
-    "box": lambda: build_spatial(Robot.box((0.3, 0.2, 0.3))),
     "box with yaw": lambda: build_spatial(Robot.box((0.3, 0.1, 0.2)), rotations=6),
     "box any way": lambda: build_spatial(
         Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)
@@ -46,26 +44,22 @@ def make(request):
     return EXACT_SPACES[request.param]
 
 
-def list_centers(space):
-    """Return the centers of all cells at the first rotation."""
-    q = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
-    q = np.column_stack([q, np.tile(space.rotations.centers[0], (len(q), 1))])
-    return q.reshape(*space.grid.shape, space.size)
-
-
 def test_batches_checkers_and_threads_agree_with_single_queries(make):
-    space, other = make(), make()
+    space = make()
+    other = make()
     rng = np.random.default_rng(1)
     q0 = draw_near_mixed(space, rng, 300, around=0.1)
     q1 = configurations(space, q0 + rng.normal(0.0, 0.2, q0.shape))
-    free, edges = space.is_free(q0, exact=True), space.motion_is_free(q0, q1, exact=True)
+    free = space.is_free(q0, exact=True)
+    edges = space.motion_is_free(q0, q1, exact=True)
     assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
     assert free.dtype == edges.dtype == np.bool_
     assert (
         free[np.asarray(space.is_free(q0))].all()
         and edges[np.asarray(space.motion_is_free(q0, q1))].all()
     )
-    point, edge = other.point_checker(exact=True), other.edge_checker(exact=True)
+    point = other.point_checker(exact=True)
+    edge = other.edge_checker(exact=True)
     pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))
     with ThreadPoolExecutor(8) as pool:
         parts = [pairs[k::8] for k in range(8)]
@@ -80,78 +74,36 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
     assert space.is_free(np.empty((0, 3, space.size)), exact=True).shape == (0, 3)
 
 
-def test_containment_does_not_depend_on_the_batch_size(make, monkeypatch):
-    space, other = make(), make()
-    q = draw_near_mixed(space, np.random.default_rng(2), 60, around=0.1)
-    free = space.is_free(q, exact=True)
-    monkeypatch.setattr("cspace.exact.proofs.ANCHORS_PER_BATCH", 0)
-    np.testing.assert_array_equal(other.is_free(q, exact=True), free)
-
-
-def test_decided_cells_need_no_geometry(make, monkeypatch):
-    space = make()
-    q = list_centers(space)
-    q = q[space.classify(q) != MIXED]
-    edges = q[:-1], q[1:]
-    through = space.motion_is_free(*edges)
-    slices = space.rotations.assign_slices(space.robot.shape)
-    states = space.cell_states.reshape(-1, *space.grid.shape)[
-        np.unique(slices, return_index=True)[1]
-    ]
-    of = space.workspace, space.robot, space.rotations, slices, states
-    # Proofs are None, so that any query beyond the cells fails.
-    monkeypatch.setattr(cspace.exact.proofs, "BoundaryProofs", lambda problem: None)
-    silent = cspace.CSpace(Contents(*of, margin=space.margin))
-    np.testing.assert_array_equal(silent.is_free(q, exact=True), space.classify(q) == cspace.FREE)
-    assert silent.motion_is_free(*(q[through] for q in edges), exact=True).all()
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_queries_refuse_invalid_configurations(make, bad):
+def test_queries_refuse_invalid_arguments(make):
     space = make()
     q = [0.0] * (space.size - 1)
-    for call in (
-        lambda: space.is_free([*q, bad], exact=True),
-        lambda: space.motion_is_free([*q, 0.0], [*q, bad], exact=True),
-        lambda: space.is_free([0.0], exact=True),
-    ):
-        with pytest.raises(InputError, match=r"finite|infinit|long"):
-            call()
+    with pytest.raises(InputError, match="finite"):
+        space.is_free([*q, math.nan], exact=True)
+    with pytest.raises(InputError, match="finite"):
+        space.motion_is_free([*q, 0.0], [*q, math.inf], exact=True)
 
 
 def test_queries_refuse_shapes_that_depend_on_the_spacing():
     space = build_spatial(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
     with pytest.raises(InputError, match=r"solid='fill'.*pass solid='auto'"):
-        space.is_free(list_centers(space), exact=True)
+        space.is_free([1.0, 1.0, 1.0], exact=True)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_only_the_walls_collide_without_obstacles(dim):
-    robot = Robot.box((0.3, 0.3, 0.3)) if dim == 3 else Robot.rectangle(0.3, 0.3)
-    space = cspace.build(Workspace.from_array(np.zeros((5,) * dim, dtype=bool), 0.2), robot)
-    assert space.is_free([0.15 + 1e-9, *[0.5] * (dim - 1)], exact=True)
-    assert not space.is_free([0.15, *[0.5] * (dim - 1)], exact=True)
-    assert space.motion_is_free([0.16] * dim, [0.84] * dim, exact=True)
-    assert space.motion_is_free([0.15 + 1e-9] * dim, [0.15 + 1e-9, *[0.8] * (dim - 1)], exact=True)
-
-
-@pytest.mark.parametrize("mesh", [False, True])
-def test_ztunnel_agrees_with_boxes(data, mesh):
+def test_ztunnel_agrees_with_boxes(data):
     """Test a real scene of boxes."""
     folder = data / "solids" / "ZTunnel"
     obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
     cube = trimesh.load(folder / "robot.obj", force="mesh").bounds
     workspace = Workspace.from_mesh(folder / "obstacles.obj", 0.1)
-    size = cube[1] - cube[0]
-    robot = Robot.from_mesh(folder / "robot.obj") if mesh else Robot.box(size, cube.mean(axis=0))
-    space = cspace.build(workspace, robot)
+    space = cspace.build(workspace, Robot.from_mesh(folder / "robot.obj"))
     rng = np.random.default_rng(0)
     cells = np.argwhere(space.cell_states == cspace.MIXED)
     q = space.grid.lower + 0.1 * (
         cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3))
     )
-    low, high = q[:, None] + cube[0], q[:, None] + cube[1]
+    low = q[:, None] + cube[0]
+    high = q[:, None] + cube[1]
     meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
     walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)
     np.testing.assert_array_equal(space.is_free(q, exact=True), ~(meets | walls))

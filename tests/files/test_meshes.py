@@ -1,4 +1,4 @@
-"""Mesh files, read whole or refused."""
+"""OBJ, STL and PLY meshes, read whole or refused."""
 
 import struct
 import tracemalloc
@@ -18,7 +18,6 @@ from tests.helpers.mesh_files import (
     BOX_QUADS,
     BOX_SHIFT,
     FACES,
-    SECOND,
     VERTICES,
     check_boxes,
     check_refused,
@@ -32,100 +31,86 @@ from tests.helpers.refusals import refusals
 
 @pytest.mark.parametrize("second", [BOX_QUADS - 8, BOX_QUADS + 9], ids=["relative", "absolute"])
 def test_negative_corners_of_obj_count_back(tmp_path, second):
-    text = f"o a\n{VERTICES}{lines('f', BOX_QUADS - 8)}o b\n{lines('v', BOX_CORNERS + BOX_SHIFT)}{lines('f', second)}"
+    first = VERTICES + lines("f", BOX_QUADS - 8)
+    text = f"o a\n{first}o b\n{lines('v', BOX_CORNERS + BOX_SHIFT)}{lines('f', second)}"
     check_boxes(read(tmp_path, "two.obj", text), 2)
 
 
 @pytest.mark.parametrize(
     "write",
     [
-        lambda text: text.replace("f ", "f\t"),
-        lambda text: text.replace("f ", " f "),
-        lambda text: text.replace("f ", "F "),
-        lambda text: text.replace("f ", "f  ").replace("\n", "  \r\n"),
+        lambda text: "\ufeff" + text.replace("f ", " F\t").rstrip(),
+        lambda text: text.replace("\n", "  \r\n").replace("v ", " V\t", 3),
         lambda text: text.replace("\n", "\r"),
-        lambda text: text.replace("v ", "v\t").replace("v\t", " V\t", 3),
-        lambda text: text.replace("\n", " # a comment\n"),
         lambda text: text.replace("\n", " # path C:\\folder\\\n"),
         lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nl 1 2 3\np 1\nf"),
-        lambda text: text.rstrip(),
         lambda text: text.replace(".0\n", ".0 1\n"),
         lambda text: text.replace(".0\n", ".0 0.5 0.5 0.5\n"),
+        lambda text: text.replace("f ", "vt 0 0\nf ").replace("1 ", "1/1 ").replace("2 ", "2//1 "),
     ],
+    ids=["mark", "Windows", "old Mac", "comments", "groups", "weights", "colours", "texture"],
 )
 def test_obj_is_read_in_every_layout(tmp_path, write):
-    check_boxes(read(tmp_path, "laid.obj", VERTICES + FACES + write(SECOND)), 2)
     check_boxes(read(tmp_path, "laid.obj", write(VERTICES + FACES)))
-
-
-def test_obj_may_begin_with_a_byte_order_mark(tmp_path):
-    check_boxes(read(tmp_path, "mark.obj", b"\xef\xbb\xbf" + (VERTICES + FACES).encode()))
-
-
-@pytest.mark.parametrize("corner", ["{0}", "{0}/1", "{0}//1", "{0}/1/1"])
-def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
-    faces = lines("f", [[corner.format(number) for number in quad] for quad in BOX_QUADS + 1])
-    check_boxes(read(tmp_path, "slashes.obj", f"{VERTICES}vt 0 0\nvn 0 0 1\n{faces}"))
 
 
 @refusals(
     "text, message",
-    ("surf 0 1 0 1 1 2 3\n", "'surf'"),
-    ("curv 0 1 1 2\n", "'curv'"),
-    ("call other.obj\n", "'call'"),
-    ("fo 1 2 3\n", "'fo'"),
-    ("1 2 3\n", "not a statement"),
     ("ff 1 2 3\n", "not a statement"),
-    ("f 1 2\n", "2 corners"),
     ("f 0 1 2\n", "vertex 0"),
     ("f 1 2 9\n", "vertex 8"),
-    ("f 1 2 -9\n", "vertex -1"),
     ("f 1 2 3.5\n", "not a whole number"),
-    ("f 1 2 /3\n", "not a whole number"),
-    ("v 1 2\n", "2 numbers"),
     ("v 1 2 3 2\n", "weights"),
-    ("mtllib C:\\\nf 1 2 3\n", "backslash"),
-    ("usemtl \\\n\tF\t1 2 3\n", "backslash"),
+    ("usemtl \\\nf 1 2 3\n", "backslash"),
     ("\0", "not text"),
 )
 def test_ambiguous_obj_files_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
 
 
-def test_a_large_obj_is_read_whole(tmp_path):
-    sphere = trimesh.creation.icosphere(subdivisions=6)
-    file = tmp_path / "sphere.obj"
-    file.write_text(lines("v", sphere.vertices.tolist()) + lines("f", sphere.faces + 1))
-    vertices, faces = read_mesh(file)
-    assert np.array_equal(vertices, sphere.vertices)
-    assert np.array_equal(faces, sphere.faces)
+def test_one_long_number_takes_little_memory(tmp_path):
+    path = tmp_path / "long.obj"
+    path.write_text(f"v 0.{'0' * 100_000}1 0 0\n" + "v 1 0 0\nv 0 1 0\n" * 500 + "f 1 2 3\n")
+    read_mesh(path)  # import and compile first
+    tracemalloc.start()
+    vertices, faces = read_mesh(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert vertices[:2].tolist() == [[0, 0, 0], [1, 0, 0]]
+    assert faces.tolist() == [[0, 1, 2]]
+    assert peak < 2**24
 
 
 # Polygons
 
 
-def measure_area(points, sizes):
-    faces = triangulate(np.array(points, float), np.arange(len(points)), np.array(sizes))
+def measure_area(points):
+    """Return the area of the triangles of one polygon."""
+    count = len(points)
+    faces = triangulate(np.array(points, float), np.arange(count), np.array([count]))
+    assert len(faces) == count - 2
     return trimesh.Trimesh(points, faces, process=False).area
 
 
-@given(st.integers(3, 12), st.integers(0, 2**32 - 1))
-def test_flat_convex_polygons_keep_their_area(count, seed):
+@given(
+    count=st.integers(3, 12),
+    dented=st.booleans(),
+    scale=st.sampled_from([1e-160, 1e-3, 1.0, 1e90]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_flat_polygons_that_one_corner_sees_keep_their_area(count, dented, scale, seed):
     rng = np.random.default_rng(seed)
     angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    x, y = np.cos(angles), np.sin(angles)
+    corners = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    if dented and count > 4:
+        corners[rng.integers(count)] *= 0.3  # this corner sees the whole polygon
+    x, y, _ = corners.T
     shoelace = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
-    points = np.stack([x, y, np.zeros(count)], axis=1) @ turn.T + rng.uniform(-3, 3, 3)
-    assert measure_area(points, [count]) == pytest.approx(shoelace, rel=1e-9)
-
-
-@pytest.mark.parametrize("first", range(6))
-def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
-    corner = np.array([(0, 0, 1), (3, 0, 1), (3, 1, 1), (1, 1, 1), (1, 3, 1), (0, 3, 1)], float)
-    assert measure_area(np.roll(corner, first, axis=0), [6]) == pytest.approx(5.0)
-    dart = np.array([(0, 0, 0), (2, 1, 0), (4, 0, 0), (2, 4, 0)], float)
-    assert measure_area(np.roll(dart, first, axis=0), [4]) == pytest.approx(6.0)
+    points = corners @ turn.T + rng.uniform(-3, 3, 3)
+    faces = triangulate(points * scale, np.arange(count), np.array([count]))
+    assert len(faces) == count - 2
+    assert trimesh.Trimesh(points, faces, process=False).area == pytest.approx(shoelace, rel=1e-9)
 
 
 @refusals(
@@ -139,106 +124,122 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
     ),
 )
 def test_ambiguous_polygons_are_refused(tmp_path, points, message):
-    face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
-    check_refused(
-        tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError
-    )
+    face = lines("f", [range(1, len(points) + 1)])
+    text = lines("v", points) + "f 1 2 3\n" + face
+    check_refused(tmp_path, "bent.obj", text, message, GeometryError)
 
 
-def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
-    line = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]
-    assert measure_area(line, [4]) == 0.0
-    assert measure_area([(1, 1, 1)] * 4, [4]) == 0.0
-    for scale in (1e-160, 1e90):
-        face = triangulate(BOX_CORNERS * scale, BOX_QUADS.reshape(-1), np.full(6, 4))
-        assert face.shape == (12, 3)
+def test_degenerate_polygons_are_read_and_nan_is_refused(tmp_path):
+    for points in ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)], [(1, 1, 1)] * 4):
+        assert measure_area(points) == 0.0
     with pytest.raises(InputError, match="is nan; it must be finite"):
         read(tmp_path, "nan.obj", "v 0 0 nan\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
 
 
 # STL
 
-
-def make_binary_stl(count=12, shift=0.0):
-    raw = bytearray(
-        trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(file_type="stl")
-    )
-    raw[80:84] = struct.pack("<I", count)
-    return bytes(raw)
+SHIFTED = trimesh.Trimesh(BOX_CORNERS + BOX_SHIFT, BOX_MESH.faces, process=False)
+BINARY = BOX_MESH.export(file_type="stl")
+TEXT = BOX_MESH.export(file_type="stl_ascii") + "\n"
+OTHER = SHIFTED.export(file_type="stl_ascii")
 
 
-def make_text_stl(shift=0.0, name=""):
-    text = trimesh.Trimesh(BOX_CORNERS + shift, BOX_MESH.faces, process=False).export(
-        file_type="stl_ascii"
-    )
-    return text.replace("solid ", f"solid {name}", 1)
+def test_a_binary_stl_is_read(tmp_path):
+    check_boxes(read(tmp_path, "box.stl", b"solid".ljust(80) + BINARY[80:]))
 
 
 @pytest.mark.parametrize(
     "write",
     [
-        lambda text: text,
         str.upper,
         lambda text: text.replace("\n", "\r\n"),
         lambda text: text.replace("\n", "\r"),
-        lambda text: text.replace("solid ", "solid endsolid vertex normal 1 2 3 facet ", 1),
+        lambda text: text.replace("solid ", "solid endsolid vertex normal ünïcode facet ", 1),
         lambda text: text.replace("\nfacet", "\n\t facet").replace("endsolid", "\tendsolid"),
-        lambda text: text.replace("solid ", "solid ünïcode ", 1),
     ],
+    ids=["upper case", "Windows", "old Mac", "names", "blanks"],
 )
 def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
-    check_boxes(
-        read(tmp_path, "two.stl", write(make_text_stl()) + "\n" + write(make_text_stl(BOX_SHIFT))),
-        2,
-    )
+    check_boxes(read(tmp_path, "two.stl", write(TEXT) + write(OTHER)), 2)
 
 
 @refusals(
     "content, message",
-    (make_binary_stl(6), "declares 6 triangles but has bytes for 12"),
-    (make_binary_stl(13), "declares 13 triangles but has bytes for 12"),
-    (make_binary_stl()[:60], "truncated"),
-    (b"solid " + make_binary_stl(6)[6:], "solid"),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endsolid", ""), "endsolid"),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endsolid", "endsol"), "endsolid"),
-    (make_text_stl().replace("endsolid", "") + make_text_stl(BOX_SHIFT), "endsolid"),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2], "endsolid"),
     (
-        make_text_stl()
-        + make_text_stl(BOX_SHIFT).replace(
-            "solid",
-            "solid "
-            + make_text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " "),
-        ),
-        "own",
+        BINARY[:80] + struct.pack("<I", 13) + BINARY[84:],
+        "declares 13 triangles but has bytes for 12",
     ),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("vertex", "vertix", 1), "whole ones"),
-    (make_text_stl() + make_text_stl(BOX_SHIFT).replace("endfacet\n", "", 1), "words"),
-    (make_text_stl().replace(".0 ", ".0, "), "malformed"),
-    (
-        b" 4\xff0".join(make_text_stl().encode().rsplit(b" 4.0", 1)),
-        "malformed",
-    ),  # which is neither 4.0 nor 40
-    (make_text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
-    (
-        make_text_stl() + make_text_stl(BOX_SHIFT).partition("facet")[2].partition("endsolid")[0],
-        "endsolid",
-    ),
+    (TEXT.replace("endsolid", "") + OTHER, "from solid to endsolid"),
+    (TEXT.replace("solid ", "solid endfacet ", 1), "lines of their own"),
+    (TEXT + OTHER.replace("vertex", "vertix", 1), "stray words"),
+    (TEXT.encode().replace(b" 4.0", b" 4\xff0", 1), "malformed"),  # neither 4.0 nor 40
+    (TEXT.replace(" 4.0", " 4.0\0", 1), "not text"),
 )
 def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
 
 
-def test_one_long_number_takes_little_memory(tmp_path):
-    long = f"0.{'0' * 100_000}1"
-    path = tmp_path / "long.obj"
-    path.write_text(f"v {long} 0 0\n" + "v 1 0 0\nv 0 1 0\n" * 500 + "f 1 2 3\n")
-    read_mesh(path)  # import and compile first
-    tracemalloc.start()
-    vertices, triangles = read_mesh(path)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert (vertices[:2] == [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]).all() and triangles.tolist() == [
-        [0, 1, 2]
-    ]
-    assert peak < 2**24
+# PLY
+
+ORDERS = ["ascii", "binary_little_endian", "binary_big_endian"]
+MIXED = [BOX_QUADS[0, :3], BOX_QUADS[0, [0, 2, 3]], *BOX_QUADS[1:]]
+
+
+def make_ply(order, faces=BOX_QUADS, point="f4", corner="i4"):
+    """Return a PLY file of a box; each face has one byte before and one after its corners."""
+    names = {"f4": "float", "f8": "double", "i4": "int", "u4": "uint32"}
+    head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(BOX_CORNERS)}\n"
+    head += "".join(f"property {names[point]} {axis}\n" for axis in "xyz")
+    head += f"element face {len(faces)}\nproperty uchar red\n"
+    head += f"property list uchar {names[corner]} vertex_indices\nproperty uchar blue\nend_header\n"
+    if order == "ascii":
+        body = lines("", BOX_CORNERS) + lines("", [[7, len(face), *face, 7] for face in faces])
+        return (head + body).encode()
+    mark = "<" if "little" in order else ">"
+    body = BOX_CORNERS.astype(mark + point).tobytes()
+    for face in faces:
+        body += bytes([7, len(face)]) + np.asarray(face, mark + corner).tobytes() + bytes([7])
+    return head.encode() + body
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(("point", "corner"), [("f4", "i4"), ("f8", "u4")])
+def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, point, corner):
+    check_boxes(read(tmp_path, "box.ply", make_ply(order, BOX_MESH.faces, point, corner)))
+    check_boxes(read(tmp_path, "box.ply", make_ply(order, BOX_QUADS, point, corner)))
+
+
+def test_faces_of_unequal_sizes_are_read_from_text_only(tmp_path):
+    check_boxes(read(tmp_path, "box.ply", make_ply("ascii", MIXED)))
+    for order in ORDERS[1:]:
+        message = "equally many corners|different numbers"
+        check_refused(tmp_path, "box.ply", make_ply(order, MIXED), message)
+
+
+ASCII = make_ply("ascii")
+ENDED = "end_header\n"
+
+
+@refusals(
+    "content, message",
+    (ASCII + b"0 1 2\n", "15 lines"),
+    (ASCII[:-1] + b" 7\n", "8 words"),
+    (ASCII[:-3], "declares"),
+    (make_ply("binary_little_endian") + b"abc", "faces of equally many corners"),
+    (make_ply("binary_big_endian")[:-2], "truncated"),
+    (ASCII.replace(b"vertex_indices", b"corners"), "one list named vertex_indices"),
+    (make_ply("ascii", [(0, 1, 2.5)]), "not as declared"),
+    (ASCII.replace(b"format ascii", b"header"), "no whole PLY header"),
+    (ASCII.replace(b"float z", b"float w"), "x, y and z"),
+)
+def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
+    check_refused(tmp_path, "odd.ply", content, message)
+
+
+def test_strips_of_ply_are_refused_and_edges_skipped(tmp_path):
+    text = ASCII.decode()
+    strips = "element tristrips 1\nproperty list int int vertex_indices\n" + ENDED
+    content = text.replace(ENDED, strips) + "4 0 1 2 3\n"
+    check_refused(tmp_path, "strips.ply", content, "elements tristrips", GeometryError)
+    edges = "element edge 1\nproperty int vertex1\nproperty int vertex2\n" + ENDED
+    check_boxes(read(tmp_path, "edges.ply", text.replace(ENDED, edges) + "0 1\n"))

@@ -1,78 +1,86 @@
-"""MovingAI maps."""
+"""Maps and problems of the MovingAI benchmark."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cspace import Grid, Workspace
-from cspace.errors import FileError
-from cspace.files.images import read_movingai_map
+import cspace
+from cspace import FileError, Grid, Robot, Workspace
+from cspace.files.images import read_movingai_map, read_movingai_voxels
+from cspace.support.arrays import Bools
+from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
+TINY_MAP = "type octile\nheight 2\nwidth 4\nmap\n.GS.\n@OTW\n"
+VOXELS = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
-TINY_MAP = "type octile\nheight 2\nwidth 3\nmap\n.GS\n@.W\n"
 
-
-def test_a_tiny_map_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_tiny_maps_are_read(tmp_path: Path, end: str) -> None:
     path = tmp_path / "tiny.map"
-    path.write_text(TINY_MAP)
-    workspace = Workspace.from_movingai(path, 0.5)
-    assert workspace.grid == Grid((0.0, 0.0), 0.5, (3, 2))
-    assert workspace.outer.tolist() == [[True, False], [False, False], [True, False]]
-    assert workspace.inner is workspace.outer
+    path.write_bytes((TINY_MAP + "\n").replace("\n", end).encode())
+    workspace = Workspace.open(path, spacing=0.5)
+    assert workspace.grid == Grid((0.0, 0.0), 0.5, (4, 2))
+    assert workspace.outer.tolist() == [[True, False]] * 4
     assert workspace.source == str(path)
-
-
-def test_every_letter_has_its_meaning(tmp_path: Path) -> None:
-    (tmp_path / "all.map").write_text("type octile\nwidth 7\nheight 1\nmap\n.GS@OTW")
-    assert read_movingai_map(tmp_path / "all.map").tolist() == [[False]] * 3 + [[True]] * 4
-
-
-def test_windows_line_ends_are_read(tmp_path: Path) -> None:
-    (tmp_path / "tiny.map").write_bytes(TINY_MAP.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-    assert read_movingai_map(tmp_path / "tiny.map").sum() == 2
+    path = tmp_path / "tiny.3dmap"
+    path.write_bytes((VOXELS + "\n1  0 2").replace("\n", end).encode())
+    blocked = read_movingai_voxels(path)
+    assert blocked.shape == (2, 3, 4)
+    assert np.argwhere(blocked).tolist() == [[0, 0, 0], [1, 0, 2], [1, 2, 3]]
+    assert Workspace.open(path).grid == Grid((0.0, 0.0, 0.0), 1.0, (2, 3, 4))
 
 
 @refusals(
-    "text, message",
-    ("", r"begins with \[''\]"),
-    ("type tile\nheight 1\nwidth 1\nmap\n.", "begins with .'type tile'"),
-    ("type octile", "begins with"),
-    ("type octile\nheight two\nwidth 1\nmap\n.", "begins with .*'height two'"),
-    ("type octile\nheight 0\nwidth 1\nmap\n.", "H and W above 0"),
-    ("type octile\nheight " + "9" * 5000 + "\nwidth 1\nmap\n.", "'height 999"),
-    ("type octile\nheight -1\nwidth 1\nmap\n.", "'height -1'"),
-    ("type octile\nheight 1\nheight 1\nmap\n.", "'height H', 'width W'"),
-    ("type octile\nheight 1\nwidth 1\n.", "begins with"),
-    ("type octile\nheight 1\nwidth 1", "begins with"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n..", r"2 rows of \[2, 3\] .* 2 rows of 3"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n....", r"2 rows of \[3, 4\]"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...", "1 rows of .* says 2 rows of 3"),
-    ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "2 rows of .* says 1 rows of 3"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
+    "read, text, message",
+    (read_movingai_map, "", r"begins with \[''\]"),
+    (read_movingai_map, TINY_MAP.replace("width", "height"), "'height H', 'width W'"),
+    (read_movingai_map, TINY_MAP.replace("W", ""), r"2 rows of \[3, 4\] .* 2 rows of 4"),
+    (read_movingai_map, TINY_MAP.replace("T", "x"), "line 6, column 3 is 'x'"),
+    (read_movingai_map, TINY_MAP + "\udcff", "byte 43 is not UTF-8"),
+    (read_movingai_voxels, "voxel 2 3\n", "line 1 is 'voxel 2 3'"),
+    (read_movingai_voxels, VOXELS + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
+    (read_movingai_voxels, VOXELS + "\u0661 2 3\n", "line 5 is"),
+    (read_movingai_voxels, VOXELS + "\n\n2 0 0\n", "line 7 is .* inside 2 x 3 x 4"),
 )
-def test_malformed_maps_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "bad.map").write_text(text)
+def test_malformed_maps_are_refused(
+    tmp_path: Path, read: Callable[[Path], Bools], text: str, message: str
+) -> None:
+    (tmp_path / "bad.map").write_text(text, encoding="utf-8", errors="surrogateescape")
     with pytest.raises(FileError, match=message):
-        read_movingai_map(tmp_path / "bad.map")
+        read(tmp_path / "bad.map")
 
 
-def test_a_map_that_is_not_text_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "bad.map").write_bytes(b"type octile\n\xff\xfe")
-    with pytest.raises(FileError, match="byte 12 is not UTF-8"):
-        read_movingai_map(tmp_path / "bad.map")
+@pytest.mark.parametrize("name", ["Simple", "Complex"])
+def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str) -> None:
+    path = data / "voxels" / f"{name}.3dmap"
+    head, *lines = path.read_text().splitlines()
+    expected = np.zeros([int(word) for word in head.split()[1:]], dtype=bool)
+    for line in lines:
+        x, y, z = map(int, line.split())
+        expected[x, y, z] = True
+    assert (read_movingai_voxels(path) == expected).all()
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_real_maps_agree_with_a_plain_reading(data: Path, name: str) -> None:
+def test_the_problems_of_real_maps_are_connected(data: Path, name: str) -> None:
+    """Refine the map, because the grid cannot decide a corridor one cell wide."""
     path = data / "movingai" / f"{name}.map"
-    lines = path.read_text().splitlines()
-    height, width, rows = int(lines[1].split()[1]), int(lines[2].split()[1]), lines[4:]
+    rows = path.read_text().splitlines()[4:]
+    blocked = np.isin(np.array(list(map(list, rows))), list("@OTW"))
     workspace = Workspace.from_movingai(path)
-    assert workspace.grid == Grid((0.0, 0.0), 1.0, (width, height))
-    assert workspace.outer.sum() == sum(row.count(letter) for row in rows for letter in "@OTW")
-    for x, y in np.random.default_rng(0).integers((width, height), size=(500, 2)).tolist():
-        assert workspace.outer[x, y] == (rows[height - 1 - y][x] in "@OTW")
+    assert np.array_equal(workspace.outer, np.flipud(blocked).T)
+    fine = np.repeat(np.repeat(workspace.outer, 3, axis=0), 3, axis=1)
+    space = cspace.build(Workspace.from_array(fine, 1 / 3), Robot.disc(0.01))
+    problems = path.with_suffix(".map.scen").read_text().splitlines()[1:]
+    ends = np.array([line.split()[-5:-1] for line in problems], dtype=float).reshape(-1, 2, 2)
+    ends[..., 1] = len(rows) - 1 - ends[..., 1]
+    starts, goals = ends[:, 0] + 0.5, ends[:, 1] + 0.5
+    assert space.is_free(starts).all()
+    assert space.is_free(goals).all()
+    assert all(answer is True for answer in proven_paths(space, starts, goals))
+    coarse = cspace.build(workspace, Robot.disc(0.01))
+    assert all(answer is not False for answer in proven_paths(coarse, starts, goals))

@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-import shutil
 import signal
 import struct
 import tracemalloc
@@ -15,36 +14,37 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numcodecs import Zstd
-from zarr.codecs import BloscCodec, ZstdCodec
+from zarr.codecs import BloscCodec
 
 import cspace
 from cspace import CspaceError, FileError, Workspace
 from cspace.files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
 from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}
-
 HUGE = 2**26
-ENOUGH = 2**23
+MAX_BYTES = 2**23
+MAX_SECONDS = 20
 
 
 @contextmanager
-def limit_usage(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
-    """Fail if a block takes more bytes or seconds."""
+def limit_usage() -> Iterator[None]:
+    """Fail if a block takes more than MAX_BYTES or MAX_SECONDS."""
 
-    def late(*about: object) -> None:
+    def stop(*_: object) -> None:
         raise TimeoutError
 
-    signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
+    signal.signal(signal.SIGALRM, stop)
+    signal.alarm(MAX_SECONDS)
     tracemalloc.start()
     try:
         yield
-        assert tracemalloc.get_traced_memory()[1] < memory
+        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
     finally:
         tracemalloc.stop()
         signal.alarm(0)
@@ -58,85 +58,58 @@ def check_refused(open_it: Callable[[], object], message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def make_cells(path: Path) -> Any:
-    return Workspace.from_array(path, 0.1).outer
+def read_cells(source: Any) -> Any:
+    return Workspace.from_array(source, 0.1).outer
 
 
 @pytest.fixture
 def array(tmp_path: Path) -> Path:
     """Write an array of four chunks, all occupied."""
     path = tmp_path / "cells.zarr"
-    zarr.create_array(
-        str(path),
-        data=np.ones((20, 20), bool),
-        chunks=(10, 10),
-        compressors=ZstdCodec(),
-        config=FILLED,
-    )
+    zarr.create_array(str(path), data=np.ones((20, 20), bool), chunks=(10, 10), config=FILLED)
     return path
 
 
 @pytest.fixture
-def space() -> cspace.CSpace:
-    return cspace.build(Workspace.from_array(np.eye(30, dtype=bool), 0.1), cspace.Robot.disc(0.2))
+def saved(tmp_path: Path) -> Path:
+    """Save a map."""
+    workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    cspace.build(workspace, cspace.Robot.disc(0.2)).save(tmp_path / "saved.zarr")
+    return tmp_path / "saved.zarr"
 
 
-def change_json(file: Path, **values: Any) -> None:
-    """Change values of a JSON file."""
-    file.write_text(json.dumps(json.loads(file.read_text()) | values))
-
-
-# ---- reading -------------------------------------------------------------------------------------
-
-
-@given(data=st.data(), dim=st.integers(1, 3), compressed=st.booleans())
-@settings(max_examples=60)
+@given(dim=st.integers(1, 3), compressed=st.booleans(), seed=seeds)
 def test_boxes_agree_with_zarr(
-    data: st.DataObject, dim: int, compressed: bool, tmp_path_factory: Any
+    tmp_path_factory: pytest.TempPathFactory, dim: int, compressed: bool, seed: int
 ) -> None:
-    shape, chunks = (
-        tuple(data.draw(st.lists(st.integers(1, 9), min_size=dim, max_size=dim))) for _ in range(2)
-    )
-    dtype = data.draw(st.sampled_from(["?", "i1", "u1", "<i4", "<u2", "f4", "f8", "i8"]))
-    values = np.random.default_rng(0).integers(0, 2, shape).astype(dtype)
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(1, 10, dim)
+    values = rng.integers(0, 2, shape).astype(rng.choice(["?", "u1", "<i4", "f8"]))
+    chunks = tuple(rng.integers(1, 10, dim).tolist())
     path = tmp_path_factory.mktemp("array") / "a.zarr"
     options: dict[str, Any] = {} if compressed else {"compressors": None}  # by default zstd
     zarr.create_array(str(path), data=values, chunks=chunks, config=FILLED, **options)
     array = ZarrArray(path)
-    box = tuple(
-        slice(low, data.draw(st.integers(low + 1, n)))
-        for n in shape
-        for low in [data.draw(st.integers(0, n - 1))]
-    )
-    assert (array.shape, array.ndim) == (shape, dim)
-    np.testing.assert_array_equal(array[box], zarr.open_array(str(path), mode="r")[box])
+    assert array.shape == values.shape
     np.testing.assert_array_equal(np.asarray(array), values)
+    low = rng.integers(0, shape)
+    high = rng.integers(low, shape) + 1
+    box = tuple(map(slice, low.tolist(), high.tolist()))
+    np.testing.assert_array_equal(array[box], values[box])
 
 
 @pytest.mark.parametrize(
     "options",
-    [{"zarr_format": 2}, {"compressors": BloscCodec()}, {"shards": (20, 20)}, {"dtype": ">i2"}],
-    ids=["version 2", "blosc", "shards", "big-endian"],
+    [{"zarr_format": 2}, {"compressors": BloscCodec()}, {"shards": (20, 20)}],
+    ids=["version 2", "blosc", "shards"],
 )
 def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any]) -> None:
-    made = zarr.create_array(
-        tmp_path / "a.zarr", shape=(20, 20), chunks=(10, 10), **{"dtype": "bool", **options}
-    )
-    made[...] = np.ones((20, 20), dtype=made.dtype)
-    if "dtype" not in options:
-        with pytest.raises(FileError, match="open it with zarr and pass the array"):
-            make_cells(tmp_path / "a.zarr")
-    assert make_cells(zarr.open_array(tmp_path / "a.zarr", mode="r")).all()
-
-
-def test_zstd_frames_without_a_size_are_read(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    frame = bytearray(Zstd().encode(bytes(100)))
-    # 100 zeros as one block of repeated bytes, in a frame that declares a window and no size.
-    (array / "c/0/0").write_bytes(
-        b"\x28\xb5\x2f\xfd\x00\x00" + struct.pack("<I", 1 | 1 << 1 | 100 << 3)[:3] + b"\1"
-    )
-    assert bytes(frame[:4]) == b"\x28\xb5\x2f\xfd"
-    assert make_cells(array).all()
+    path = tmp_path / "a.zarr"
+    array = zarr.create_array(path, shape=(20, 20), chunks=(10, 10), dtype="bool", **options)
+    array[...] = True
+    with pytest.raises(FileError, match="open it with zarr and pass the array"):
+        read_cells(path)
+    assert read_cells(zarr.open_array(path, mode="r")).all()
 
 
 def test_a_pickled_array_is_found_from_another_folder(
@@ -146,133 +119,82 @@ def test_a_pickled_array_is_found_from_another_folder(
     content = pickle.dumps(ZarrArray(array.name))
     monkeypatch.chdir("/")
     np.testing.assert_array_equal(pickle.loads(content), np.ones((20, 20)))
-    shutil.rmtree(array)
-    with pytest.raises(FileError, match="no array"):
-        pickle.loads(content)
 
 
-# ---- what is refused -----------------------------------------------------------------------------
+def make_frame(size: int) -> bytes:
+    """Return zeros as a zstd frame of repeated bytes that declares a window and no size."""
+    starts = range(0, size, 2**17)
+    frame = b"\x28\xb5\x2f\xfd\x00\x58"
+    for start in starts:
+        is_last = start == starts[-1]
+        count = min(2**17, size - start)
+        frame += struct.pack("<I", is_last | 1 << 1 | count << 3)[:3] + b"\0"
+    return frame
 
 
-@pytest.mark.parametrize("size", [99, 101, HUGE])
-@pytest.mark.parametrize("compressed", [False, True])
-def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(
-    tmp_path: Path, compressed: bool, size: int
-) -> None:
-    path = tmp_path / "cells.zarr"
-    compressors = ZstdCodec() if compressed else None
-    zarr.create_array(
-        str(path), data=np.ones((10, 10), bool), chunks=(10, 10), compressors=compressors
-    )
-    (path / "c/0/0").write_bytes(
-        Zstd(1).encode(bytes(size)) if compressed else bytes(min(size, 2**20))
-    )
-    check_refused(lambda: make_cells(path), "unpacks to")
+def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array: Path) -> None:
+    chunk = array / "c/0/0"
+    chunk.write_bytes(make_frame(100))
+    assert not read_cells(array)[:10, :10].any()
+    for size in (99, 101, HUGE):
+        chunk.write_bytes(make_frame(size))
+        check_refused(lambda: read_cells(array), "cannot be read as a Zarr array")
+        chunk.write_bytes(Zstd(1).encode(bytes(size)))
+        check_refused(lambda: read_cells(array), "unpacks to")
+    for content in (b"", b"no such thing", Zstd().encode(bytes(100))[:-1]):
+        chunk.write_bytes(content)
+        check_refused(lambda: read_cells(array), r"cells\.zarr: ")
 
 
-@pytest.mark.parametrize("size", [99, 101, HUGE])
-def test_zstd_frames_without_a_size_unpack_to_the_size_of_the_array(array: Path, size: int) -> None:
-    blocks = [min(2**17, size - start) for start in range(0, size, 2**17)]
-    headers = [
-        struct.pack("<I", (start == len(blocks) - 1) | 1 << 1 | n << 3)[:3]
-        for start, n in enumerate(blocks)
-    ]
-    (array / "c/0/0").write_bytes(
-        b"\x28\xb5\x2f\xfd\x00\x58" + b"".join(header + b"\1" for header in headers)
-    )
-    check_refused(lambda: make_cells(array), "cannot be read as a Zarr array")
-
-
-@pytest.mark.parametrize("content", [b"", b"\0", b"no such thing", Zstd().encode(bytes(100))[:-1]])
-def test_a_damaged_chunk_is_refused(array: Path, content: bytes) -> None:
-    (array / "c/1/0").write_bytes(content)
-    check_refused(lambda: make_cells(array), r"cells\.zarr: ")
-    with pytest.raises(FileError, match=r"cannot be read|missing or damaged"):
-        _ = Workspace.from_array(zarr.open_array(str(array), mode="r"), 0.1).outer
+def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved: Path) -> None:
+    soak.forge_store(saved, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
+    check_refused(lambda: cspace.open(saved), "unpacks to 67108864 bytes but 900 are needed")
+    (saved / "zarr.json").write_bytes(b"[" * 10**5)
+    check_refused(lambda: cspace.open(saved), "usable map")
 
 
 def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
     (array / "c/1/0").unlink()
-    check_refused(lambda: make_cells(array), "lacks its chunk c/1/0")
+    check_refused(lambda: read_cells(array), "lacks its chunk c/1/0")
     opened = zarr.open_array(str(array), mode="r+")
     with pytest.raises(FileError, match="lacks 1 of 4 chunks"):
-        Workspace.from_array(opened, 0.1)
+        read_cells(opened)
     opened.attrs["missing_chunks"] = "fill_value"
     expected = np.ones((20, 20), bool)
     expected[10:, :10] = False
     for source in (array, zarr.open_array(str(array), mode="r")):
-        np.testing.assert_array_equal(Workspace.from_array(source, 0.1).outer, expected)
+        np.testing.assert_array_equal(read_cells(source), expected)
+
+
+def make_grid(*sides: int) -> dict[str, Any]:
+    return {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": sides}}}
+
+
+SIDE = int(MAX_CHUNK_BYTES**0.5)
 
 
 @refusals(
     "values, message",
     ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
-    (
-        {"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "gzip"}]},
-        "encoded with bytes, zstd, gzip",
-    ),
-    ({"codecs": [{"name": "of_a_plug_in"}]}, "encoded with of_a_plug_in"),
-    (
-        {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2**14, 2**14 + 1]}}},
-        "at most",
-    ),
-    ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [0, 1]}}}, "above zero"),
-    ({"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1]}}}, "chunks of"),
-    ({"shape": [20, -1]}, "above zero"),
-    ({"shape": 7}, "cannot be read"),
+    (make_grid(SIDE, SIDE + 1), "at most"),
+    (make_grid(SIDE, SIDE), "unpacks to 100 bytes but 268435456 are needed"),
+    (make_grid(0, 1), "above zero"),
     ({"data_type": "O"}, "cannot be read"),
-    ({"data_type": {"name": "of_a_plug_in"}}, "cannot be read"),
     ({"node_type": "group"}, "holds no array"),
-    ({"zarr_format": 4}, "holds no array"),
-    ({"codecs": []}, "cannot be read"),
 )
 def test_metadata_of_other_arrays_are_refused(
     array: Path, values: dict[str, Any], message: str
 ) -> None:
-    change_json(array / "zarr.json", **values)
-    check_refused(lambda: make_cells(array), message)
+    metadata = json.loads((array / "zarr.json").read_text())
+    (array / "zarr.json").write_text(json.dumps(metadata | values))
+    check_refused(lambda: read_cells(array), message)
 
 
-def test_chunks_of_the_maximum_size_are_accepted(array: Path) -> None:
-    side = int(MAX_CHUNK_BYTES**0.5)
-    change_json(
-        array / "zarr.json",
-        chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}},
-    )
-    check_refused(lambda: make_cells(array), "unpacks to 100 bytes but 268435456 are needed")
-
-
-@pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
-@pytest.mark.parametrize(
-    "name", ["cells/zarr.json", "cells/c/0/0", "saved/zarr.json", "saved/cell_states/c/0/0/0"]
-)
-def test_pipes_and_devices_in_a_folder_are_refused(
-    tmp_path: Path, array: Path, space: cspace.CSpace, name: str, link: bool
-) -> None:
-    space.save(tmp_path / "saved.zarr")
-    path = tmp_path / f"{name.partition('/')[0]}.zarr"
-    file = path / name.partition("/")[2]
-    file.unlink()
-    file.symlink_to("/dev/zero") if link else os.mkfifo(file)
-    check_refused(
-        lambda: make_cells(path) if path == array else cspace.open(path),
-        "a device, a pipe or a socket",
-    )
-
-
-def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(
-    tmp_path: Path, space: cspace.CSpace
-) -> None:
-    path = tmp_path / "map"
-    space.save(path)
-    soak.forge_store(path, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
-    check_refused(lambda: cspace.open(path), "unpacks to 67108864 bytes but 900 are needed")
-
-
-@pytest.mark.parametrize("content", [b"{", b"", b"[]", b"[" * 10**5, b"\xff"])
-def test_a_folder_with_damaged_metadata_is_refused(
-    tmp_path: Path, space: cspace.CSpace, content: bytes
-) -> None:
-    space.save(tmp_path / "m")
-    (tmp_path / "m/zarr.json").write_bytes(content)
-    check_refused(lambda: cspace.open(tmp_path / "m"), "usable map")
+@pytest.mark.parametrize("name", ["zarr.json", "c/0/0"])
+def test_pipes_and_devices_in_a_folder_are_refused(array: Path, name: str) -> None:
+    (array / name).unlink()
+    os.mkfifo(array / name)
+    check_refused(lambda: read_cells(array), "a device, a pipe or a socket")
+    (array / name).unlink()
+    (array / name).symlink_to("/dev/zero")
+    check_refused(lambda: read_cells(array), "a device, a pipe or a socket")

@@ -1,6 +1,7 @@
 """Runs of the command line in this process."""
 
 import json
+import shlex
 from functools import cache
 from typing import Any
 
@@ -14,9 +15,10 @@ COMMANDS: dict[str, Any] = testing._get_command(app).commands
 """Commands of the command line by their names."""
 
 
-def run(*arguments: object) -> Any:
-    """Run the command line in this process."""
-    return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+def run(command: str, *arguments: object) -> Any:
+    """Run a command, as typed, with more arguments in this process."""
+    words = [*shlex.split(command), *map(str, arguments)]
+    return testing.CliRunner().invoke(app, words)
 
 
 def flatten(text: str) -> str:
@@ -24,12 +26,12 @@ def flatten(text: str) -> str:
     return " ".join(text.split())
 
 
-def document(*arguments: object, warning: str = "") -> dict[str, Any]:
+def document(command: str, *arguments: object, warning: str = "") -> dict[str, Any]:
     """Return the JSON that a successful command prints.
 
     The command must print nothing else, except for a ``warning``.
     """
-    result = run(*arguments, "--json")
+    result = run(command, *arguments, "--json")
     assert result.exit_code == 0, result.stderr or result.exception
     assert result.stderr.count("\n") == bool(warning), result.stderr
     assert result.stderr.startswith("cspace: warning: " if warning else "")

@@ -8,11 +8,10 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
 from cspace.record.contents import Contents
 from cspace.record.exterior import Exterior
 from cspace.rotations import Rotations
-from cspace.shapes import Point
 from tests.helpers.strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
@@ -99,13 +98,6 @@ def full_states(kind, side, state=FREE):
         state,
         dtype=np.uint8,
     )
-
-
-def make_joint_map(states):
-    """Build a map of joints from states."""
-    grid = Grid((-1.0,) * states.ndim, 0.1, states.shape, tuple("abc")[: states.ndim])
-    workspace = Workspace(grid, states != FREE, states == BLOCKED)
-    return map_in(workspace, Robot("arm", Point.at_origin(states.ndim)), states.copy())
 
 
 def cells_per_axis(turns):
@@ -213,16 +205,6 @@ def rotation_neighbors(turns, kind):
         q = np.insert(quotients, chart, 1.0, axis=1)
         near.append(set(cells.cell_of(q / np.linalg.norm(q, axis=1, keepdims=True)).tolist()))
     return near
-
-
-def side_neighbors(cell, shape, kind=""):
-    """Yield the cells that share a side with a cell."""
-    yield from ((turn, *cell[1:]) for turn in rotation_neighbors(shape[0], kind)[cell[0]])
-    for axis, direction in itertools.product(range(1, len(shape)), (-1, 1)):
-        near = list(cell)
-        near[axis] += direction
-        if 0 <= near[axis] < shape[axis]:
-            yield tuple(near)
 
 
 def half_turns(shape):

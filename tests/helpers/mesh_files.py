@@ -1,5 +1,9 @@
 """Meshes to build, write to files and read again."""
 
+import base64
+import json
+import struct
+
 import numpy as np
 import pytest
 import trimesh
@@ -67,3 +71,46 @@ def check_refused(tmp_path, name, content, message, error=(FileError, GeometryEr
         read(tmp_path, name, content)
     assert name in str(caught.value)
     assert str(caught.value).count(";") >= 2
+
+
+def write_gltf(edit=lambda header, add: None, glb=True):
+    """Return a glTF file of a box, as GLB or as text with its data.
+
+    `edit` gets its header and a function that adds an array and returns its view.
+    """
+    data = bytearray()
+    views = []
+
+    def add(array):
+        data.extend(bytes(-len(data) % 4))
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+        data.extend(array.tobytes())
+        return len(views) - 1
+
+    corners = BOX_MESH.faces.astype("<u2").reshape(-1)
+    add(BOX_CORNERS.astype("<f4"))
+    add(corners)
+    header = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": len(corners), "type": "SCALAR"},
+        ],
+        "bufferViews": views,
+    }
+    edit(header, add)
+    header["buffers"] = [{"byteLength": len(data)}]
+    if not glb:
+        encoded = base64.b64encode(data).decode()
+        header["buffers"][0]["uri"] = f"data:application/octet-stream;base64,{encoded}"
+        return json.dumps(header).encode()
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    data.extend(bytes(-len(data) % 4))
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

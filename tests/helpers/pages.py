@@ -15,11 +15,6 @@ def node(viewer: Viewer, name: str) -> Any:
     return viewer.server.scene.get_handle_by_name(name)
 
 
-def setting(control: Any, value: float) -> dict[str, Any]:
-    """Return the browser's message that sets a control."""
-    return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}
-
-
 def camera() -> dict[str, Any]:
     """Return the first message of a browser."""
     sent: dict[str, Any] = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)

@@ -1,4 +1,4 @@
-"""Maps of every space in every storage, with the states that they must have."""
+"""Maps of every space in several storages, with the states that they must have."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,22 +6,59 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Rotations, Workspace
+from cspace.support.arrays import Bools, Floats, Ints, States
+from tests.helpers.placements import draw_configurations
 
-CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
-CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
-MAP_INPUTS: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
-    "plane": ((40, 33), Robot.disc(0.25), None),
-    "space": ((12, 14, 13), Robot.ball(0.12), None),
-    "yaw": ((30, 27), CAR, 8),
-    "yaw in space": ((10, 12, 9), CRATE, 6),
-    "quaternions": ((9, 8, 7), CRATE, Rotations.quaternions(1)),
+SPACING = 0.1
+
+WEDGE = np.array([(-0.2, -0.15), (0.65, -0.05), (0.1, 0.25)])
+"""Corners of a robot in the plane, far from round and large next to the cells."""
+
+PLANK = np.array([(x, y, z) for x in (-0.05, 0.45) for y in (-0.1, 0.1) for z in (0.0, 0.1)])
+"""Corners of a box in space, most of it far from the reference point."""
+
+NEEDLE = np.array([(-0.1, -0.1), (3.0, 0.0), (-0.1, 0.1)])
+"""Corners of a robot in the plane that is thirty cells long."""
+
+TIP = np.array([(1.1, -1.1, 0.0)])
+"""Center of a small ball in space, perpendicular to the axis of the longest turn in a cell."""
+
+
+class Inputs(NamedTuple):
+    """Cells of the workspace, corners of the robot, rotation cells and number of obstacles.
+
+    One corner is the center of a small ball, two or more those of a polygon or box.
+    """
+
+    shape: tuple[int, ...]
+    corners: Floats
+    rotations: Any
+    obstacles: int
+
+
+LONG_INPUTS = {
+    "plane": Inputs((72, 70), NEEDLE, 3, 1),
+    "space": Inputs((36, 35, 36), TIP, Rotations.quaternions(1), 1),
 }
-"""Shape of the workspace, robot and rotation cells in each space."""
+"""Inputs with long robots and few rotation cells, so that a turn sweeps many cells."""
 
-ALL_KINDS = [(space, storage) for storage in ("memory", "tiled", "saved") for space in MAP_INPUTS]
+MAP_INPUTS = {
+    "plane": Inputs((40, 33), WEDGE, None, 14),
+    "space": Inputs((14, 12, 13), PLANK, None, 8),
+    "yaw": Inputs((30, 27), WEDGE, 8, 5),
+    "yaw in space": Inputs((15, 15, 9), PLANK, 6, 1),
+    "quaternions": Inputs((14, 13, 12), PLANK, Rotations.quaternions(2), 1),
+}
+
+ALL_KINDS = [
+    *((space, "memory") for space in MAP_INPUTS),
+    ("yaw", "tiled"),
+    ("quaternions", "saved"),
+]
 """Kinds of maps: space and storage."""
 
 
@@ -32,34 +69,83 @@ class AnyMap(NamedTuple):
     ----------
     space : CSpace or TiledCSpace
     memory : CSpace
-        The same map in memory, one byte a cell.
+        The same map in memory.
     states : ndarray of uint8, shape (rotations, nx, ny(, nz))
         The state of each cell of ``memory``.
     occupied : ndarray of bool, shape (nx, ny(, nz))
         The obstacle cells.
+    corners : ndarray of float, shape (n, d)
+        Corners of the robot, which is convex, metres.
     rebuild : callable
         Build the map of other obstacles in memory.
     """
 
     space: Any
     memory: cspace.CSpace
-    states: NDArray[np.uint8]
-    occupied: NDArray[np.bool_]
-    rebuild: Callable[[NDArray[np.bool_]], cspace.CSpace]
+    states: States
+    occupied: Bools
+    corners: Floats
+    rebuild: Callable[[Bools], cspace.CSpace]
 
-    def draw(
-        self, rng: np.random.Generator, n: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    @property
+    def dim(self) -> int:
+        """Dimension of the workspace."""
+        return self.occupied.ndim
+
+    def draw_inside(self, rng: np.random.Generator, n: int) -> tuple[Floats, Ints]:
         """Draw configurations inside cells, with their cells ``(rotation, x, y(, z))``."""
-        grid, centers = self.space.grid, self.space.rotations.centers
         cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
-        inside = rng.uniform(0.02, 0.98, (n, grid.dim))
-        q = np.array(grid.lower) + grid.spacing * (cells[:, 1:] + inside)
-        return (np.hstack([q, centers[cells[:, 0]]]) if centers.size else q), cells
+        shares = rng.uniform(0.02, 0.98, (n, self.dim))
+        positions = np.array(self.space.grid.lower) + SPACING * (cells[:, 1:] + shares)
+        return np.hstack([positions, self.space.rotations.centers[cells[:, 0]]]), cells
+
+    def draw_contacts(self, rng: np.random.Generator, n: int) -> Floats:
+        """Draw configurations at which a point of the robot touches an obstacle.
+
+        Rotations often lie on borders of cells, and points on corners.
+        """
+        q = draw_configurations(self.memory, rng, n)
+        weights = rng.dirichlet(np.full(len(self.corners), 0.1), n)
+        points = weights @ self.corners
+        cells = rng.choice(np.argwhere(self.occupied), n)
+        shares = np.clip(rng.uniform(-1.0, 2.0, cells.shape), 0.0, 1.0)
+        touched = np.array(self.space.grid.lower) + SPACING * (cells + shares)
+        in_space = np.pad(points, [(0, 0), (0, 3 - self.dim)])
+        q[:, : self.dim] = touched - self.rotations_of(q).apply(in_space)[:, : self.dim]
+        return q
+
+    def rotations_of(self, q: Floats) -> Rotation:
+        """Return the rotations of configurations."""
+        turns = q[:, self.dim :]
+        if turns.shape[1] == 4:
+            return Rotation.from_quat(turns)
+        yaw = turns if turns.shape[1] else np.zeros((len(q), 1))
+        return Rotation.from_rotvec(yaw * (0.0, 0.0, 1.0))
+
+    def move(self, q: Floats, steps: Floats, turns: Floats) -> Floats:
+        """Add steps, shape (n, d), and rotate by rotation vectors, shape (n, 3)."""
+        moved = q.copy()
+        moved[:, : self.dim] += steps
+        if len(self.space.rotations.names) == 4:
+            rotated = self.rotations_of(q) * Rotation.from_rotvec(turns)
+            moved[:, self.dim :] = rotated.as_quat()
+        else:
+            moved[:, self.dim :] += turns[:, 2:][:, : q.shape[1] - self.dim]
+        return moved
+
+    def draw_moves(self, rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
+        """Draw steps of a few cells, some along axes, and turns of up to a radian."""
+        steps = rng.normal(0.0, 1.5 * SPACING, (n, self.dim))
+        steps *= rng.random((n, self.dim)) < 0.7
+        turns = rng.normal(0.0, 0.3, (n, 3)) * (rng.random((n, 1)) < 0.6)
+        return steps, turns
 
 
-def random_obstacles(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.bool_]:
-    return rng.random(shape) < (0.02 if len(shape) == 2 else 0.01)
+def draw_obstacles(shape: tuple[int, ...], number: int, rng: np.random.Generator) -> Bools:
+    """Draw obstacle cells at random."""
+    occupied = np.zeros(shape, dtype=bool)
+    occupied.flat[rng.choice(occupied.size, number, replace=False)] = True
+    return occupied
 
 
 def reopen(space: Any, path: Path) -> Any:
@@ -75,22 +161,36 @@ def build_map(
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
     """
-    shape, robot, rotations = MAP_INPUTS[space]
+    return build_of(MAP_INPUTS[space], storage, outside, seed, folder, thin)
+
+
+def build_of(
+    inputs: Inputs, storage: str, outside: str, seed: int, folder: Path, thin: bool = False
+) -> AnyMap:
+    """Build a map as :func:`build_map`, of given inputs."""
+    shape, corners, rotations, number = inputs
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if len(corners) == 1:
+        robot = Robot.ball(0.01, corners[0])
+    elif len(shape) == 2:
+        robot = Robot.polygon(corners)
+    else:
+        robot = Robot.box(high - low, (low + high) / 2)
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1.0, 1.0, len(shape))
-    filled = np.random.default_rng(seed).random(shape) < 0.5
+    filled = rng.random(shape) < 0.5
 
     def rebuild(occupied: NDArray[np.bool_], **options: Any) -> Any:
         inner = occupied & filled if thin else None
-        workspace = Workspace.from_array(occupied, 0.1, lower, inner=inner)
+        workspace = Workspace.from_array(occupied, SPACING, lower, inner=inner)
         return cspace.build(workspace, robot, rotations=rotations, outside=outside, **options)
 
-    occupied = random_obstacles(shape, rng)
-    plain = rebuild(occupied)
-    states = plain.cell_states.reshape(-1, *shape)
-    made: Any = plain
+    occupied = draw_obstacles(shape, number, rng)
+    memory = rebuild(occupied)
+    states = memory.cell_states.reshape(-1, *shape)
+    made: Any = memory
     if storage == "tiled":
         made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
     elif storage == "saved":
-        made = reopen(plain, folder / "saved.zarr")
-    return AnyMap(made, plain, states, occupied, rebuild)
+        made = reopen(memory, folder / "saved.zarr")
+    return AnyMap(made, memory, states, occupied, corners, rebuild)

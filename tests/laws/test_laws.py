@@ -9,22 +9,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED
+from cspace import FREE, MIXED
+from cspace.support.arrays import Floats
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations
+from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
-    MAP_INPUTS,
+    LONG_INPUTS,
+    SPACING,
     AnyMap,
+    Inputs,
     build_map,
-    random_obstacles,
+    build_of,
+    draw_obstacles,
     reopen,
 )
 
-EXTERIORS = ("blocked", "free")
+BLOCKED_OUTSIDE = ("plane", "yaw in space")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
     "classify": (1, ()),
     "is_free": (1, ()),
@@ -39,11 +45,15 @@ BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
 """Queries of configurations: their number of configurations and further arguments."""
 
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
+NUDGE = 1e-10
+"""Distance in metres and radians within the slack of motions."""
 
 
 def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
+    """Build a map of a kind; its exterior is blocked or free, depending on the space."""
     space, storage = kind
-    return build_map(space, storage, EXTERIORS[len(space) % 2], 5, folder)
+    outside = "blocked" if space in BLOCKED_OUTSIDE else "free"
+    return build_map(space, storage, outside, 5, folder)
 
 
 @pytest.fixture(scope="module", params=ALL_KINDS, ids="-".join)
@@ -59,50 +69,104 @@ def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
             yield name, count, options
 
 
-def draw_near(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
-    """Draw configurations a few cells away, rotated by up to 0.4 radians."""
-    dim, spacing = any_map.space.grid.dim, any_map.space.grid.spacing
-    near = q + rng.normal(size=q.shape) * np.where(np.arange(q.shape[1]) < dim, 1.5 * spacing, 0.2)
-    if len(any_map.space.rotations.names) == 4:
-        near[:, dim:] /= np.linalg.norm(near[:, dim:], axis=1, keepdims=True)
-    return near
+def draw_near(any_map: AnyMap, q: Floats, rng: np.random.Generator) -> Floats:
+    """Draw configurations a few cells away, rotated by up to a radian."""
+    return any_map.move(q, *any_map.draw_moves(rng, len(q)))
 
 
-def labels(any_map: AnyMap, worst: int) -> Any:
+def label(any_map: AnyMap, worst: int) -> Any:
     """Label the components of cells whose state is at most ``worst``, by scipy."""
-    cells = any_map.states <= worst
-    return components(cells, "any way" if len(any_map.space.rotations.names) == 4 else "")
+    kind = "any way" if len(any_map.space.rotations.names) == 4 else ""
+    return components(any_map.states <= worst, kind)
 
 
-def test_classify_returns_the_state_of_the_cell(any_map: AnyMap) -> None:
-    q, cells = any_map.draw(np.random.default_rng(0), 400)
-    expected = any_map.states[tuple(cells.T)]
-    np.testing.assert_array_equal(any_map.space.classify(q), expected)
-    np.testing.assert_array_equal(any_map.space.is_free(q), expected == FREE)
-    assert any_map.space.classify(q[0]) == expected[0]
+# ---- proofs --------------------------------------------------------------------------------------
 
 
-def test_count_counts_the_states_of_all_cells(any_map: AnyMap) -> None:
-    assert any_map.space.count() == tuple(np.bincount(any_map.states.ravel(), minlength=3).tolist())
+@settings(max_examples=6)
+@given(seeds)
+def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: int) -> None:
+    rng, space = np.random.default_rng(seed), any_map.space
+    q = any_map.draw_contacts(rng, 400)
+    assert not space.is_free(q).any()
+    assert not space.clearance(q[:50]).any()
+    near = draw_near(any_map, q, rng)
+    assert not space.motion_is_free(q, near).any() and not space.motion_is_free(near, q).any()
+    assert not space.is_connected(q[:50], near[:50]).any()
+    # The contact is halfway along a motion.
+    steps, turns = any_map.draw_moves(rng, len(q))
+    start = any_map.move(q, -steps, -turns)
+    assert not space.motion_is_free(start, any_map.move(q, steps, turns)).any()
+    # The contact is in the corner of a box.
+    around = any_map.move(q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns)
+    assert not space.is_free_around(around, 0.03 + NUDGE).any()
 
 
-def test_a_free_motion_has_only_free_points(any_map: AnyMap) -> None:
-    rng = np.random.default_rng(1)
-    q0, _ = any_map.draw(rng, 600)
-    q1 = draw_near(any_map, q0, rng)
-    free = any_map.space.motion_is_free(q0, q1)
-    assert 0.01 < free.mean() < 0.999
-    if len(any_map.space.rotations.names) == 4:
-        return  # tests of rotations check points along rotations about any axis
-    for share in np.linspace(0.0, 1.0, 23):
-        between = q0[free] + share * (q1[free] - q0[free])
-        assert any_map.space.is_free(between).all()
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # the ball is far from its origin
+@pytest.mark.parametrize("inputs", LONG_INPUTS.values(), ids=LONG_INPUTS)
+def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(
+    inputs: Inputs, tmp_path: Path
+) -> None:
+    long_map = build_of(inputs, "memory", "free", 0, tmp_path)
+    occupied = np.zeros_like(long_map.occupied)
+    occupied[tuple(n // 2 for n in occupied.shape)] = True
+    space = long_map.rebuild(occupied)
+    q = long_map._replace(occupied=occupied).draw_contacts(np.random.default_rng(0), 20_000)
+    assert space.grid.contains(q[:, : long_map.dim]).mean() > 0.9
+    assert not space.is_free(q).any()
+
+
+@settings(max_examples=6)
+@given(seeds)
+def test_everything_within_the_slack_of_a_free_motion_is_free(any_map: AnyMap, seed: int) -> None:
+    # Many motions lead along borders of cells, or leave the grid.
+    rng, space = np.random.default_rng(seed), any_map.space
+    q = draw_configurations(any_map.memory, rng, 500)
+    steps, turns = any_map.draw_moves(rng, len(q))
+    is_free = space.motion_is_free(q, any_map.move(q, steps, turns))
+    assert is_free.any() and not is_free.all()
+    q, steps, turns = q[is_free], steps[is_free], turns[is_free]
+    grid, dim = space.grid, any_map.dim
+    stays = grid.contains(q[:, :dim]) & grid.contains(any_map.move(q, steps, turns)[:, :dim])
+    for share in np.linspace(0.0, 1.0, 15):
+        nudges = rng.choice([-NUDGE, 0.0, NUDGE], (2, len(q), 3))
+        if space.size == 7:  # borders of quaternion cells belong to one of them
+            nudges[1] = 0.0
+        nudged_steps = share * steps + nudges[0][:, :dim]
+        between = any_map.move(q, nudged_steps, share * turns + nudges[1])
+        # A motion on the border of the grid touches no cell outside.
+        between[stays, :dim] = np.clip(between[stays, :dim], grid.lower, grid.upper)
+        assert space.is_free(between).all()
+
+
+@settings(max_examples=6)
+@given(seeds)
+def test_everything_within_the_clearance_is_free(any_map: AnyMap, seed: int) -> None:
+    rng, space = np.random.default_rng(seed), any_map.space
+    q = draw_configurations(any_map.memory, rng, 400)
+    clearance = np.minimum(space.clearance(q), 3.0)
+    assert (clearance > 0.0).any()
+    course = rng.normal(size=(len(q), any_map.dim))
+    course /= np.linalg.norm(course, axis=1, keepdims=True)
+    moved = any_map.move(q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3)))
+    assert space.is_free(moved[clearance > 0.0]).all()
+
+
+def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
+    q, cells = any_map.draw_inside(np.random.default_rng(3), 60)
+    positions = q[:, : any_map.dim]
+    lower = np.array(any_map.space.grid.lower)
+    for position, cell, clearance in zip(positions, cells, any_map.space.clearance(q), strict=True):
+        low = lower + SPACING * np.argwhere(any_map.states[cell[0]] != FREE)
+        gaps = np.maximum(0.0, np.maximum(low - position, position - low - SPACING))
+        assert clearance <= np.linalg.norm(gaps, axis=1).min(initial=np.inf) + 1e-9
 
 
 def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
     rng = np.random.default_rng(2)
-    (q0, cells0), (q1, cells1) = any_map.draw(rng, 150), any_map.draw(rng, 150)
-    free, passable = labels(any_map, FREE), labels(any_map, BLOCKED - 1)
+    q0, cells0 = any_map.draw_inside(rng, 150)
+    q1, cells1 = any_map.draw_inside(rng, 150)
+    free, passable = label(any_map, FREE), label(any_map, MIXED)
     answers = proven_paths(any_map.space, q0, q1)
     for answer, one, other in zip(answers, map(tuple, cells0), map(tuple, cells1), strict=True):
         if free[one] >= 0 and free[one] == free[other]:
@@ -112,153 +176,65 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
             assert blocked or passable[one] != passable[other]
 
 
-@pytest.mark.parametrize("any_map", ALL_KINDS, indirect=True, ids="-".join)
-def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
-    q, cells = any_map.draw(np.random.default_rng(3), 60)
-    grid = any_map.space.grid
-    clearance = any_map.space.clearance(q)
-    for position, cell, distance in zip(q[:, : grid.dim], cells, clearance, strict=True):
-        others = np.argwhere(any_map.states[cell[0]] != FREE)
-        low = np.array(grid.lower) + grid.spacing * others
-        gaps = np.maximum(0.0, np.maximum(low - position, position - low - grid.spacing))
-        nearest = np.sqrt((gaps**2).sum(axis=1)).min(initial=np.inf)
-        assert distance <= nearest + 1e-9
+@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
+def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
+    space, rng, dim = any_map.space, np.random.default_rng(11), any_map.dim
+    found = 0
+    for start, goal in space.sample_free(16, rng).reshape(8, 2, -1):
+        lower, upper = space.reachable_bounds(start)
+        for path in (space.find_path(start, goal), space.find_widest_path(start, goal)):
+            if not len(path):
+                continue
+            found += 1
+            assert space.certify_path(path).all()
+            np.testing.assert_allclose(path[0], start, atol=1e-9)
+            assert (lower - 1e-9 <= path[:, :dim]).all() and (path[:, :dim] <= upper + 1e-9).all()
+            metres = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum()
+            assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
+    assert found
 
 
-@pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
-def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
-    obstacle_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
-    space, shape = obstacle_map.space, obstacle_map.states.shape[1:]
-    occupied = obstacle_map.occupied.copy()
-    for _ in range(2):
-        size = rng.integers(1, 6, len(shape))
-        lower = rng.integers(0, np.array(shape) - size + 1)
-        cells = (
-            random_obstacles(tuple(size), rng) if rng.random() < 0.5 else np.ones(size, dtype=bool)
-        )
-        occupied[tuple(slice(low, low + n) for low, n in zip(lower, size, strict=True))] = cells
-        space.update(cells, lower)
-    fresh = obstacle_map.rebuild(occupied)
-    q, _ = obstacle_map.draw(rng, 300)
-    near = draw_near(obstacle_map, q, rng)
-    assert space.count() == fresh.count()
-    np.testing.assert_array_equal(space.classify(q), fresh.classify(q))
-    np.testing.assert_array_equal(space.motion_is_free(q, near), fresh.motion_is_free(q, near))
-    np.testing.assert_array_equal(
-        proven_paths(space, q[:40], near[:40]), proven_paths(fresh, q[:40], near[:40])
-    )
+def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
+    q, _ = any_map.draw_inside(np.random.default_rng(12), 20)
+    for configuration in q:
+        assert any_map.space.is_free(any_map.space.nearest_free(configuration))
 
 
-def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
+@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
+def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> None:
     space: Any = any_map.space
-    tiled = isinstance(space, cspace.TiledCSpace)
-    opened = cspace.open(space.path) if tiled else reopen(space, tmp_path / "again.zarr")
-    assert type(opened) is type(space)
-    assert (opened.grid, opened.axes, opened.outside, opened.margin) == (
-        space.grid,
-        space.axes,
-        space.outside,
-        space.margin,
-    )
-    assert opened.count() == space.count()
-    q, _ = any_map.draw(np.random.default_rng(6), 300)
-    q = np.vstack([q, draw_near(any_map, q, np.random.default_rng(7))])
-    np.testing.assert_array_equal(opened.classify(q), space.classify(q))
-    np.testing.assert_array_equal(
-        opened.motion_is_free(q[:300], q[300:]), space.motion_is_free(q[:300], q[300:])
-    )
+    q = space.sample_free(6, np.random.default_rng(14))
+    singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
+    assert space.obstacle_distance(q) == pytest.approx(min(singles))
 
 
-@pytest.mark.parametrize("space", MAP_INPUTS)
-@pytest.mark.parametrize("outside", EXTERIORS)
-def test_queries_of_a_window_equal_those_of_the_whole_map(
-    space: str, outside: str, tmp_path: Path
-) -> None:
-    # Configurations outside of a window are MIXED, and fewer connections are decided.
-    whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
-    tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
-    size = np.subtract(grid.upper, grid.lower)
-    for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
-        lower, upper = grid.lower + low * size, grid.lower + high * size
-        window = tiled.window(lower, upper)
-        is_whole = window.grid.contains([grid.lower, grid.upper]).all()
-        assert window.outside == (outside if is_whole else "unknown")
-        # A motion on the border of the map touches cells beyond it, which only the window has.
-        lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
-        q, _ = whole.draw(rng, 300)
-        q[:, : grid.dim] = rng.uniform(lower, upper, (300, grid.dim))
-        near = draw_near(whole, q, rng)
-        near[:, : grid.dim] = np.clip(near[:, : grid.dim], lower, upper)
-        for name in ("classify", "overlap_count", "contains_robot"):
-            np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
-        np.testing.assert_array_equal(
-            window.is_free(q[:60], exact=True), memory.is_free(q[:60], exact=True)
-        )
-        np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
-        # Both are lower bounds, by less than a cell's diagonal.
-        assert (window.clearance(q) <= memory.clearance(q) + np.sqrt(grid.dim) * grid.spacing).all()
-        answers = zip(
-            proven_paths(window, q[:40], near[:40]),
-            proven_paths(tiled, q[:40], near[:40]),
-            strict=True,
-        )
-        assert all(mine is None or mine == theirs for mine, theirs in answers)
-        q[:, : grid.dim] = rng.uniform(
-            grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim)
-        )
-        q = q[~window.grid.contains(q[:, : grid.dim])]
-        for copied in (window, pickle.loads(pickle.dumps(window))):
-            assert is_whole or (copied.classify(q) == MIXED).all()
+# ---- storages ------------------------------------------------------------------------------------
 
 
-def public_queries(kind: type) -> set[str]:
-    """Return the names of methods that take configurations or paths."""
-    names = [name for name in dir(kind) if not name.startswith("_")]
-    methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
-    parameters = {
-        name: {*inspect.signature(f).parameters}
-        for name, f in methods.items()
-        if inspect.isfunction(f)
-    }
-    return {name for name, given in parameters.items() if {"q", "q0", "edges"} & given}
+def test_classify_and_count_return_the_states_of_the_cells(any_map: AnyMap) -> None:
+    q, cells = any_map.draw_inside(np.random.default_rng(0), 400)
+    np.testing.assert_array_equal(any_map.space.classify(q), any_map.states[tuple(cells.T)])
+    assert any_map.space.count() == tuple(np.bincount(any_map.states.ravel(), minlength=3).tolist())
+    assert not any_map.memory.cell_states.flags.writeable
 
 
-@pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
-def test_this_module_tests_every_query(kind: type) -> None:
-    here = Path(__file__).read_text(encoding="utf-8")
-    assert "classify" in public_queries(kind)
-    # What every space has for planners is tested with these.
-    queries = public_queries(kind) - public_queries(cspace.Space) - set(BATCH_QUERIES)
-    assert {name for name in queries if f"space.{name}(" not in here} == set()
-
-
-def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
-    rng = np.random.default_rng(10)
-    q, _ = any_map.draw(rng, 24)
-    near = draw_near(any_map, q, rng)
-    for name, count, options in queries_of(any_map):
-        query, given = getattr(any_map.space, name), [q, near][:count]
-        answers = query(*given, *options)
-        singles = [query(*row, *options) for row in zip(*given, strict=True)]
-        # A batch may ask a tile and one of its rows a smaller window, whose distances round
-        # differently.
-        rounding = (
-            1e-12 if name == "clearance" and isinstance(any_map.space, cspace.TiledCSpace) else 0.0
-        )
-        np.testing.assert_allclose(answers, singles, rtol=0.0, atol=rounding, err_msg=name)
-        shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
-        assert shaped.shape == (2, 3, 4)
-        np.testing.assert_array_equal(shaped.ravel(), answers, name)
-        few = query(*(part[:3].tolist() for part in given), *options)
-        np.testing.assert_allclose(few, answers[:3], rtol=0.0, atol=rounding, err_msg=name)
-        assert query(*(part[:0] for part in given), *options).shape == (0,)
+def test_equal_rotations_get_equal_states(any_map: AnyMap) -> None:
+    rng = np.random.default_rng(16)
+    q = draw_configurations(any_map.memory, rng, 300)
+    same = q.copy()
+    if len(any_map.space.rotations.names) == 4:
+        same[:, 3:] *= -1.0
+    else:
+        q[:, any_map.dim :] = rng.uniform(-3.0, 3.0, (300, q.shape[1] - any_map.dim))
+        same = q.copy()
+        same[:, any_map.dim :] += 2.0 * np.pi * rng.choice([-1000, -1, 1, 1000])
+    np.testing.assert_array_equal(any_map.space.classify(same), any_map.space.classify(q))
 
 
 @pytest.mark.parametrize(
     "any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join
 )
 def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
-    # Many configurations lie on borders of cells.
     space, memory = any_map.space, any_map.memory
     rng = np.random.default_rng(15)
     q = draw_configurations(memory, rng, 1000)
@@ -268,60 +244,136 @@ def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
             continue  # tiled maps search obstacles only a few tiles away
         given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
         np.testing.assert_array_equal(
-            getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options)
+            getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options), name
         )
     edges = rng.integers(0, 50, (40, 2))
     for roadmap in ((near[:50],), (q[:50], edges)):
         np.testing.assert_array_equal(space.certify_path(*roadmap), memory.certify_path(*roadmap))
 
 
-@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
+@pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
+def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
+    any_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
+    space, shape = any_map.space, any_map.occupied.shape
+    q = draw_configurations(any_map.memory, rng, 300)
+    near = draw_near(any_map, q, rng)
+    occupied = any_map.occupied.copy()
+    for _ in range(2):
+        proven_paths(space, q[:40], near[:40])  # caches what the update must drop
+        space.clearance(q)
+        size = rng.integers(1, 6, len(shape))
+        lower = rng.integers(0, np.array(shape) - size + 1)
+        cells = draw_obstacles(tuple(size), 1, rng)
+        occupied[tuple(map(slice, lower, lower + size))] = cells
+        space.update(cells, lower)
+    fresh = any_map.rebuild(occupied)
+    assert space.count() == fresh.count()
+    for name, count, options in queries_of(any_map):
+        given = [q, near][:count]
+        expected = getattr(fresh, name)(*given, *options)
+        np.testing.assert_array_equal(getattr(space, name)(*given, *options), expected, name)
+
+
+def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
     space: Any = any_map.space
-    rng = np.random.default_rng(11)
-    q0, q1 = space.sample_free(12, rng), space.sample_free(12, rng)
-    found = 0
-    for start, goal in zip(q0, q1, strict=True):
-        for path in (space.find_path(start, goal), space.find_widest_path(start, goal)):
-            if len(path):
-                found += 1
-                assert space.certify_path(path).all()
-                np.testing.assert_allclose(path[0], start, atol=1e-9)
-                metres = np.linalg.norm(np.diff(path[:, : space.grid.dim], axis=0), axis=1).sum()
-                assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
-        lower, upper = space.reachable_bounds(start)
-        dim = space.grid.dim
-        assert (lower <= start[:dim] + 1e-9).all() and (start[:dim] <= upper + 1e-9).all()
-    assert found
+    is_tiled = isinstance(space, cspace.TiledCSpace)
+    opened = cspace.open(space.path) if is_tiled else reopen(space, tmp_path / "again.zarr")
+    assert type(opened) is type(space)
+    for name in ("grid", "axes", "outside", "margin"):
+        assert getattr(opened, name) == getattr(space, name)
+    assert opened.count() == space.count()
+    q = draw_configurations(any_map.memory, np.random.default_rng(6), 300)
+    np.testing.assert_array_equal(opened.classify(q), space.classify(q))
 
 
-def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
-    q, _ = any_map.draw(np.random.default_rng(12), 20)
-    for configuration in q:
-        assert any_map.space.is_free(any_map.space.nearest_free(configuration))
+@pytest.mark.parametrize(
+    ("space", "outside"), [("plane", "free"), ("yaw in space", "blocked"), ("quaternions", "free")]
+)
+def test_queries_of_a_window_equal_those_of_the_whole_map(
+    space: str, outside: str, tmp_path: Path
+) -> None:
+    # Configurations outside of a window are MIXED, and fewer connections are decided.
+    whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
+    tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
+    dim, size = whole.dim, np.subtract(grid.upper, grid.lower)
+    for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
+        lower, upper = grid.lower + low * size, grid.lower + high * size
+        window = tiled.window(lower, upper)
+        is_whole = window.grid.contains([grid.lower, grid.upper]).all()
+        assert window.outside == (outside if is_whole else "unknown")
+        # A motion on the border of the map touches cells beyond it, which only the window has.
+        lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
+        q, _ = whole.draw_inside(rng, 300)
+        q[:, :dim] = rng.uniform(lower, upper, (300, dim))
+        near = draw_near(whole, q, rng)
+        near[:, :dim] = np.clip(near[:, :dim], lower, upper)
+        for name in ("classify", "overlap_count", "contains_robot"):
+            np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
+        np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
+        # Both are lower bounds, by less than a cell's diagonal.
+        assert (window.clearance(q) <= memory.clearance(q) + np.sqrt(dim) * SPACING).all()
+        mine = proven_paths(window, q[:40], near[:40])
+        theirs = proven_paths(tiled, q[:40], near[:40])
+        assert all(a is None or a == b for a, b in zip(mine, theirs, strict=True))
+        q[:, :dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, dim))
+        q = q[~window.grid.contains(q[:, :dim])]
+        for copied in (window, pickle.loads(pickle.dumps(window))):
+            assert is_whole or (copied.classify(q) == MIXED).all()
 
 
-@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> None:
-    space: Any = any_map.space
-    q = space.sample_free(12, np.random.default_rng(14))
-    singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
-    assert space.obstacle_distance(q) == pytest.approx(min(singles))
-
-
-@pytest.mark.parametrize("name", MAP_INPUTS)
+@pytest.mark.parametrize("name", ["plane", "quaternions"])
 def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: Path) -> None:
     whole = build_map(name, "tiled", "free", 8, tmp_path)
     space: Any = whole.space
     space.compute_components()
-    q, _ = whole.draw(np.random.default_rng(13), 40)
+    q, _ = whole.draw_inside(np.random.default_rng(13), 40)
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
         subproblems = space.subproblems(q0, q1)
-        np.testing.assert_allclose(subproblems[0][1][: space.grid.dim], q0[: space.grid.dim])
-        np.testing.assert_allclose(subproblems[-1][2][: space.grid.dim], q1[: space.grid.dim])
+        np.testing.assert_allclose(subproblems[0][1][: whole.dim], q0[: whole.dim])
+        np.testing.assert_allclose(subproblems[-1][2][: whole.dim], q1[: whole.dim])
         for open_tile, start, goal in subproblems:
             assert open_tile().is_connected(start, goal)
         for before, after in itertools.pairwise(subproblems):
             np.testing.assert_array_equal(before[2], after[1])
+
+
+# ---- batches -------------------------------------------------------------------------------------
+
+
+def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
+    rng = np.random.default_rng(10)
+    q = draw_configurations(any_map.memory, rng, 24)
+    near = draw_near(any_map, q, rng)
+    for name, count, options in queries_of(any_map):
+        query, given = getattr(any_map.space, name), [q, near][:count]
+        answers = query(*given, *options)
+        # A batch may read another window than one of its rows, whose distances round differently.
+        is_rounded = name == "clearance" and isinstance(any_map.space, cspace.TiledCSpace)
+        rounding = 1e-12 if is_rounded else 0.0
+        for rows in (given, [part.tolist() for part in given]):
+            singles = [query(*map(tuple, row), *options) for row in zip(*rows, strict=True)]
+            np.testing.assert_allclose(answers, singles, rtol=0.0, atol=rounding, err_msg=name)
+        shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
+        assert shaped.shape == (2, 3, 4)
+        np.testing.assert_array_equal(shaped.ravel(), answers, name)
+        assert query(*(part[:0] for part in given), *options).shape == (0,)
+
+
+def public_queries(kind: type) -> set[str]:
+    """Return the names of methods that take configurations or paths."""
+    names = [name for name in dir(kind) if not name.startswith("_")]
+    methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
+    functions = {name: f for name, f in methods.items() if inspect.isfunction(f)}
+    arguments = {"q", "q0", "edges"}
+    return {name for name, f in functions.items() if arguments & {*inspect.signature(f).parameters}}
+
+
+@pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
+def test_this_module_tests_every_query(kind: type) -> None:
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert "classify" in public_queries(kind)
+    # What every space has for planners is tested with these.
+    queries = public_queries(kind) - public_queries(cspace.Space) - set(BATCH_QUERIES)
+    assert {name for name in queries if f"space.{name}(" not in here} == set()

@@ -1,4 +1,4 @@
-"""Costs of edges, in every space and along curves."""
+"""Costs and lower bounds of edges and paths, in every space and along curves."""
 
 import itertools
 import math
@@ -6,87 +6,95 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import find_state_kind
 from tests.helpers.planning import (
-    SPACES,
+    ENDPOINTS,
     SPACES_WITH_CURVES,
     build_room,
     draw_edges,
     make_state,
     options_for,
 )
+from tests.helpers.strategies import seeds
+from tests.soak import lengths
+
+PENALTIES: dict[str, Any] = {"weight": 6.0, "clearance_threshold": 0.4}
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
-@pytest.mark.parametrize("reach", [0.4, 2.5])
-def test_the_cost_of_an_edge_is_the_integral_along_it(
-    name: str, curve: str | None, reach: float
-) -> None:
-    space, read = build_room(name), find_state_kind(build_room(name)).read
+def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None) -> None:
+    space = build_room(name)
+    dim = space.grid.dim
+    read = find_state_kind(space).read
     options = options_for(curve)
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
-    objective = planners.ClearanceObjective(
-        si, space, weight=6.0, clearance_threshold=0.4, **options
-    )
-    between, ratios, extra = si.allocState(), [], False
-    for a, b in zip(*draw_edges(space, 25, 2, reach), strict=True):
-        first, second = make_state(space, si, a), make_state(space, si, b)
-        length, points = states.distance(first, second), []
-        for share in ((np.arange(400) + 0.5) / 400).tolist():
-            states.interpolate(first, second, share, between)
-            points.append(read(between))
-        short = np.maximum(0.0, 1.0 - space.clearance(np.array(points)) / 0.4)
-        cost = objective.motionCost(first, second).value()
-        assert (
-            cost >= length * (1 - 1e-9)
-            and cost >= objective.motionCostHeuristic(first, second).value() - 1e-9
-        )
-        ratios.append(cost / (length * (1.0 + 6.0 * (short**2).mean())))
-        extra |= cost > 1.5 * length
-        if curve is None:
-            assert objective.motionCost(second, first).value() == pytest.approx(cost)
-        at = 1.0 + 6.0 * max(0.0, 1.0 - space.clearance(read(first)) / 0.4) ** 2
-        assert objective.stateCost(first).value() == pytest.approx(at)
-        line = math.dist(read(first)[: space.grid.dim], read(second)[: space.grid.dim])
-        assert objective.motionCostHeuristic(first, second).value() == pytest.approx(line)
-    assert extra and np.median(np.abs(np.array(ratios) - 1.0)) < 0.03
+    objective = planners.ClearanceObjective(si, space, **PENALTIES, **options)
+    plain = planners.WeightedLength(si, space, **options)
+    between = si.allocState()
+
+    def find_costs(q: Any) -> np.ndarray:
+        """Return the cost of a metre at configurations."""
+        shortfall = np.maximum(0.0, 1.0 - space.clearance(np.array(q)) / 0.4)
+        return 1.0 + 6.0 * shortfall**2
+
+    ratios = []
+    for reach in (0.4, 2.5):
+        for a, b in zip(*draw_edges(space, 20, 2, reach), strict=True):
+            first, last = make_state(space, si, a), make_state(space, si, b)
+            length = states.distance(first, last)
+            points = []
+            for share in ((np.arange(400) + 0.5) / 400).tolist():
+                states.interpolate(first, last, share, between)
+                points.append(read(between))
+            cost = objective.motionCost(first, last).value()
+            least = objective.motionCostHeuristic(first, last).value()
+            assert least == pytest.approx(math.dist(read(first)[:dim], read(last)[:dim]))
+            assert cost >= length * (1 - 1e-9) and cost >= least - 1e-9
+            ratios.append(cost / (length * find_costs(points).mean()))
+            assert objective.stateCost(first).value() == pytest.approx(find_costs([a])[0])
+            assert plain.motionCost(first, last).value() == pytest.approx(length)
+            if curve is None:
+                assert objective.motionCost(last, first).value() == pytest.approx(cost)
+    assert np.median(np.abs(np.array(ratios) - 1.0)) < 0.03
     assert objective.motionCost(first, first).value() == 0.0
 
 
-@pytest.mark.parametrize("name", SPACES)
-def test_zero_weight_gives_the_length(name: str) -> None:
+# ---- lower bounds --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", lengths.WORLDS)
+@settings(max_examples=25)
+@given(seeds)
+def test_no_path_is_shorter_than_the_bound(kind: str, seed: int) -> None:
+    outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
+    assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
+
+
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(sorted(ENDPOINTS)))
+def test_no_certified_path_is_shorter_than_the_bound(seed: int, name: str) -> None:
     space = build_room(name)
-    setup = planners.simple_setup(space)
-    si, states = setup.getSpaceInformation(), setup.getStateSpace()
-    objective = planners.ClearanceObjective(si, space, weight=0)
-    for a, b in zip(*draw_edges(space, 30, 3), strict=True):
-        endpoints = make_state(space, si, a), make_state(space, si, b)
-        assert objective.motionCost(*endpoints).value() == pytest.approx(
-            states.distance(*endpoints)
-        )
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"weight": -1.0},
-        {"weight": math.nan},
-        {"weight": [1.0]},
-        {"clearance_threshold": 0.0},
-        {"clearance_threshold": math.inf},
-    ],
-)
-def test_invalid_weights_are_refused(options: dict[str, Any]) -> None:
-    space = build_room("plane")
-    with pytest.raises(InputError, match=next(iter(options))):
-        planners.ClearanceObjective(
-            planners.simple_setup(space).getSpaceInformation(), space, **options
-        )
+    dim = space.grid.dim
+    start, goal = space.sample_free(2, np.random.default_rng(seed))
+    goal[:dim] = start[:dim] if seed % 3 == 0 else goal[:dim]
+    if not space.is_free(goal):
+        return
+    for options in ({}, {"planner": "RRTConnect", "seed": seed % 1000}):
+        plan = planners.plan(space, start, goal, time_limit=1.0, **options)
+        if plan.certified:
+            straight = math.dist(start[:dim], goal[:dim])
+            length = plan.length + 0.5 * plan.total_rotation
+            assert straight * (1.0 - 1e-6) <= plan.lower_bound <= length
+            assert plan.gap >= 0.0
+            if len(plan.waypoints) == 2:  # a single edge is a shortest path
+                assert plan.gap < 1e-6
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
@@ -94,26 +102,16 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
     space = build_room("turning")
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
     length = planners.WeightedLength(si, space, drive=drive)
-    driven = planners.ClearanceObjective(
-        si, space, weight=6.0, clearance_threshold=0.4, drive=drive
-    )
-    parts = planners.ClearanceObjective(
-        planners.simple_setup(space).getSpaceInformation(), space, weight=6, clearance_threshold=0.4
-    )
+    driven = planners.ClearanceObjective(si, space, **PENALTIES, drive=drive)
+    straight = planners.ClearanceObjective(si, space, **PENALTIES)
     edges = local_planner(space, drive=drive)
     for a, b in zip(*draw_edges(space, 25, 5, 1.0), strict=True):
-        first, second = make_state(space, si, a), make_state(space, si, b)
-        step = complex(*(b - a)[:2])
-        headings = [step, -step] if drive == "differential-reverse" else [step]
-        turns = [
-            abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h))
-            for h in headings
-        ]
-        assert length.motionCost(first, second).value() == pytest.approx(
-            abs(step) + 0.5 * min(turns)
-        )
+        ends = make_state(space, si, a), make_state(space, si, b)
+        metres = edges.edge_lengths(a[None], b[None])[0]
+        assert length.motionCost(*ends).value() == pytest.approx(metres)
         rows = [make_state(space, si, q) for q in edges.insert_breakpoints(np.array([a, b]))]
-        total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
-        assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(
-            step
-        )
+        parts = [straight.motionCost(p, q).value() for p, q in itertools.pairwise(rows)]
+        assert driven.motionCost(*ends).value() == pytest.approx(sum(parts))
+    for options in ({"weight": math.nan}, {"clearance_threshold": 0.0}):
+        with pytest.raises(InputError, match=next(iter(options))):
+            planners.ClearanceObjective(si, space, **options)

@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 import cspace
 import planners
 from cspace import InputError
-from cspace.interface import SearchOptions
-from tests.helpers.planning import ENDPOINTS, SPACES, build_room, make_state
 from tests.helpers.refusals import refusals
 
 
@@ -32,7 +30,8 @@ class Disc(cspace.Space):
         return self.motion_is_free(q, q)
 
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool:
-        first, last = np.asarray(q0)[:2], np.asarray(q1)[:2]
+        first = np.asarray(q0)[:2]
+        last = np.asarray(q1)[:2]
         step = last - first
         t = np.clip(-first @ step / max(step @ step, 1e-12), 0.0, 1.0)
         return bool(np.hypot(*(first + t * step)) > 1.0)
@@ -48,9 +47,6 @@ class Searched(Disc):
     def max_velocity(self) -> dict[str, float]:
         return {"a": 1.0, "b": 0.5}
 
-    def clearance(self, q: ArrayLike) -> float:
-        return float(np.hypot(*np.asarray(q))) - 1.0
-
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
         return bool(np.asarray(q1)[1] < 1.9)
 
@@ -62,48 +58,29 @@ class Searched(Disc):
 START, GOAL = (-1.5, 0.0), (1.5, 0.1)
 
 
-@pytest.mark.parametrize("axes", [("a", "b"), ("x", "y"), ("x", "y", "yaw")])
-@pytest.mark.parametrize("planner", [None, "RRTstar", "PRM"])
+@pytest.mark.parametrize(
+    ("axes", "planner"), [(("a", "b"), None), (("x", "y"), "PRM"), (("x", "y", "yaw"), "RRTstar")]
+)
 def test_a_plan_follows_motions_that_the_space_proves(axes: Any, planner: Any) -> None:
-    space, turn = Disc(*axes), (0.5,) * (len(axes) - 2)
-    goal = (*GOAL, *(-2.0 * each for each in turn))
-    plan = planners.plan(space, (*START, *turn), goal, planner=planner, time_limit=0.3, seed=1)
+    space = Disc(*axes)
+    turns = len(axes) == 3
+    ends = [(*START, 0.5), (*GOAL, -1.0)] if turns else [START, GOAL]
+    plan = planners.plan(space, *ends, planner=planner, time_limit=0.3, seed=1)
     assert plan.certified and plan.planner == (planner or "RRTConnect")
     assert all(map(space.motion_is_free, plan.path[:-1], plan.path[1:])) and plan.recheck().all()
-    assert plan.path[0].tolist() == [*START, *turn] and plan.path[-1].tolist() == list(goal)
+    assert plan.path[[0, -1]].tolist() == np.array(ends).tolist()
     # The shortest path consists of two tangents of the disc, and the arc between.
-    around = math.pi - math.atan2(GOAL[1], GOAL[0])
-    radii = [math.hypot(*START), math.hypot(*GOAL)]
-    tangents = sum(math.sqrt(radius**2 - 1.0) for radius in radii)
-    shortest = tangents + around - sum(math.acos(1.0 / radius) for radius in radii)
+    radii = np.array([math.hypot(*START), math.hypot(*GOAL)])
+    around = math.pi - math.atan2(GOAL[1], GOAL[0]) - np.arccos(1.0 / radii).sum()
+    shortest = around + np.sqrt(radii**2 - 1.0).sum()
+    steps = np.diff(plan.path[:, :2], axis=0)
+    assert plan.length == pytest.approx(np.linalg.norm(steps, axis=1).sum())
     assert plan.length > shortest and plan.gap >= 0.0
-    assert plan.length == pytest.approx(
-        np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1).sum()
-    )
     assert math.isnan(plan.clearance) and math.isnan(plan.obstacle_distance)
     assert copy.deepcopy(plan).lower_bound == plan.lower_bound
-    assert (
-        plan.trajectory(
-            max_velocity=1.0,
-            max_acceleration=1.0,
-            **dict.fromkeys(("max_angular_velocity", "max_angular_acceleration"), 1.0)
-            if turn
-            else {},
-        ).duration
-        > plan.length
-    )
-
-
-def test_a_set_up_checks_states_and_motions() -> None:
-    space = Searched("a", "b")
-    si = planners.simple_setup(space).getSpaceInformation()
-    checker = planners.StateValidityChecker(si, space)
-    for first, last in np.random.default_rng(0).uniform(-2.0, 2.0, (40, 2, 2)).tolist():
-        states = [make_state(space, si, q) for q in (first, last)]
-        assert si.isValid(states[0]) == space.is_free(first)
-        assert si.checkMotion(*states) == space.motion_is_free(first, last)
-        assert checker.clearance(states[0]) == space.clearance(first)
-    assert si.getStateSpace().getDimension() == 2
+    angular = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0} if turns else {}
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0, **angular)
+    assert trajectory.duration > plan.length
 
 
 def test_a_search_of_the_space_is_the_default_planner() -> None:
@@ -122,10 +99,8 @@ def test_a_search_of_the_space_is_the_default_planner() -> None:
     "options, message",
     ({"start": (0.0, 0.0)}, r"start \(0.0, 0.0\) is not free; a path starts and ends in free"),
     ({"goal": (3.0, 0.0)}, r"goal \(3.0, 0.0\) lies outside the bounds"),
-    ({"goal": (3.0,)}, r"goal has shape \(1,\); it must be one configuration of 2 numbers"),
     ({"goal": cspace.PoseGoal("tip", np.eye(4))}, "goal is a PoseGoal"),
-    ({"planner": "Grid"}, "planner is 'Grid' and space is .*; its built-in searches are none"),
-    ({"drive": "differential"}, "it is for the axes .x, y, yaw. of a map"),
+    ({"planner": "Grid"}, "'Grid' and space is .*; its built-in searches are none"),
     ({"objective": "clearance"}, "objective is for maps"),
 )
 def test_what_a_space_cannot_do_is_refused(options: dict[str, Any], message: str) -> None:
@@ -134,53 +109,14 @@ def test_what_a_space_cannot_do_is_refused(options: dict[str, Any], message: str
         planners.plan(Disc("x", "y"), given.pop("start"), given.pop("goal"), **given)
 
 
-def test_a_space_without_pictures_says_so() -> None:
-    plan = planners.plan(Disc("x", "y"), START, (-1.5, 1.0))
+def test_spaces_without_pictures_and_with_wrong_bounds_say_so() -> None:
+    space = Disc("x", "y")
     with pytest.raises(InputError, match="only maps and arms are drawn"):
-        plan.plot()
-
-
-def test_spaces_measure_and_interpolate_the_shorter_way() -> None:
-    space = Disc("x", "y", "yaw")
-    first, last = np.array([0.0, 0.0, 3.0]), np.array([3.0, 4.0, -3.0])
-    turn = 2.0 * math.pi - 6.0
-    assert space.distance(first, last) == pytest.approx(5.0 + 0.5 * turn)
-    halfway = space.interpolate(first, last, 0.5)
-    assert halfway == pytest.approx([1.5, 2.0, 3.0 + 0.5 * turn])
-    assert space.min_path_length(first, last) == 5.0
-
-
-def test_a_space_needs_axes_bounds_and_both_tests() -> None:
-    class Empty(cspace.Space):
-        axes = ("x", "y")
-
-    with pytest.raises(TypeError, match="bounds"):
-        Empty()  # type: ignore[abstract]
-
-
-def test_bounds_that_do_not_fit_the_axes_are_refused() -> None:
+        planners.plan(space, START, (-1.5, 1.0)).plot()
     for wrong in ((-2.0,) * 3, (2.0,) * 3), ((2.0, 2.0), (-2.0, -2.0)):
-        space = Disc("x", "y")
         space.bounds = wrong  # type: ignore[assignment]
         with pytest.raises(InputError, match=r"bounds are .*two rows of 2 numbers"):
             planners.plan(space, START, GOAL)
-
-
-@pytest.mark.parametrize("name", SPACES)
-def test_maps_answer_the_interface_as_their_own_queries(name: str) -> None:
-    space, (start, goal) = build_room(name), ENDPOINTS[name]
-    assert space.path_exists(start, goal) is True and space.is_connected(start, goal)
-    assert space.path_exists(start, start) is True
-    ends = np.array([start, goal])
-    rows = space.interpolate(ends[:1], ends[1:], np.linspace(0.0, 1.0, 5)[:, None])
-    assert rows[0] == pytest.approx(start) and space.distance(rows[-1], ends[1]) < 1e-7
-    parts = space.distance(rows[:-1], rows[1:])
-    assert parts == pytest.approx(np.full(4, space.distance(*ends) / 4.0))
-    lower, upper = space.check_bounds()
-    assert lower.tolist() == list(space.grid.lower) and upper.tolist() == list(space.grid.upper)
-    assert space.check_endpoint(start, "start") == pytest.approx(start)
-    found = space.search("Grid", (start, goal), SearchOptions(True, False, None, None, 20.0))
-    assert np.array_equal(found, space.find_path(start, goal))
 
 
 def test_an_angle_that_wraps_is_no_coordinate_of_a_pose() -> None:

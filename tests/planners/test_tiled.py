@@ -8,140 +8,91 @@ import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import make_state
 from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
 
 
-def maze(side=90):
+def build_maze(side=60, extra=()):
     """Build walls with gaps at alternate ends."""
     walls = np.zeros((side, side), dtype=bool)
     for k, x in enumerate(range(15, side - 5, 15)):
         walls[x : x + 2] = True
         walls[x : x + 2, slice(3, 15) if k % 2 else slice(side - 15, side - 3)] = False
+    walls[list(extra)] = True
     return cspace.Workspace.from_array(walls, 0.1)
-
-
-@pytest.mark.parametrize(("robot", "rotations"), [(cspace.Robot.disc(0.25), None), (SMALL_CAR, 12)])
-def test_a_path_through_many_tiles_is_certified_and_repeatable(robot, rotations, tmp_path):
-    tiled = cspace.build(maze(), robot, rotations=rotations, store=tmp_path / "m", tile=20)
-    space = cspace.build(maze(), robot, rotations=rotations)
-    turn = [0.1] * (space.size - 2)
-    start, goal = [0.7, 0.7, *turn], [8.5, 8.4, *turn]
-    plan = planners.plan(tiled, start, goal, seed=1)
-    assert plan.solved
-    assert plan.certified
-    assert "nan" not in repr(plan)
-    assert plan.is_connected
-    np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
-    assert space.certify_path(plan.waypoints).all()
-    assert plan.length > 30.0
-    assert any(line.get_label() == "path" for line in plan.plot().lines)  # drawn over an overview
-    again = planners.plan(tiled, start, goal, seed=1)
-    np.testing.assert_array_equal(plan.waypoints, again.waypoints)
-
-
-def test_a_path_within_one_tile_or_of_length_zero_is_certified(tmp_path):
-    tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=1000)
-    assert planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], seed=0).certified
-    assert planners.plan(tiled, [0.7, 0.7], [0.7, 0.7]).certified
-
-
-def test_disconnection_is_proven(tmp_path):
-    walls = maze().outer.copy()
-    walls[45:47] = True
-    workspace = cspace.Workspace.from_array(walls, 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
-    plan = planners.plan(tiled, [0.7, 0.7], [8.5, 8.4])
-    assert not plan.solved
-    assert plan.is_disconnected
-    assert "proven" in plan.status
-
-
-def test_the_status_tells_if_existence_is_undecided(tmp_path):
-    # The gap is as wide as the robot.
-    workspace = cspace.Workspace.from_array(fill_boxes((60, 40), np.s_[30:32, 4:]), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=15)
-    plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
-    assert not plan.solved and not (plan.is_connected or plan.is_disconnected)
-    assert (
-        plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
-    )
 
 
 @pytest.fixture(scope="module")
 def tiled_maze(tmp_path_factory):
-    return cspace.build(
-        maze(), cspace.Robot.disc(0.25), store=tmp_path_factory.mktemp("maze") / "m", tile=20
-    )
+    store = tmp_path_factory.mktemp("maze") / "m"
+    return cspace.build(build_maze(), cspace.Robot.disc(0.25), store=store, tile=20)
 
 
-def test_a_blocked_goal_on_a_tiled_map_is_refused_with_the_nearest_free_one(tiled_maze):
-    with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:
-        planners.plan(tiled_maze, [0.7, 0.7], [1.55, 4.0])
-    assert tiled_maze.is_free(caught.value.nearest)
-
-
-@refusals(
-    "options, message",
-    ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
-    ({"exact": True}, "exact needs a map in memory"),
-    ({"drive": "dubins", "turning_radius": 1.0}, r"it is for the axes .x, y, yaw."),
-)
-def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
-    with pytest.raises(InputError, match=message):
-        planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
-
-
-def test_a_setup_for_a_tiled_map_proves_states_and_motions(tiled_maze):
-    si = planners.simple_setup(tiled_maze).getSpaceInformation()
-    points = np.random.default_rng(0).uniform(0.0, 9.0, (40, 2, 2)).tolist()
-    answers = set()
-    for first, last in points:
-        states = [make_state(tiled_maze, si, q) for q in (first, last)]
-        assert si.isValid(states[0]) == tiled_maze.is_free(first)
-        assert si.checkMotion(*states) == tiled_maze.motion_is_free(first, last)
-        answers.add(si.checkMotion(*states))
-    assert answers == {True, False}
+@pytest.fixture(scope="module")
+def car_maps(tmp_path_factory):
+    """Build a tiled map, and the same map in memory."""
+    store = tmp_path_factory.mktemp("car") / "m"
+    tiled = cspace.build(build_maze(), SMALL_CAR, rotations=16, store=store, tile=30)
+    return tiled, cspace.build(build_maze(), SMALL_CAR, rotations=16)
 
 
 @pytest.mark.parametrize(
     "options",
     [
+        {},
         {"drive": "reeds-shepp", "turning_radius": 0.3},
         {"drive": "differential"},
         {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.1},
         {"planner": "RRTConnect"},
     ],
-    ids=["reeds-shepp", "differential", "clearance", "planner"],
+    ids=str,
 )
-def test_tiled_plans_accept_the_options_of_plans_in_memory(options, tmp_path):
+def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     # Tiles are planned in memory; the path is also proven on the whole map in memory.
-    workspace = maze(60)
-    tiled = cspace.build(workspace, SMALL_CAR, rotations=16, store=tmp_path / "m", tile=30)
-    space = cspace.build(workspace, SMALL_CAR, rotations=16)
-    start, goal = [0.7, 0.9, 0.1], [5.3, 4.9, 0.1]
-    plan = planners.plan(tiled, start, goal, seed=1, **{"time_limit": 3.0, **options})
-    assert plan.certified
-    assert "through" in plan.status
-    np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
-    edges = local_planner(
-        space, False, options.get("drive", "holonomic"), options.get("turning_radius")
-    )
+    tiled, space = car_maps
+    ends = [0.7, 0.9, 0.1], [5.3, 4.9, 0.1]
+    options = {"time_limit": 3.0, "seed": 1, **options}
+    plan = planners.plan(tiled, *ends, **options)
+    assert plan.certified and plan.is_connected and "through" in plan.status
+    assert plan.recheck().all() and plan.length > 10.0
+    np.testing.assert_allclose(plan.waypoints[[0, -1]], ends)
+    drive = options.get("drive", "holonomic")
+    edges = local_planner(space, False, drive, options.get("turning_radius"))
     assert edges.are_free(plan.waypoints)
     assert plan.clearance == pytest.approx(edges.clearance(plan.waypoints))
-    assert plan.recheck().all() and "found, certified" in repr(plan).replace(plan.status, "found")
+    assert any(line.get_label() == "path" for line in plan.plot().lines)  # over an overview
+    if "objective" not in options:
+        again = planners.plan(tiled, *ends, **options)
+        np.testing.assert_array_equal(plan.waypoints, again.waypoints)
 
 
-def test_a_car_rotates_in_a_bay(tmp_path):
-    # The car fits between walls only lengthwise, also if the planner has no time.
-    walls = np.ones((120, 120), dtype=bool)
-    walls[10:20, 10:110] = walls[10:110, 100:110] = walls[5:25, 90:115] = False
-    workspace = cspace.Workspace.from_array(walls, 0.1)
-    tiled = cspace.build(
-        workspace, cspace.Robot.rectangle(1.2, 0.4), rotations=16, store=tmp_path / "m", tile=40
-    )
-    for options in ({}, {"planner": "RRTConnect", "time_limit": 1e-4}):
-        plan = planners.plan(tiled, [1.5, 2.0, np.pi / 2], [10.0, 10.5, 0.0], **options)
-        assert plan.certified
+def test_the_status_tells_if_existence_is_disproven_or_undecided(tmp_path):
+    shut = build_maze(extra=(45, 46))
+    gap = cspace.Workspace.from_array(fill_boxes((60, 60), np.s_[30:32, 4:]), 0.1)
+    for name, workspace, radius, status in (
+        ("shut", shut, 0.25, "no path exists: proven"),
+        # The gap is as wide as the robot.
+        (
+            "gap",
+            gap,
+            0.2,
+            "no chain of FREE cells joins start and goal; undecided whether one exists",
+        ),
+    ):
+        robot = cspace.Robot.disc(radius)
+        tiled = cspace.build(workspace, robot, store=tmp_path / name, tile=20)
+        plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
+        assert plan.status == status and plan.is_disconnected == (name == "shut")
+
+
+@refusals(
+    "options, message",
+    ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
+    ({"goal": [1.55, 2.0]}, r"goal .*BLOCKED.*the nearest is"),
+    ({"exact": True}, "exact needs a map in memory"),
+)
+def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
+    with pytest.raises((InputError, ConfigurationError), match=message) as caught:
+        planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
+    assert "exact" in options or tiled_maze.is_free(caught.value.nearest)

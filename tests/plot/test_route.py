@@ -1,4 +1,4 @@
-"""Interpolation of paths and bodys of robots in pictures."""
+"""Interpolation of paths, and bodies of robots in pictures."""
 
 import math
 
@@ -6,93 +6,82 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cspace import Robot
 from cspace.plot.route import Body, interpolate_path, path_lengths
 from cspace.rotations import Rotations
+from tests.helpers.strategies import seeds
 
-ROBOTS = {2: Robot.disc(0.7), 3: Robot.box((0.4, 0.2, 0.6))}
-NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
-number = st.floats(-5, 5)
+NONE = Rotations.of(None)
+YAW = Rotations.of(1)
+QUATERNION = Rotations.quaternions(1)
+BOX = Robot.box((0.4, 0.2, 0.6))
 
 
-@pytest.mark.parametrize(
-    ("dim", "rotations"),
-    [(2, NONE), (3, NONE), (2, YAW), (3, YAW), (3, QUATERNION)],
-    ids=lambda each: str(each),
+def draw_configurations(rng, number, dim, rotations):
+    """Draw positions with a yaw, a quaternion or nothing."""
+    rows = rng.uniform(-5.0, 5.0, (number, dim + len(rotations.names)))
+    if rotations is QUATERNION:
+        rows[:, dim:] /= np.linalg.norm(rows[:, dim:], axis=1)[:, None]
+    return rows
+
+
+@given(
+    st.sampled_from([(2, NONE), (3, NONE), (2, YAW), (3, YAW), (3, QUATERNION)]),
+    st.integers(1, 6),
+    seeds,
 )
-@given(data=st.data())
-def test_interpolation_has_even_speed_along_the_path(
-    dim: int, rotations: Rotations, data: st.DataObject
-) -> None:
-    body = Body(ROBOTS[dim], rotations)
-    turn = (
-        st.tuples(*[number] * 3, st.floats(1, 5))
-        if rotations is QUATERNION
-        else st.tuples(*[number] * len(rotations.names))
-    )
-    drawn = data.draw(st.lists(st.tuples(st.tuples(*[number] * dim), turn), min_size=1, max_size=6))
-    path = np.array(
-        [
-            (*position, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0))
-            for position, rest in drawn
-        ]
-    )
-    lengths = path_lengths(rotations, path, body.reach)
-    assert (np.diff(lengths) >= 0).all()
-    stations = interpolate_path(rotations, path, np.linspace(0.0, 1.0, 7), body.reach)
-    np.testing.assert_allclose(
-        rotations.steps_between(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7
-    )
-    # The speed is even, so the path between two stations has the same length.
-    between = np.diff(path_lengths(rotations, stations, body.reach))
+def test_interpolation_has_even_speed_along_the_path(space, number, seed):
+    dim, rotations = space
+    path = draw_configurations(np.random.default_rng(seed), number, dim, rotations)
+    lengths = path_lengths(rotations, path, 0.7)
+    assert (np.diff(lengths) >= 0.0).all()
+    stations = interpolate_path(rotations, path, np.linspace(0.0, 1.0, 7), 0.7)
+    ends = rotations.steps_between(stations[[0, -1]], path[[0, -1]])
+    np.testing.assert_allclose(ends, 0.0, atol=1e-7)
+    # The path between two stations is at most as long as a straight line of the same share.
+    between = np.diff(path_lengths(rotations, stations, 0.7))
     assert (between <= lengths[-1] / 6 + 1e-7).all()
 
 
-def test_interpolation_rotates_the_shorter_way() -> None:
+def test_interpolation_rotates_the_shorter_way():
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
     q = interpolate_path(YAW, path, np.linspace(0, 1, 9), 0.7)
     assert (np.cos(q[:, 2]) <= np.cos(3.0) + 1e-12).all()
     np.testing.assert_allclose(np.exp(1j * q[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
 
-def test_body_transforms_points_and_outlines() -> None:
-    points, half = np.array([(1.0, 0.0, 0.5)]), math.sqrt(0.5)
-    box, turning, free = (Body(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
-    np.testing.assert_allclose(box.transform(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])
-    np.testing.assert_allclose(
-        turning.transform(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)]
-    )
-    np.testing.assert_allclose(
-        free.transform(points, np.array([2.0, 3.0, 4.0, 0.0, half, 0.0, half])), [(2.5, 3.0, 3.0)]
-    )
-    flat = Body(ROBOTS[2], YAW)
-    np.testing.assert_allclose(
-        flat.transform(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)]
-    )
-    np.testing.assert_allclose(
-        turning.extents(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
-    )
-    side = turning.outlines(np.array([0.0, 0.0, 0.0, math.pi / 2]), (0, 2))
-    np.testing.assert_allclose(
-        [side[0].min(axis=0), side[0].max(axis=0)], [(-0.1, -0.3), (0.1, 0.3)], atol=1e-6
-    )
-    on_its_side = free.outlines(np.array([0.0, 0.0, 0.0, half, 0.0, 0.0, half]), (0, 1))
-    np.testing.assert_allclose([np.ptp(on_its_side[0], axis=0)], [(0.4, 0.6)], atol=1e-6)
+@given(seeds, st.sampled_from([(0, 1), (0, 2), (1, 2)]), st.sampled_from([NONE, YAW, QUATERNION]))
+def test_bodies_are_placed_as_scipy_rotates_them(seed, pair, rotations):
+    (q,) = draw_configurations(np.random.default_rng(seed), 1, 3, rotations)
+    turn = Rotation.identity()
+    if rotations is YAW:
+        turn = Rotation.from_rotvec([0.0, 0.0, q[3]])
+    elif rotations is QUATERNION:
+        turn = Rotation.from_quat(q[3:])
+    body = Body(BOX, rotations)
+    corners = turn.apply(body.points) + q[:3]
+    np.testing.assert_allclose(body.transform(body.points, q), corners, atol=1e-12)
+    extents = [corners.min(axis=0), corners.max(axis=0)]
+    np.testing.assert_allclose(body.extents(q), extents, atol=1e-12)
+    (outline,) = body.outlines(q, pair)
+    ends = [outline.min(axis=0), outline.max(axis=0)]
+    np.testing.assert_allclose(ends, np.array(extents)[:, pair], atol=1e-6)
 
 
-def test_large_meshes_are_drawn_with_few_triangles() -> None:
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
-    body = Body(Robot.from_mesh(ball), NONE)
-    assert 200 < len(body.triangles) <= 4000
-    np.testing.assert_allclose(body.extents(np.zeros(3)), ball.bounds, atol=0.03)
-
-
-@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
 @pytest.mark.parametrize(
-    "robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=lambda robot: robot.name
+    "robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=["ball", "capsule"]
 )
-def test_a_body_without_a_hole_has_one_outline(robot: Robot, pair: tuple[int, int]) -> None:
-    assert len(Body(robot, NONE).outlines(np.zeros(3), pair)) == 1
+def test_a_body_without_a_hole_has_one_outline(robot):
+    for pair in ((0, 1), (0, 2), (1, 2)):
+        assert len(Body(robot, NONE).outlines(np.zeros(3), pair)) == 1
+
+
+def test_the_nose_points_along_the_yaw():
+    body = Body(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)), YAW)
+    yaw = 2.0
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    (nose,) = body.noses(np.array([3.0, 3.0, yaw]))
+    np.testing.assert_allclose(nose[0], 3.0 + 0.9 * ahead)
+    assert ((nose - 3.0) @ ahead > 0.4).all()

@@ -5,12 +5,11 @@ import math
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, Robot, Workspace
 from cspace.rotations import Rotations
 from tests.helpers import handmade
 from tests.helpers.maps import proven_paths
@@ -108,47 +107,6 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
-def build_wall(gap, outside="blocked"):
-    """Build a room with a wall and a gap."""
-    occupied = np.zeros((40, 20), dtype=bool)
-    occupied[20, gap:] = True
-    return cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25), outside=outside)
-
-
-def test_door_width_decides_connectivity():
-    assert build_wall(12).is_connected((1.0, 1.0), (3.0, 1.0))
-    assert build_wall(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
-    assert (
-        proven_paths(build_wall(5), (1.0, 1.0), (3.0, 1.0)) is None
-    )  # 0.5 m for a disc 0.5 m across
-
-
-def test_free_exterior_leaves_connectivity_undecided():
-    assert proven_paths(build_wall(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
-    assert build_wall(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
-
-
-@pytest.mark.parametrize(
-    "robot", [Robot.disc(0.1), Robot.rectangle(0.2, 0.2)], ids=["disc", "square"]
-)
-@pytest.mark.parametrize(
-    ("spacing", "beyond", "proven"),
-    [(0.1, 0.0, False), (0.1, 1e-3, True), (0.05, 0.0, True)],
-    ids=["to the bounds", "beyond the bounds", "finer cells"],
-)
-def test_walls_disconnect_small_robots_as_the_page_of_limits_says(robot, spacing, beyond, proven):
-    wall = shapely.box(2.0, -beyond, 2.4, 3.0 + beyond)
-    workspace = Workspace.from_polygons([wall], spacing, bounds=(0.0, 0.0, 4.0, 3.0))
-    assert cspace.build(workspace, robot).is_disconnected((0.5, 1.5), (3.5, 1.5)) == proven
-
-
-def test_blocked_configurations_are_disconnected():
-    space = build_wall(12)
-    assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
-    assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
-    assert space.is_connected((1.0, 1.0), (1.0, 1.0))
-
-
 def test_bar_passes_only_lengthwise():
     """Put a bar into a narrow passage."""
     occupied = np.zeros((160, 80), dtype=bool)
@@ -164,25 +122,3 @@ def test_bar_passes_only_lengthwise():
     closed = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
     assert closed.is_free([(*center, 0.0), (*center, math.pi)]).all()
     assert closed.is_disconnected((*center, 0.0), (*center, math.pi))
-
-
-def test_rotations_in_place_wrap_around():
-    states = np.full((6, 1, 1), BLOCKED)
-    states[[0, 1, 5]] = FREE
-    space = handmade.make_map(states, "turning")
-    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, -1.0))
-    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0))
-    assert space.is_disconnected((0.1, 0.1, 0.0), (0.1, 0.1, math.pi))
-
-
-def test_connectivity_broadcasts_and_refuses_nan():
-    space = build_wall(12)
-    assert (
-        proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist()
-        == [[True] * 3] * 2
-    )
-    assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
-    with pytest.raises(InputError, match=r"edge number 0 is .*nan"):
-        space.is_connected((np.nan, 1.0), (1.0, 1.0))
-    with pytest.raises(InputError, match=r"edge number 2 is .*nan"):
-        space.is_disconnected(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])

@@ -1,7 +1,6 @@
 """Edges against exact clipping, OMPL's interpolation, and samples along them."""
 
 import math
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -10,23 +9,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-import cspace
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, TWO_PI
-from tests.helpers import handmade, oracles
+from cspace.rotations.base import TWO_PI
+from tests.helpers import oracles
 from tests.helpers.handmade import (
     ALL_FREE,
     Outside,
     cells_around,
-    fill_boxes,
     free_except,
     map_of,
     outsides,
     state_of,
     states,
 )
-from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
 
 H = 0.25
@@ -58,58 +54,16 @@ points = st.tuples(places, places, places)
 
 @settings(max_examples=200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
-@example(
-    free_except((1, 1, 2)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75)
-)  # through a lattice point
-@example(free_except((2, 1, 1)), ALL_FREE, (0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
-@example(
-    free_except((1, 2, 0)), ALL_FREE, (0.25, 0.25, 0.1), (0.75, 0.75, 0.1)
-)  # through a line of the lattice
-@example(free_except((0, 2, 2)), ALL_FREE, (0.1, 0.25, 0.25), (0.1, 0.75, 0.75))
-@example(
-    free_except((2, 2, 2)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5)
-)  # along a line that four cells share
-@example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))
-@example(free_except((1, 2, 1)), ALL_FREE, (0.5, 0.0, 0.5), (0.5, 1.0, 0.5))
-@example(free_except((1, 2, 3)), ALL_FREE, (0.5, 0.5, 0.0), (0.5, 0.5, 1.0))
-@example(
-    free_except((1, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
-)  # a point that eight cells share
-@example(
-    free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0)
-)  # upright except for tiny numbers
-@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.1, 0.0), (5e-324, 0.1, 1.0))
-@example(free_except((1, 3, 0)), ALL_FREE, (0.25, 1.0, 0.25), (0.25 + 2.0**-54, 0.75, 0.0))
-@example(free_except(), ALL_FREE, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+@example(free_except((1, 1, 2)), ALL_FREE, (0.25,) * 3, (0.75,) * 3)  # through a lattice point
+@example(free_except((2, 1, 1)), ALL_FREE, (0.0, 0.5, 0.5), (1.0, 0.5, 0.5))  # along a line
+@example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))
 @example(free_except(), Outside.all_of(BLOCKED), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-@example(
-    free_except(), Outside(np.array([-1, 2, 2, 5, 5, 2]), FREE), (-0.5, 0.6, 0.6), (-0.3, 0.6, 0.6)
-)
 @example(
     free_except(),
     Outside(np.array([1, 1, 4, 2, 2, 5]), FREE),
     (0.3, 0.3, 0.9),
     (0.3, 0.3, 1.0 + 2.0**-20),
 )
-@example(
-    free_except(),
-    Outside(np.array([1, 1, -2, 2, 2, -1]), FREE),
-    (0.3, 0.3, 0.9),
-    (0.3, 0.3, -(2.0**-20)),
-)
-# In the plane: through a corner.
-@example(free_except((1, 2), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(free_except((2, 1), side=8, dim=2), ALL_FREE, (0.25, 0.25, 0.0), (0.75, 0.75, 0.0))
-@example(
-    free_except((3, 3), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
-)  # along a border, above a cell
-@example(
-    free_except((3, 4), side=8, dim=2), ALL_FREE, (0.0, 1.0, 0.0), (2.0, 1.0, 0.0)
-)  # and below one
-@example(free_except(side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (2.0, 2.0, 0.0))
-# Upright except for tiny numbers.
-@example(free_except((0, 0), side=8, dim=2), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 0.25, 0.0))
-@example(free_except((0, 1), side=8, dim=2), ALL_FREE, (0.0, 2.0, 0.0), (1e-300, 0.0, 0.0))
 def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, start, end):
     dim, outside = state.ndim, outside.project(state.ndim)
     start, end, lower, upper = start[:dim], end[:dim], (0.0,) * dim, H * np.array(state.shape)
@@ -152,55 +106,6 @@ def test_rounding_hides_no_touched_cell(seed, away, dim):
         assert not (free and touches(start, end, [blocked], h, lower))
 
 
-@settings(max_examples=20)
-@given(seeds, st.sampled_from([(2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]))
-def test_edges_along_a_boundary_touch_both_sides(seed, which):
-    """Use the floats next to the exact boundary."""
-    rng, (dim, axis) = np.random.default_rng(seed), which
-    for _ in range(15):
-        h, k = float(rng.uniform(0.01, 3.0)), int(rng.integers(1, 6))
-        lower = (
-            -h * k
-        )  # the boundary is near zero, where its distance from the corner is rounded the most
-        boundary = Fraction(lower) + Fraction(h) * k
-        below = (
-            float(boundary)
-            if Fraction(float(boundary)) <= boundary
-            else np.nextafter(float(boundary), -9.0)
-        )
-        above = (
-            float(boundary)
-            if Fraction(float(boundary)) >= boundary
-            else np.nextafter(float(boundary), 9.0)
-        )
-        for cell, values in ((k - 1, (below, below - 1e-17)), (k, (above, above + 1e-17))):
-            state = np.zeros((7,) * dim, dtype=np.uint8)
-            state[(slice(None),) * axis + (cell,)] = MIXED
-            q0, q1 = lower + h * rng.uniform(0, 7, (2, 2, dim))
-            q0[:, axis] = q1[:, axis] = values
-            assert not map_of(state, spacing=h, lower=(lower,) * dim).motion_is_free(q0, q1).any()
-
-
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides())
-def test_samples_of_a_free_edge_are_free(seed, kind, outside):
-    rng = np.random.default_rng(seed)
-    states = handmade.random_states(rng, kind, 6, (FREE,) * 20 + (MIXED,))
-    dim = states.ndim - 1
-    outside = outside.project(dim)
-    space = handmade.make_map(states, kind, outside)
-    inside, around = (
-        rng.random((2, 60, dim)) * space.grid.upper,
-        rng.uniform(-0.6, 1.8, (2, 60, dim)),
-    )
-    positions = np.where(rng.random((60, 1)) < 0.5, inside, around)
-    endpoints = np.concatenate([positions, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
-    q0, q1 = handmade.configurations(space, endpoints)
-    free = space.motion_is_free(q0, q1)
-    for a, b in zip(q0[free], q1[free], strict=True):
-        assert space.is_free(sample_edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_long_edges_outside_the_grid_are_decided(dim):
     space = map_of(np.zeros((4,) * dim))
@@ -213,35 +118,6 @@ def test_long_edges_outside_the_grid_are_decided(dim):
         q = np.full(dim, 0.5)
         q[axis] = value
         assert not blocked_outside.motion_is_free((0.5,) * dim, q)
-
-
-def test_edges_outside_avoid_undecided_regions():
-    space = cspace.build(
-        Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1),
-        Robot.disc(0.2),
-        outside="free",
-    )
-    assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
-    assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
-    assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
-
-
-@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_edge_queries_broadcast_batches(kind):
-    space = handmade.make_map(handmade.full_states(kind, 4), kind)
-    size = space.size
-    one, many = (
-        handmade.configurations(space, np.full(size, 0.1)),
-        handmade.configurations(space, np.ones((3, 5, size))),
-    )
-    assert space.motion_is_free(one, many).shape == (3, 5)
-    assert space.motion_is_free(many[:, :1], many[0]).shape == (3, 5)
-    assert space.motion_is_free(np.empty((0, size)), one).shape == (0,)
-    assert space.is_free_around(np.zeros((2, 0, size)), 0.1).shape == (2, 0)
-    with pytest.raises(InputError, match="broadcast"):
-        space.motion_is_free(many[0, :3], many[0, :4])
-    with pytest.raises(InputError, match="edge number 0"):
-        space.motion_is_free(one, [*one[:-1], np.nan])
 
 
 # ---- positions and yaws --------------------------------------------------------------------------
@@ -262,7 +138,6 @@ def map_free_except(closed, rotations, shape=(SIDE, SIDE)):
 coordinates = st.one_of(st.integers(0, 8).map(lambda k: k / 8), st.floats(0, 1), uniform(0, 1))
 yaws = st.one_of(st.floats(-7, 7), uniform(-7, 7), uniform(-7, 7), boundary_yaws)
 endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
-blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
 
 
 def resolve_configuration(end, borders, shape):
@@ -272,54 +147,6 @@ def resolve_configuration(end, borders, shape):
         *(value * n / SIDE for value, n in zip(position, shape, strict=False)),
         resolve_yaw(yaw, borders),
     )
-
-
-@settings(max_examples=100)
-@given(rotation_cells(6), blocks, endpoints, endpoints, ROOMS)
-@example(
-    4, [(2, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE)
-)  # through the wrap at pi
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, 3.0), (0.3, 0.3, 0.0, -3.0), (SIDE, SIDE))
-@example(4, [(0, 1, 1, 0)], (0.3, 0.3, 0.0, -0.5), (0.3, 0.3, 0.0, 0.5), (SIDE, SIDE))
-@example(
-    4,
-    [(1, 1, 1, 0)],
-    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (SIDE, SIDE),
-)  # along a border
-@example(
-    4,
-    [(0, 1, 1, 0)],
-    (0.3, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (0.7, 0.3, 0.0, ("boundary", 1, 0.0)),
-    (SIDE, SIDE),
-)
-@example(
-    8, [(1, 1, 1, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE)
-)  # half a turn: either way
-@example(8, [(7, 0, 0, 0)], (0.1, 0.1, 0.0, 0.0), (0.1, 0.1, 0.0, math.pi), (SIDE, SIDE))
-@example(1, [(0, 3, 3, 0)], (0.0, 0.0, 0.0, 1.0), (0.6, 0.6, 0.0, -2.0), (SIDE, SIDE))
-@example(
-    2, [(1, 2, 1, 0)], (0.25, 0.25, 0.0, 1.0), (0.75, 0.75, 0.0, 2.0), (SIDE, SIDE)
-)  # a corner of all three
-def test_rotating_motion_is_free_exactly_if_all_touched_cells_are_free(
-    rotations, closed, start, end, shape
-):
-    space = map_free_except(closed, rotations, shape)
-    boundaries = space.rotations.borders
-    q0, q1 = (
-        resolve_configuration(start, boundaries, shape),
-        resolve_configuration(end, boundaries, shape),
-    )
-    walk = (q0, q1, H, (0,) * len(shape), shape, boundaries)
-    answer = space.motion_is_free(q0, q1)
-    assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
-    closed_cells = set(map(tuple, np.argwhere(space.cell_states != FREE).tolist()))
-    if answer:
-        assert not closed_cells & oracles.touched_turned_cells(*walk)
-    else:  # the query may refuse a cell within its slack
-        assert closed_cells & oracles.touched_turned_cells(*walk, slack=1e-8)
 
 
 @settings(max_examples=60)
@@ -352,19 +179,6 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
     assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
-
-
-def test_rotation_boundaries_have_slack():
-    space = map_free_except([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
-    for yaw, expected in (
-        (1.0 - 0.5 * ANGLE_SLACK, False),
-        (1.0 - 1e-6, True),
-        (2.0 + 1e-6, True),
-        (2.0, False),
-    ):
-        assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
-    assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
-    assert space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0 - 1e-6))
 
 
 # ---- OMPL ----------------------------------------------------------------------------------------
@@ -406,16 +220,3 @@ def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
         assert not map_free_except([cell], rotations).motion_is_free(q0, q1)
     walk = (q0, q1, H, (0, 0), (SIDE, SIDE), boundaries)
     assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
-
-
-def test_edges_outside_the_grid_follow_the_policy():
-    robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
-    workspace = Workspace.from_array(fill_boxes((10, 10), np.s_[0, 5]), 0.1)
-    free = cspace.build(workspace, robot, rotations=16, outside="free")
-    blocked = cspace.build(workspace, robot, rotations=16)
-    assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))
-    assert not free.motion_is_free(
-        (-0.25, -1.0, 0.0), (-0.25, 2.0, 0.0)
-    )  # the front reaches 0.3 m ahead
-    assert free.motion_is_free((-0.25, -1.0, math.pi), (-0.25, 2.0, math.pi))  # and 0.1 m behind
-    assert not blocked.motion_is_free((0.5, 0.2, 0.0), (1.5, 0.2, 0.0))

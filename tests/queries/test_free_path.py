@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from cspace import BLOCKED, FREE, MIXED, InputError, Rotations
+from cspace import BLOCKED, FREE, MIXED, Rotations
 from cspace.queries.paths import pulled_straight
 from tests.helpers import handmade
-from tests.helpers.handmade import map_of, states
+from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.queries.test_widest import (
     WIDEST_SPACES,
@@ -66,52 +65,7 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
     assert (space.find_path(q0, q1) == smooth).all()
 
 
-@settings(max_examples=60)
-@given(states(9), st.randoms(use_true_random=False))
-def test_steps_of_a_chain_touch_only_free_cells(state, random):
-    free = np.argwhere(state == FREE)
-    if not len(free):
-        return
-    space = handmade.map_of(state, outside="blocked", spacing=1.0)
-    start, goal = (free[random.randrange(len(free))] + 0.5 for _ in range(2))
-    path = space.find_path(start, goal, straight=False)
-    if len(path):
-        assert (path[0] == start).all() and (path[-1] == goal).all()
-    for a, b in itertools.pairwise(path - 0.5):
-        # Every closed cell that the segment touches must be FREE.
-        shares = np.linspace(0.0, 1.0, 241)[:, None]
-        points = a + shares * (b - a)
-        for side in itertools.product((-1e-6, 1e-6), repeat=state.ndim):
-            touched = np.unique(np.round(points + np.array(side)).astype(int), axis=0)
-            assert (state[tuple(touched.T)] == FREE).all()
-
-
 PLANE = Rotations.of(None)
-
-
-def test_find_path_solves_a_maze_and_straightens_the_path():
-    state = np.zeros((60, 40, 9), np.uint8)
-    for n, x in enumerate(range(6, 60, 8)):
-        state[x, 3:] = BLOCKED
-        if n % 2:
-            state[x, :-3], state[x, -3:] = BLOCKED, FREE
-    space = map_of(state, outside="blocked", spacing=0.1)
-    path = space.find_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
-    assert space.motion_is_free(path[:-1], path[1:]).all()
-    assert 7 * 3.5 < path_length(path) < 7 * 4.4
-    assert len(path) < 30
-
-
-def test_straightening_keeps_the_endpoints_and_never_lengthens():
-    turns = np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)])
-    whole = pulled_straight(turns, PLANE, lambda *q: True)
-    assert whole.tolist() == [[0.0, 0.0], [4.0, 0.0]]
-    rough = pulled_straight(
-        turns, PLANE, lambda a, b, c, d: math.dist((a, b), (c, d)) < 4.5 and max(b, d) <= 3.0
-    )
-    assert rough[[0, -1]].tolist() == turns[[0, -1]].tolist() and path_length(rough) <= path_length(
-        turns
-    )
 
 
 def test_corners_are_cut_down_to_the_obstacle_between():
@@ -130,30 +84,7 @@ def test_corners_are_cut_down_to_the_obstacle_between():
     assert tangents_and_arc <= path_length(path) <= 1.002 * tangents_and_arc
 
 
-def test_endpoints_on_the_boundary_of_a_mixed_cell_have_no_path():
-    state = np.zeros((4, 4), np.uint8)
-    state[2, :2] = MIXED
-    space = map_of(state, outside="blocked", spacing=1.0)
-    assert space.find_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)
-    assert len(space.find_path((2.5, 2.001), (3.5, 2.5)))
-
-
 SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
-
-
-@SEARCHES
-@refusals(
-    "q0, q1, options, message",
-    ((0.5, 0.5), (0.5, 1.5), {}, "q1 is .* FREE configuration"),
-    ((-3.0, 0.5), (0.5, 0.5), {}, "q0 is .* FREE configuration"),
-    ((0.5, 0.5), (np.nan, 1.5), {}, "q1\\[0\\] is nan"),
-    ((0.5, 0.5), (1.5, 0.5, 1.0), {}, "q1 has shape"),
-    ((0.5, 0.5), (1.5, 0.5), {"time_limit": 0.0}, r"time_limit is 0\.0"),
-)
-def test_searches_refuse(name, q0, q1, options, message):
-    space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
-    with pytest.raises(InputError, match=message):
-        getattr(space, name)(q0, q1, **options)
 
 
 @SEARCHES

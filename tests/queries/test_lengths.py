@@ -68,20 +68,6 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
         assert space.certify_path(0.25 * path).all()
 
 
-def test_bounds_of_long_paths_are_within_three_percent():
-    rng = np.random.default_rng(3)
-    for angle in np.linspace(0.0, math.pi / 2, 8):
-        blocked = rng.random((90, 90)) < 0.05
-        ends = 45.0 + 40.0 * np.array(
-            [[-math.cos(angle), -math.sin(angle)], [math.cos(angle), math.sin(angle)]]
-        )
-        blocked[tuple(ends.astype(int).T)] = False
-        space = map_of(
-            np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
-        )
-        assert space.min_path_length(*ends) >= 80.0 / 1.0275 - 2.0
-
-
 def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     blocked = np.zeros((20, 20), dtype=bool)
     blocked[np.arange(20), np.arange(20)] = True
@@ -95,27 +81,6 @@ def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
     )
     around = 2 * math.hypot(10.5, 16.5)
     assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
-
-
-@pytest.mark.parametrize("rows", [1, 9])
-def test_find_path_slides_between_walls_on_both_sides(rows):
-    states = np.zeros((3 * rows, 12), np.uint8)
-    states[rows - 1, 3:5] = states[rows, 6:8] = states[rows - 1, 9] = BLOCKED
-    space = map_of(states, outside="blocked", spacing=1.0)
-    path = space.find_path((rows - 1e-3, 1.0), (rows + 1e-3, 11.0))
-    assert space.certify_path(path).all()
-    assert path_length(path) <= 10.5
-
-
-@pytest.mark.parametrize(("spacing", "turns"), [(0.1, False), (1.0, True)])
-def test_find_path_turns_only_if_that_is_shorter(spacing, turns):
-    states = np.zeros((2, 9, 9), np.uint8)
-    states[0, 4, :8], states[1, 4, 1:] = BLOCKED, BLOCKED
-    space = map_of(states, 2, outside="blocked", spacing=spacing)
-    path = space.find_path((0.5 * spacing, 0.5 * spacing, 0.0), (8.5 * spacing, 0.5 * spacing, 0.0))
-    assert (np.ptp(path[:, 2]) > 0.0) == turns and space.certify_path(path).all()
-    if not turns:
-        assert path_length(path) <= 1.01 * spacing * (2 * math.hypot(3.5, 7.5) + 1.0)
 
 
 @pytest.mark.parametrize("name", ["arena", "random512-10-0"])

@@ -3,29 +3,12 @@
 import itertools
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cspace
-from cspace import Workspace
 from cspace.raster import Raster
-from tests.helpers import oracles
 from tests.helpers.handmade import map_of
-from tests.helpers.strategies import bitmaps, robots, seeds
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=25)
-@given(bitmaps(10), robots(0.25), st.sampled_from(["blocked", "free"]))
-def test_overlap_count_equals_the_stored_count_and_the_sum(occupied, robot, outside):
-    space = cspace.build(Workspace.from_array(occupied, 0.15), robot, outside=outside, counts=True)
-    cells = np.argwhere(np.ones_like(occupied))
-    counts = space.overlap_count(space.grid.center_of(cells))
-    assert (counts == space.overlap_counts[tuple(cells.T)]).all()
-    offsets = oracles.raster_offsets(robot.rasters(0.15)[0])
-    expected = oracles.overlap(occupied, offsets, outside == "blocked")
-    assert counts.tolist() == [expected[tuple(cell)] for cell in cells.tolist()]
+from tests.helpers.strategies import seeds
 
 
 @settings(max_examples=50)
@@ -45,10 +28,3 @@ def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
     q = 0.25 * points + 0.125
     assert space.overlap_count(q).tolist() == expected.tolist()
     assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()
-
-
-def test_overlap_count_counts_columns_of_more_cells_than_int16_holds():
-    cells = np.ones((1, 40_000), bool)
-    raster = Raster.from_bitmap(cells, (0, 0))
-    space = map_of(np.zeros(cells.shape), rasters=[(raster, raster)], occupied=cells)
-    assert space.overlap_count([(0.125, 0.125), (0.125, 0.375)]).tolist() == [40_000, 39_999]

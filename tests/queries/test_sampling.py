@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
 from tests.helpers import handmade
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import rotation_cells, seeds
 
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
@@ -61,32 +60,6 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
 
 
-def test_sample_free_repeats_with_the_seed(space):
-    samples = space.sample_free(500, np.random.default_rng(0))
-    assert samples.shape == (500, space.size)
-    assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
-    assert (samples != space.sample_free(500, np.random.default_rng(1))).any()
-    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.size,)
-    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
-
-
-def test_sample_free_without_rng_draws_new_configurations(space):
-    first, second = space.sample_free(50), space.sample_free(50, None)
-    assert np.asarray(space.is_free(first)).all() and np.asarray(space.is_free(second)).all()
-    assert (first != second).any()
-    assert space.sample_free().shape == space.sample_free(rng=None).shape == (space.size,)
-
-
-@pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
-def test_sample_free_draws_each_of_few_free_cells(free):
-    """Place FREE cells at the ends of blocks counted together."""
-    states = np.full((1, 25, 40), BLOCKED)
-    states.flat[free] = FREE
-    space = handmade.make_map(states, "plane", spacing=1.0)
-    drawn = space.grid.cell_of(space.sample_free(64, np.random.default_rng(0)))
-    assert set(np.ravel_multi_index(drawn.T, (25, 40)).tolist()) == set(free)
-
-
 @settings(max_examples=60)
 @given(
     seeds,
@@ -118,38 +91,3 @@ def test_nearest_free_returns_the_nearest_cell(seed, kind, rotations, spacing, d
             return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + angle / 2
 
         assert distance(nearest) == pytest.approx(distance(free).min())
-
-
-def test_nearest_free_leaves_a_large_obstacle():
-    states = np.zeros((1, 600, 600), dtype=np.uint8)
-    states[0, 200:230, 200:260] = BLOCKED
-    space = handmade.make_map(states, "plane", spacing=1.0)
-    assert space.nearest_free((210.2, 230.2)).tolist() == [199.5, 230.5]
-
-
-@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-def test_a_map_without_free_cells_is_refused(kind):
-    space = handmade.make_map(handmade.full_states(kind, 3, BLOCKED), kind)
-    with pytest.raises(ConfigurationError, match="no FREE cell"):
-        space.sample_free(1, np.random.default_rng(0))
-    with pytest.raises(ConfigurationError, match="no FREE cell"):
-        space.nearest_free(handmade.configurations(space, np.full(space.size, 0.1)))
-
-
-@refusals(
-    "n, rng, message",
-    (3, 3, "rng is 3"),
-    (3, "seed", "rng is 'seed'"),
-    (3, np.random, "rng is <module"),
-    (-1, None, "n is -1"),
-    (2.5, None, "n is 2.5"),
-    ("3", None, "n is '3'"),
-)
-def test_sample_free_refuses(space, n, rng, message):
-    with pytest.raises(InputError, match=message):
-        space.sample_free(n, rng)
-
-
-def test_nearest_free_refuses_a_batch(space):
-    with pytest.raises(InputError, match="one configuration"):
-        space.nearest_free(handmade.configurations(space, np.ones((2, space.size))))

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +11,6 @@ import cspace
 from cspace import Robot, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations import RotationCell, Rotations
-from cspace.rotations.base import TWO_PI
 from cspace.shapes import Shape
 from tests.helpers import oracles
 from tests.helpers.strategies import robots
@@ -74,68 +72,28 @@ def test_rasters_by_world_symmetry_equal_fresh_rasters(robot, rotations, fresh, 
             )
 
 
-SYMMETRIC = {
-    "rectangle": (Robot.rectangle(0.7, 0.3), 2),
-    "square": (Robot.rectangle(0.5, 0.5), 4),
-    "cross": (
-        Robot.polygon([shapely.box(-0.4, -0.1, 0.4, 0.1).union(shapely.box(-0.1, -0.4, 0.1, 0.4))]),
-        4,
-    ),
-    "two discs": (Robot.from_balls([(0.3, 0.1), (-0.3, -0.1)], 0.15), 2),
-    "four discs": (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 4),
-    "disc": (Robot.disc(0.25), 0),
-    "disc off its center": (Robot.disc(0.25, (0.1, 0.0)), 1),
-    "two unequal discs": (Robot.from_balls([(0.3, 0.1), (-0.3, -0.1)], [0.15, 0.2]), 1),
-    "rectangle off its center": (Robot.rectangle(0.7, 0.3, (1e-9, 0.0)), 1),
-    "triangle": (Robot.polygon([(0.3, 0.0), (-0.2, 0.25), (-0.2, -0.25)]), 1),
-}
-
-
-@pytest.mark.parametrize("name", SYMMETRIC)
-def test_shape_detects_its_symmetry(name):
-    robot, order = SYMMETRIC[name]
-    assert robot.shape.symmetry == order
-
-
-def test_sharing_slices_in_space_changes_no_state(monkeypatch):
-    """Share each slice of a box among four rotation cells."""
-    workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
-    robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
-    shared = cspace.build(workspace, robot, rotations=turns, counts=True)
+@pytest.mark.parametrize(
+    ("robot", "rotations", "slices"),
+    [
+        (Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2), 8),
+        (Robot.rectangle(0.7, 0.3), 8, 4),
+        (Robot.rectangle(0.5, 0.5), 6, 6),
+        (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 12, 3),
+        (Robot.disc(0.25), 7, 1),
+        (Robot.disc(0.25, (1e-9, 0.0)), 7, 7),
+        (Robot.rectangle(0.7, 0.3), [0.0, 1.0, math.pi, math.pi + 1.0, 2.0 * math.pi], 4),
+    ],
+    ids=["box", "bar", "square", "four discs", "disc", "disc off its center", "unequal cells"],
+)
+def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
+    cells = np.random.default_rng(0).random((25, 20) if robot.dim == 2 else (8, 7, 6)) < 0.03
+    workspace = Workspace.from_array(cells, 0.1)
+    shared = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(turns), "find_images", Rotations.find_images)
-    alone = cspace.build(workspace, robot, rotations=turns, counts=True)
-    assert (len(shared._seen), len(alone._seen)) == (8, 32)
+    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations.find_images)
+    alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    assert len(shared.overlap_counts) == slices
+    assert len(alone.overlap_counts) == len(alone.rotations)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
     assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
-
-
-@pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
-@pytest.mark.parametrize("count", [1, 2, 4, 6, 7, 8, 12])
-def test_sharing_slices_in_the_plane_changes_no_state(name, count, monkeypatch):
-    robot, order = SYMMETRIC[name]
-    workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
-    shared = cspace.build(workspace, robot, rotations=count, counts=True)
-    if order == 0:
-        assert len(shared._seen) == 1
-        assert (shared.cell_states == cspace.build(workspace, robot).cell_states).all()
-    elif count % order == 0:
-        assert len(shared._seen) == count // order
-    monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
-    alone = cspace.build(workspace, robot, rotations=count, counts=True)
-    assert len(alone._seen) == count
-    assert shared.cell_states.shape == alone.cell_states.shape == (count, 25, 20)
-    assert (shared.cell_states == alone.cell_states).all()
-    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
-    assert (
-        shared.count()
-        == alone.count()
-        == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
-    )
-
-
-def test_unequal_rotation_cells_share_slices_only_for_discs():
-    boundaries = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
-    cells = Rotations.of(boundaries)
-    assert cells.assign_slices(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
-    assert cells.assign_slices(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

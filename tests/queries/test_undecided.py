@@ -1,22 +1,17 @@
 """Paths through MIXED cells that exact geometry proves free."""
 
 import itertools
-import math
-from typing import Any
 
 import numpy as np
-import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-import planners
-from cspace import MIXED, ConfigurationError, InputError, Robot, Workspace
+from cspace import Robot, Workspace
 from cspace.queries.paths import path_length
 from tests.helpers.placements import collides
-from tests.helpers.planning import build_room, sample_edge
-from tests.helpers.refusals import refusals
+from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import seeds
 
 SIDE = 4.0
@@ -74,20 +69,6 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(
         assert not space.motion_is_free(*ends, exact=True)
 
 
-@pytest.mark.parametrize(
-    "robot", [Robot.disc(0.2), Robot.rectangle(0.4, 0.4)], ids=["disc", "square"]
-)
-def test_a_gap_of_mixed_cells_shortens_the_path(robot: Robot) -> None:
-    space, walls = build_gap(0.5, robot)
-    start, goal = (1.0, 1.2), (3.0, 1.2)
-    assert (space.classify([(2.0, 0.68), (2.0, 0.7)]) == MIXED).all()
-    plans = [planners.plan(space, start, goal, exact=exact) for exact in (False, True)]
-    assert all(plan.certified and plan.planner == "Grid" for plan in plans)
-    assert plans[0].length > 5.0 and plans[1].length < 2.3 and plans[1].gap < 0.15 < plans[0].gap
-    clearance = min(wall.distance(shapely.LineString(plans[1].waypoints)) for wall in walls)
-    assert clearance >= 0.2
-
-
 def test_exact_paths_turn_where_the_gap_demands_it() -> None:
     space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
     start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
@@ -98,40 +79,3 @@ def test_exact_paths_turn_where_the_gap_demands_it() -> None:
         assert not collides(
             space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 200))[0], walls
         ).any()
-
-
-def test_start_and_goal_may_lie_in_mixed_cells() -> None:
-    space, _ = build_gap(0.5, Robot.disc(0.2))
-    start, goal = (2.0, 0.68), (2.0, 3.8)
-    assert space.classify(start) == MIXED and space.is_free(start, exact=True)
-    with pytest.raises(ConfigurationError, match=r"q0.*FREE"):
-        space.find_path(start, goal)
-    path = space.find_path(start, goal, exact=True)
-    assert (path[[0, -1]] == (start, goal)).all() and space.certify_path(path, exact=True).all()
-
-
-def test_a_gap_narrower_than_the_robot_is_not_passed() -> None:
-    space, _ = build_gap(0.39, Robot.disc(0.2))
-    path = space.find_path((1.0, 0.7), (3.0, 0.7), exact=True)
-    assert path_length(path, space.rotations) > 4.0
-
-
-def test_paths_in_space_are_shortened_by_geometry() -> None:
-    space = build_room("space")
-    ends = (0.5, 0.5, 0.4), (3.5, 1.4, 1.6)
-    exact, free = space.find_path(*ends, exact=True), space.find_path(*ends)
-    assert path_length(exact, space.rotations) < path_length(free, space.rotations)
-    assert space.certify_path(exact, exact=True).all()
-    assert math.dist(*ends) <= path_length(exact, space.rotations)
-
-
-@refusals(
-    "arguments, message",
-    ({"exact": 1}, "exact is 1.*True or False"),
-    ({"q0": (1.9, 0.2), "exact": True}, "q0.*free configuration"),
-    ({"time_limit": 0.0, "exact": True}, "time_limit is 0.0"),
-)
-def test_invalid_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
-    space, _ = build_gap(0.5, Robot.disc(0.2))
-    with pytest.raises(InputError, match=message):
-        space.find_path(**{"q0": (1.0, 0.7), "q1": (3.0, 0.7)} | arguments)

@@ -1,24 +1,20 @@
 """Widest paths: largest bottleneck clearance, then shortest length."""
 
 import bisect
-import copy
 import itertools
 import math
-import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import example, given, settings
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from cspace import FREE, MIXED, CSpace, InputError, Robot, Workspace, build
+from cspace import FREE, MIXED, CSpace
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length, to_graph
-from tests.helpers.planning import ENDPOINTS, build_from_states, build_room, turn_between
-from tests.helpers.strategies import exteriors, seeds
+from tests.helpers.planning import build_from_states, turn_between
+from tests.helpers.strategies import seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}
@@ -115,148 +111,3 @@ def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
         ]
         passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
         assert clearances[passed].min() >= best - 1 / 64 - 1e-5
-
-
-def draw_map_with_offset_robot(name: str, outside: str, rng: np.random.Generator) -> CSpace:
-    """Draw a map of obstacles for a robot that may lie far from its reference point."""
-    flat = name in ("plane", "turning")
-    shape = rng.integers(1, 10, 2) if flat else rng.integers(1, 6, 3)
-    cells = rng.random(shape) < rng.uniform(0.0, 0.1)
-    center = rng.uniform(-1.0, 1.0, len(shape)) * rng.choice([0, 2, 4])
-    if name in WIDEST_TURNS:
-        robot = Robot.rectangle(1.5, 0.3, center) if flat else Robot.box((1.5, 0.3, 0.3), center)
-    else:
-        robot = Robot.disc(0.2, center) if flat else Robot.ball(0.2, center)
-    return build(
-        Workspace.from_array(cells, 1.0), robot, outside=outside, rotations=WIDEST_TURNS.get(name)
-    )
-
-
-def measure_clearances(space: CSpace, beyond: int) -> np.ndarray:
-    """Return the distances from cell centers to cells that are not FREE, in cells.
-
-    Cells up to ``beyond`` cells outside the grid count. Each is asked for its state.
-    """
-    grid, distances = space.grid, []
-    cells = np.stack(
-        np.meshgrid(*(np.arange(-beyond, n + beyond) for n in grid.shape), indexing="ij"), axis=-1
-    )
-    cells, inner = cells.reshape(-1, grid.dim), np.array(list(np.ndindex(*grid.shape)))
-    for center in list_cell_centers(space).reshape(len(space.rotations), -1, space.size)[
-        :, 0, grid.dim :
-    ]:
-        points = np.column_stack([grid.center_of(cells), np.tile(center, (len(cells), 1))])
-        taken = cells[~np.asarray(space.is_free(points))]
-        free = ~(inner[:, None] == taken).all(axis=2).any(axis=1)
-        gaps = np.maximum(np.abs(inner[:, None] - taken) - 0.5, 0.0)
-        distances.append(
-            np.where(free, np.linalg.norm(gaps, axis=2).min(axis=1, initial=1024.0), 0.0)
-        )
-    return np.concatenate(distances)
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.parametrize("name", WIDEST_SPACES)
-@settings(max_examples=15)
-@given(seeds, exteriors)
-def test_path_is_widest_whatever_is_outside_the_grid(name: str, seed: int, outside: str) -> None:
-    rng = np.random.default_rng(seed)
-    space = draw_map_with_offset_robot(name, outside, rng)
-    clearances = measure_clearances(space, 10)
-    points, cells = list_cell_centers(space), number_cells(space)
-    free = np.flatnonzero(clearances)
-    for start, goal in rng.choice(free, (4, 2)) if len(free) else []:
-        best = find_bottleneck(space, clearances, start, goal)
-        path = space.find_widest_path(points[start], points[goal], straight=False)
-        assert (len(path) > 0) == (best > 0.0)
-        if len(path):
-            passed = clearances[cells[tuple(space._cells_of(path).T)]]
-            assert passed.min() == pytest.approx(best, abs=1 / 64 + 1e-5)
-
-
-def test_path_keeps_away_from_obstacles_at_the_border_of_a_free_exterior() -> None:
-    cells = np.zeros((40, 21), dtype=bool)
-    cells[20, 8:13] = cells[20, 20] = True  # a block with a gap above, and nothing below
-    space = build(Workspace.from_array(cells, 1.0), Robot.disc(0.2), outside="free")
-    path = space.find_widest_path((5.5, 10.5), (35.5, 10.5), straight=False)
-    assert np.asarray(space.clearance(path)).min() == pytest.approx(6.5)
-    assert np.asarray(space.clearance(path))[[0, -1]] == pytest.approx(13.5)
-
-
-def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
-    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    path = space.find_widest_path((0.45, 0.45), (5.55, 0.45))
-    assert space.certify_path(path).all() and np.asarray(space.clearance(path[1:-1])).min() > 1.4
-    assert np.asarray(space.clearance(path)).min() == pytest.approx(space.clearance((0.45, 0.45)))
-
-
-@pytest.mark.parametrize("name", [*WIDEST_SPACES, "floating"])
-def test_widest_path_takes_the_wide_passage(name: str) -> None:
-    space = build_room(name)
-    path = space.find_widest_path(*ENDPOINTS[name])
-    assert len(path) > 2 and space.certify_path(path).all()
-    assert np.array_equal(path[[0, -1]], space.rotations.make_canonical(np.array(ENDPOINTS[name])))
-    assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
-    back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
-    there = space.find_widest_path(*ENDPOINTS[name], straight=False)
-    assert np.asarray(space.clearance(back)).min() == pytest.approx(
-        np.asarray(space.clearance(there)).min(), abs=2e-3
-    )
-
-
-def test_memory_does_not_grow_with_path_length() -> None:
-    state = np.zeros((240, 200), dtype=np.uint8)
-    for n, x in enumerate(range(6, 234, 8)):
-        state[x, slice(0, -6) if n % 2 else slice(6, None)] = MIXED
-    space, endpoints = build_from_states(state, spacing=1.0), ((2.5, 100.5), (237.5, 100.5))
-    space.find_widest_path(*endpoints)  # compiled
-    tracemalloc.start()
-    path = space.find_widest_path(*endpoints)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert (
-        space.certify_path(path).all()
-        and compute_length(space, path) > 29 * 190
-        and peak < 100 * state.size
-    )
-
-
-@pytest.mark.parametrize("name", ["plane", "turning"])
-def test_search_ends_at_the_time_limit_and_is_found_later(name: str) -> None:
-    space = copy.copy(build_room(name))
-    assert space.find_widest_path(*ENDPOINTS[name], time_limit=1e-9).shape == (0, space.size)
-    expected = build_room(name).find_widest_path(*ENDPOINTS[name])
-    assert len(expected) and np.array_equal(space.find_widest_path(*ENDPOINTS[name]), expected)
-
-
-def test_threads_find_the_same_paths() -> None:
-    rng = np.random.default_rng(1)
-    space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
-    pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
-    expected = [copy.copy(space).find_widest_path(*pair) for pair in pairs]
-    with ThreadPoolExecutor(4) as pool:
-        for paths in pool.map(
-            lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)
-        ):
-            assert all(map(np.array_equal, paths, expected))
-
-
-def test_widest_path_follows_obstacle_changes() -> None:
-    space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    endpoints = (1.0, 2.0), (5.0, 2.0)
-    before = space.find_widest_path(*endpoints)
-    space.add_obstacle("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
-    after = space.find_widest_path(*endpoints)
-    assert space.certify_path(after).all() and not space.certify_path(before).all()
-    assert np.array_equal(after, build(space.workspace, space.robot).find_widest_path(*endpoints))
-    space.remove_obstacle("pillar")
-    assert np.array_equal(space.find_widest_path(*endpoints), before)
-
-
-def test_widest_path_refuses_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    space = build_room("plane")
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(
-        InputError, match=r"to search it by clearance.* needs about .* of memory.*at most 950 bytes"
-    ):
-        space.find_widest_path(*ENDPOINTS["plane"])

@@ -5,15 +5,19 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+import shapely
+import trimesh
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from cspace import Grid, InputError
+from cspace import Grid, InputError, Mesh
 from cspace.grid import SLACK
 from cspace.raster.bitmaps import cover_with_boxes
 from cspace.raster.boxes import RoundedBoxes, rounded_rasters
-from cspace.shapes import Balls, Box, Voxels
+from cspace.rotations import RotationCell
+from cspace.shapes import Balls, Box, Polygons, Voxels
+from tests.helpers.mesh_files import make_box
 from tests.helpers.strategies import seeds
 
 UNIT = 2**120
@@ -24,6 +28,9 @@ EDGE = 4 * SLACK
 
 SPACINGS = [0.25, 0.1, 1.0, 0.37]
 MARGINS = [0.0, 0.125, 0.3]
+GRID = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
+SMALL_BOX = make_box((0, 0, 0), (1, 1, 1))
+FAR_MESH = Mesh.of(make_box((0, 0, 0), (1, 1, 1e7)))
 
 
 def to_integers(values):
@@ -134,12 +141,17 @@ def coordinates(draw, spacing, shape, reach):
 
 
 @settings(max_examples=40)
-@given(st.data(), st.sampled_from([2, 3]), st.sampled_from(SPACINGS))
-def test_balls_cover_the_cells_within_their_radius(data, dim, spacing):
+@given(
+    st.data(), st.sampled_from([2, 3]), st.sampled_from(SPACINGS), st.sampled_from([0.0, 2.0**20])
+)
+def test_balls_cover_the_cells_within_their_radius(data, dim, spacing, far):
+    """Include balls, far away, that are nearly half-spaces."""
     count = data.draw(st.integers(1, 3))
     lower = data.draw(coordinates(spacing, (dim,), 2))
     centers = data.draw(coordinates(spacing, (count, dim), 4))
     radii = np.abs(data.draw(coordinates(spacing, (count,), 2)))
+    centers[0, 0] -= far * spacing
+    radii[0] += far * spacing
     grid = Grid(lower, spacing, (5, 4, 3)[:dim])
     outer, inner = Balls(centers, radii).cells(grid)
     truth = Definition(centers, centers, to_integers(radii), grid.shape, lower, spacing, 0, 1)
@@ -147,40 +159,21 @@ def test_balls_cover_the_cells_within_their_radius(data, dim, spacing):
     check(inner, truth.inside(1), truth.inside(0))
 
 
-@settings(max_examples=20)
-@given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
-def test_rasters_of_ball_robots_agree_with_arithmetic(data, spacing, margin):
+@settings(max_examples=30)
+@given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS), st.booleans())
+def test_rasters_of_rounded_boxes_agree_with_arithmetic(data, spacing, margin, is_round):
     count = data.draw(st.integers(1, 2))
-    centers = data.draw(coordinates(spacing, (count, 3), 1))
-    radii = np.abs(data.draw(coordinates(spacing, (count,), 2))) + spacing / 8
-    outer, inner = Balls(centers, radii).rasters(spacing, margin)
-    check_robot(centers, centers, radii, spacing, margin, outer, inner, 4)
-
-
-@settings(max_examples=20)
-@given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
-def test_rasters_of_box_robots_agree_with_arithmetic(data, spacing, margin):
-    corners = np.sort(data.draw(coordinates(spacing, (2, 3), 2)), axis=0)
-    box = RoundedBoxes(corners[:1], corners[1:], np.zeros(1))
-    outer, inner = rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
-    check_robot(corners[:1], corners[1:], np.zeros(1), spacing, margin, outer, inner, 3)
-
-
-def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
-    """Check the rasters of rounded boxes.
-
-    A lattice point deep in one box is inside.
-    """
-    reach += 1 + int(margin / spacing)
+    corners = np.sort(data.draw(coordinates(spacing, (2, count, 3), 2)), axis=0)
+    radii = np.abs(data.draw(coordinates(spacing, (count,), 1))) * is_round
+    boxes = RoundedBoxes(*corners, radii)
+    outer, inner = rounded_rasters(boxes, spacing, np.full(count, margin), np.zeros(count))
+    reach = 5 + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
-    truth = Definition(lows, highs, to_integers(radii) + to_integers(margin), *frame, -1, 1, -reach)
+    grown = to_integers(radii) + to_integers(margin)
+    truth = Definition(*corners, grown, *frame, -1, 1, -reach)
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
-    truth = Definition(lows, highs, to_integers(radii), *frame, 0, 0, -reach)
-    cells = spread(inner, reach)
-    if radii.any():
-        check(cells, truth.inside(1), truth.inside(0))
-    else:
-        check(cells, truth.covered(), truth.inside(0))
+    truth = Definition(*corners, to_integers(radii), *frame, 0, 0, -reach)
+    check(spread(inner, reach), truth.inside(1), truth.inside(0))
 
 
 @settings(max_examples=15)
@@ -212,23 +205,6 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(
     truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
     truth.lows, truth.highs = lows, highs
     check(spread(inner, reach), truth.covered(), truth.inside(0))
-
-
-def test_points_on_shared_faces_of_voxels_are_inside():
-    _, inner = Voxels.of(np.ones((3, 3, 3), dtype=bool), 0.1, (-0.1, -0.1, -0.1)).rasters(0.1)
-    assert inner.lower == (0, 0, 0)
-    assert inner.cells.all()
-    assert inner.count == 8
-
-
-def test_a_hole_in_a_voxel_robot_stays_open():
-    occupied = np.ones((5, 5, 5), dtype=bool)
-    occupied[2, 2, 2] = False
-    _, inner = Voxels.of(occupied, 0.4, (-1.0, -1.0, -1.0)).rasters(0.1)
-    filled = spread(inner, 10)[10 - 9 : 10 + 10, 10 - 9 : 10 + 10, 10 - 9 : 10 + 10]
-    expected = np.ones((19, 19, 19), dtype=bool)
-    expected[7:12, 7:12, 7:12] = False
-    assert (filled == expected).all()
 
 
 @settings(max_examples=30)
@@ -270,97 +246,38 @@ def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, di
         assert inner[cell] == held
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_point_on_boundaries_is_in_every_cell_that_shares_them(dim):
-    grid = Grid((0.0,) * dim, 0.5, (4,) * dim)
-    outer, inner = Balls(np.full((1, dim), 1.0), np.zeros(1)).cells(grid)
-    assert sorted(map(tuple, np.argwhere(outer))) == list(product((1, 2), repeat=dim))
-    assert not inner.any()
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_balls_within_the_slack_of_a_boundary_are_decided_safely(dim):
-    grid = Grid((0.0,) * dim, 1.0, (6,) * dim)
-    for offset, met in ((0.0, True), (SLACK / 2, True), (8 * SLACK, False)):
-        center = np.full((1, dim), 2.5)
-        center[0, 0] = 3.0 + 0.5 + offset
-        outer, _ = Balls(center, np.array([0.5])).cells(grid)
-        assert outer[(2, *(2,) * (dim - 1))] == met
-    for offset, inside in ((0.0, False), (8 * SLACK, True)):
-        _, inner = Balls(np.full((1, dim), 2.5), np.array([np.sqrt(dim) / 2 + offset])).cells(grid)
-        assert inner.sum() == inside
-
-
-def test_random_points_are_in_one_cell_each():
-    rng = np.random.default_rng(7)
-    grid = Grid((-1.0, 2.0, 0.5), 0.13, (40, 30, 50))
-    points = rng.uniform((-2.0, 1.0, 0.0), (5.0, 7.0, 8.0), (60_000, 3))
-    outer, inner = Balls(points, np.zeros(len(points))).cells(grid)
-    cells = np.floor((points - grid.lower) / grid.spacing).astype(int)
-    cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
-    expected = np.zeros(grid.shape, dtype=bool)
-    expected[tuple(cells.T)] = True
-    assert (outer == expected).all()
-    assert not inner.any()
-
-
-@pytest.mark.parametrize("radius", [0.05, 0.3, 0.8])
-def test_balls_of_a_cloud_agree_with_a_tree(radius):
-    rng = np.random.default_rng(8)
-    grid = Grid((0.0, 0.0, 0.0), 0.1, (40, 30, 50))
-    points = rng.uniform(0.0, 5.0, (3000, 3))
-    outer, inner = Balls(points, np.full(len(points), radius)).cells(grid)
-    middles = np.stack(
-        np.meshgrid(*(grid.centers(axis) for axis in range(3)), indexing="ij"), axis=-1
-    )
-    distance, _ = cKDTree(points).query(middles)
-    corner = grid.spacing * np.sqrt(3) / 2
-    assert outer[distance <= radius].all()
-    assert (distance[outer] <= radius + corner + 1e-9).all()
-    assert inner[distance <= radius - corner - 1e-6].all()
-    assert (distance[inner] <= radius - grid.spacing / 2).all()
-
-
-def test_rasters_of_unions_do_not_depend_on_the_number_of_threads():
+def test_slabs_of_threads_join_to_the_whole(monkeypatch):
+    """Compare rasters made in one slab and in slabs of three layers."""
     rng = np.random.default_rng(9)
-    grid = Grid((0.0, 0.0, 0.0), 0.1, (60, 20, 30))
-    centers, radii = rng.uniform(-1.0, 7.0, (800, 3)), rng.uniform(0.0, 1.2, 800)
-    outer, inner = Balls(centers, radii).cells(grid)
-    parts = [Balls(centers[n : n + 1], radii[n : n + 1]).cells(grid) for n in range(len(radii))]
-    assert (outer == np.logical_or.reduce([part[0] for part in parts])).all()
-    assert (inner == np.logical_or.reduce([part[1] for part in parts])).all()
-    assert inner.any()
+    balls = Balls(rng.uniform(-1.0, 7.0, (40, 3)), rng.uniform(0.0, 1.2, 40))
+    surface = Mesh.of(trimesh.creation.icosphere(2, 2.5))
+    turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.05)
+    grid = Grid((0.0, 0.0, 0.0), 0.2, (30, 20, 10))
+    calls = (
+        lambda: balls.cells(grid),
+        lambda: surface.cells(grid),
+        lambda: [raster.cells for raster in surface.rasters(0.5, 0.1, turn)],
+    )
+    whole = [call() for call in calls]
+    monkeypatch.setattr("cspace.raster.MIN_SLABS_PER_THREAD", 3)
+    monkeypatch.setattr("cspace.support.threads.cores", lambda: 16)
+    for expected, call in zip(whole, calls, strict=True):
+        for cells, part in zip(expected, call(), strict=True):
+            assert cells.any() and (cells == part).all()
 
 
-@given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 5))
-@example(0, 0, 0)
-@settings(max_examples=5)
-def test_a_disc_is_a_section_of_a_ball(x, y, radius):
-    plane, space = Grid((0.0, 0.0), 0.5, (7, 6)), Grid((0.0, 0.0, 0.0), 0.5, (7, 6, 1))
-    center, size = np.array([[x / 2, y / 2]]), np.array([radius / 4])
-    flat, _ = Balls(center, size).cells(plane)
-    solid, _ = Balls(np.hstack([center, [[0.25]]]), size).cells(space)
-    assert (flat == solid[:, :, 0]).all()
-
-
-@pytest.mark.parametrize(("center", "radius"), [(1e9, 0.1), (0.0, 1e9), (-3e6, 2e6)])
-def test_balls_too_far_for_the_slack_are_refused(center, radius):
-    grid = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
-    with pytest.raises(InputError, match="cells from the map's corner"):
-        Balls(np.array([[0.0, 0.0, center]]), np.array([radius])).cells(grid)
-
-
-def test_large_coordinates_stay_exact():
-    grid = Grid((2.0**21, -(2.0**21), 0.0), 1.0, (6, 6, 6))
-    centers = np.array([[2.0**21 - 2.0**20 + 2.5, -(2.0**21) + 2.5, 2.5]])
-    radius = np.array([2.0**20])
-    outer, inner = Balls(centers, radius).cells(grid)
-    truth = Definition(centers, centers, to_integers(radius), grid.shape, grid.lower, 1.0, 0, 1)
-    check(outer, truth.touched(0), truth.touched(1))
-    check(inner, truth.inside(1), truth.inside(0))
-    assert 0 < inner.sum() < outer.sum() < outer.size
-
-
-def test_a_robot_of_too_many_cells_is_refused():
-    with pytest.raises(InputError, match="larger spacing"):
-        Box.of((2.0, 2.0, 2.0)).rasters(1e-3)
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Balls(np.array([[-3e6, 0, 0]]), np.array([2e6])).cells(GRID), "map's corner"),
+        (lambda: Polygons([shapely.box(0, 0, 1e9, 1)]).cells(Grid((0, 0), 1.0, (4, 4))), "corner"),
+        (lambda: FAR_MESH.cells(GRID), "map's corner"),
+        (lambda: FAR_MESH.rasters(1.0), "its origin"),
+        (lambda: Box.of((2.0, 2.0, 2.0)).rasters(1e-3), "larger spacing"),
+        (lambda: Mesh.of(SMALL_BOX, "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4))), "filled"),
+    ],
+    ids=["far balls", "far polygon", "far mesh", "far robot", "many cells", "many filled cells"],
+)
+def test_shapes_too_far_or_too_large_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()

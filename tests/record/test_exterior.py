@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cspace import BLOCKED, FREE, MIXED
 from cspace.raster import Raster
 from cspace.record.exterior import Exterior
-from tests.helpers.handmade import Outside, cells_around, outsides, state_of
+from tests.helpers.handmade import Outside
 from tests.helpers.strategies import seeds
 
 SLICES = 2
@@ -49,20 +49,3 @@ def test_exterior_states_agree_with_the_rasters(seed, dim, exterior_blocked):
         assert hits(inner)[states == BLOCKED].all()
         far = BLOCKED if exterior_blocked and inner.count else MIXED if exterior_blocked else FREE
         assert outside.state == far and far in states
-
-
-@settings(max_examples=100)
-@given(st.integers(2, 3), st.data())
-def test_is_all_blocked_agrees_with_the_cells_around(dim, data):
-    shape = data.draw(st.tuples(*[st.integers(1, 4)] * dim))
-    known = [data.draw(outsides(dim)) for _ in range(SLICES)]
-    exterior = Exterior(np.array([[*one.box, one.state] for one in known]))
-    state = np.zeros(shape, dtype=np.uint8)
-    for number, outside in enumerate(known):
-        around = [
-            cell
-            for cell in cells_around(state, outside)
-            if not all(0 <= c < n for c, n in zip(cell, shape, strict=True))
-        ]
-        blocked = all(state_of(state, outside, cell) == BLOCKED for cell in around)
-        assert exterior.is_all_blocked(shape)[number] == blocked

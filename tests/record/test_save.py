@@ -1,6 +1,5 @@
 """Saved maps open equal to the original, or not at all."""
 
-import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,13 +17,13 @@ from zarr.codecs import ZstdCodec
 import cspace
 from cspace.errors import FileError, InputError
 from cspace.files import zarr_folders
-from cspace.limits import raised_limits
 from tests.helpers.maps import MAP_BUILDERS, MAP_SUFFIXES, files, refused, same
+from tests.helpers.refusals import refusals
 from tests.helpers.strategies import bitmaps, robots, rotation_cells
 from tests.soak.files import reseal
 
 
-@pytest.fixture(scope="module", params=MAP_BUILDERS)
+@pytest.fixture(scope="module", params=["plane", "turning", "symmetric", "solid_free"])
 def space(request: pytest.FixtureRequest) -> cspace.CSpace:
     return MAP_BUILDERS[request.param]()
 
@@ -109,18 +108,6 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
 
 
-@pytest.mark.parametrize("suffix", MAP_SUFFIXES)
-def test_unknown_cells_are_saved(tmp_path: Path, suffix: str) -> None:
-    cells = np.eye(9, dtype=bool)
-    workspace = cspace.Workspace(
-        cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1]
-    )
-    cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / f"map{suffix}")
-    again = cspace.open(tmp_path / f"map{suffix}").workspace.unknown
-    assert again is not None
-    np.testing.assert_array_equal(again, cells[::-1])
-
-
 @pytest.mark.parametrize("inner", [True, False])
 def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool) -> None:
     """Include a map without BLOCKED cells, which does not reveal whether it was built with `inner`."""
@@ -137,29 +124,13 @@ def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool
     np.testing.assert_array_equal(opened.cell_states, again.cell_states)
 
 
-def test_only_existing_arrays_are_stored(tmp_path: Path) -> None:
-    space = MAP_BUILDERS["grid"]()
-    for suffix in MAP_SUFFIXES:
-        space.save(tmp_path / f"map{suffix}")
-        path = tmp_path / f"map{suffix}"
-        held = [entry.name for entry in path.iterdir()]
-        assert {"cell_states", "outer", "x"} <= set(held)
-        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw"}
-
-
-@pytest.mark.parametrize("most", [1, 50, 1000])
 def test_arrays_of_several_chunks_open_equal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace, most: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
 ) -> None:
-    monkeypatch.setattr(zarr_folders, "WRITTEN_CHUNK_BYTES", most)
+    monkeypatch.setattr(zarr_folders, "WRITTEN_CHUNK_BYTES", 50)
     space.save(tmp_path / "map")
     same(space, cspace.open(tmp_path / "map"))
-    chunks = list(files(tmp_path / "map" / "cell_states" / "c"))
-    assert len(chunks) > 1 or most > 50
-    assert (
-        max(array.chunks[-1] for _, array in zarr.open_group(tmp_path / "map", mode="r").arrays())
-        > 0
-    )
+    assert len(list(files(tmp_path / "map" / "cell_states" / "c"))) > 1
 
 
 # ---- what may go wrong: a lost chunk that reads as FREE is a collision ---------------------------
@@ -214,115 +185,43 @@ def test_lost_and_swapped_chunks_are_refused(
     assert (np.asarray(zarr.open_array(path / "cell_states", mode="r")[1]) == 255).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"format": "cspace-ap"}, "do not say format"),
-        ({"format_version": 5, "library_version": "0.1.0"}, "build it again"),
-        ({"format_version": "6"}, "reads only version 6"),
-        ({"format_version": 6.0}, "reads only version 6"),
-        ({"digest": "0"}, "its digest is none"),
-        ({"digest": 7}, "usable map"),
-        ({"margin_m": 0.5}, "differ from their digest"),
-        ({"shape": [4]}, "usable map"),
-        ({"rotations": 0}, "usable map"),
-    ],
-    ids=str,
-)
-def test_changed_attributes_are_refused(
-    tmp_path: Path, small: Path, change: dict[str, Any], message: str
-) -> None:
-    path = tmp_path / "map.zarr"
-    shutil.copytree(small / "map.zarr", path)
-    document = json.loads((path / "zarr.json").read_text())
-    document["attributes"] |= change
-    (path / "zarr.json").write_text(json.dumps(document, indent=2))
-    refused(path, message)
+def shapes_of(text: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return attributes and arrays of a text of obstacles."""
+    return {"shapes_bytes": len(text)}, {"shapes": np.frombuffer(text, np.int8)}
 
 
-FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+@refusals(
+    "metadata, content, message",
     ({}, {"cell_states": np.full((2, 4, 3), 3, np.uint8)}, "holds the state 3"),
     ({}, {"cell_states": np.zeros((1, 4, 3), np.uint8)}, "'cell_states' is uint8 (1, 4, 3), not"),
-    ({}, {"cell_states": np.zeros((2, 4, 3), np.int8)}, "'cell_states' is int8"),
     ({}, {"cell_states": None}, "is missing"),
     ({}, {"x": np.zeros(4)}, "'x' does not match"),
     ({}, {"slice_of": np.arange(4)}, "'slice_of' does not match"),
-    ({}, {"slice_of": np.full(4, 9)}, "'slice_of' does not match"),
-    ({}, {"yaw": np.zeros(4)}, "'yaw' does not match"),
     ({}, {"covering_angle": np.zeros(4)}, "'covering_angle' does not match"),
-    ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
-    ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
     ({}, {"exterior": np.tile([0, 0, 3, 2, 2], (2, 1))}, "its exterior has other states"),
-    (
-        {},
-        {"exterior": np.tile([0, 0, 2**62, 2, 0], (2, 1))},
-        "its exterior reaches beyond all grids",
-    ),
-    (
-        {},
-        {"exterior": np.tile([-(2**63), 0, 3, 2, 0], (2, 1))},
-        "its exterior reaches beyond all grids",
-    ),
+    ({}, {"exterior": np.tile([0, 0, 2**62, 2, 0], (2, 1))}, "exterior reaches beyond all grids"),
     ({}, {"inner": np.ones((4, 3), bool)}, "not in outer"),
-    *[
-        (
-            {"shapes_bytes": len(text)},
-            {"shapes": np.frombuffer(text, np.int8)},
-            "'shapes' tells of no obstacles",
-        )
-        for text in (
-            b"\0\0",
-            b"\xff\xff",
-            b"7",
-            b"[7]",
-            b"[{}]",
-            b'[{"kind": "cone"}]',
-            b"[" * 99999,
-        )
-    ],
-    *[
-        ({"shapes_bytes": len(text)}, {"shapes": np.frombuffer(text, np.int8)}, "")
-        for text in (
-            b'[{"kind": "polygon", "wkb": ["AAAA"]}]',
-            b'[{"kind": "balls", "centers": [[0, 0]], "radii": [-1]}]',
-            b'[{"kind": "balls", "centers": [[0, NaN]], "radii": [1]}]',
-            b'[{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}]',
-            b'[{"kind": "mesh", "vertices": "", "faces": "AAAA", "solid": "auto", "source": ""}]',
-        )
-    ],
-    ({"arrays": "cell_states slice_of x y yaw yaw_bounds covering_angle"}, {}, "lacks ['outer']"),
-    ({"arrays": "cell_states outer slice_of x y yaw covering_angle"}, {}, "lacks ['yaw_bounds']"),
-    ({"arrays": "cell_states outer slice_of x y"}, {}, "usable map"),
-    ({"arrays": "cell_states outer slice_of x y ../outside"}, {}, "has ['../outside']"),
-    ({"robot": "{}"}, {}, "its parts make no map"),
-    ({"robot": "["}, {}, "its parts make no map"),
+    (*shapes_of(b"[" * 99999), "'shapes' tells of no obstacles"),
     (
-        {"robot": '{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}'},
-        {},
-        "its parts make no map",
+        *shapes_of(b'[{"kind": "balls", "centers": [[0, NaN]], "radii": [1]}]'),
+        "its parts make no map ",
     ),
-    ({"spacing": -1.0}, {}, "its parts make no map"),
-    ({"spacing": "wide"}, {}, "its parts make no map"),
-    ({"margin_m": -1.0}, {}, "margin_m"),
-    ({"margin_m": float("nan")}, {}, "margin_m"),
-    ({"outside": "wet"}, {}, "its parts make no map"),
-    ({"outside": "blocked"}, {}, "its exterior has other states"),
+    (*shapes_of(b'[{"kind": "balls", "centers": [[0, 0, 0]], "radii": [1]}]'), "differ in dim"),
+    ({"arrays": "cell_states slice_of x y yaw yaw_bounds covering_angle"}, {}, "lacks ['outer']"),
+    ({"arrays": "cell_states outer slice_of x y ../outside"}, {}, "has ['../outside']"),
+    ({"robot": "["}, {}, "its parts make no map"),
+    ({"spacing": -1.0}, {}, "spacing is -1.0"),
+    ({"margin_m": float("nan")}, {}, "margin_m is nan"),
+    ({"outside": "blocked"}, {}, "other states than space that is blocked"),
     ({"units": "m ft"}, {}, "its units are"),
-    ({"shape": [4]}, {}, "its parts make no map"),
-    ({"shape": ["ab", 3]}, {}, "its parts make no map"),
     ({"slices": 10**12}, {}, "unpacks to"),
     ({"slices": 0}, {}, "would have the shape"),
     ({"rotations": 3}, {}, "not int64 (3,)"),
     ({"compressed": False}, {}, "or has other chunks"),
-    ({"shapes_bytes": None}, {}, "its parts make no map"),
     ({"inner": 2}, {}, "its attribute 'inner' is 2, not 0"),
-    ({"inner": None}, {}, "its attribute 'inner' is None"),
-    ({"workspace_source": ["a"]}, {}, "its attribute 'workspace_source' is ['a']"),
-    ({"axes": "x y"}, {}, "its attribute 'axes' is 'x y'"),
-]
-
-
-@pytest.mark.parametrize(("metadata", "content", "message"), FORGED, ids=range(len(FORGED)))
+    ({"format": "cspace-ap"}, {}, "do not say format"),
+    ({"format_version": 5}, {}, "build it again"),
+)
 def test_files_that_make_no_map_are_refused_despite_a_valid_digest(
     tmp_path: Path, small: Path, metadata: dict[str, Any], content: dict[str, Any], message: str
 ) -> None:
@@ -338,12 +237,7 @@ def test_files_that_make_no_map_are_refused_despite_a_valid_digest(
             }
             zarr.create_array(str(path), data=array, compressors=ZstdCodec(level=1), **options)
     reseal(path, **metadata)
-    refused(path, message)
-
-
-def test_a_map_that_unpacks_beyond_the_limit_is_refused(small: Path) -> None:
-    with raised_limits(max_bytes=20):
-        refused(small / "map.zarr", "at most 20 bytes are read")
+    refused(path, message.strip())
 
 
 def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
@@ -401,22 +295,8 @@ def test_an_interrupted_save_leaves_no_half_map(
     same(space, cspace.open(path))
 
 
-def test_an_interrupted_archive_leaves_no_half_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small: Path
-) -> None:
-    def stub(file: Any, **_: object) -> None:
-        file.write(b"PK half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(np, "savez_compressed", stub)
-    with pytest.raises(KeyboardInterrupt):
-        cspace.open(small / "map.zarr").export(tmp_path / "map.npz")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", MAP_SUFFIXES)
-def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path, suffix: str) -> None:
-    path, space = tmp_path / f"map{suffix}", cspace.open(small / "map.zarr")
+def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path) -> None:
+    path, space = tmp_path / "map", cspace.open(small / "map.zarr")
     MAP_BUILDERS["grid"]().save(path)
     with pytest.raises(FileError, match="overwrite=True"):
         space.save(path)
@@ -442,52 +322,6 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
 # ---- what other software finds -------------------------------------------------------------------
 
 
-def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
-    dataset, dim = space.to_xarray(), space.grid.dim
-    turns = {} if not space.rotations.names else {"rotation": len(space.rotations)}
-    assert dict(dataset.cell_states.sizes) == turns | dict(
-        zip("xyz", space.grid.shape, strict=False)
-    )
-    for axis, name in enumerate("xyz"[:dim]):
-        np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
-        assert dataset[name].attrs["units"] == "m"
-    assert all(dataset[name].attrs["long_name"] for name in dataset.variables)
-    flags = dataset.cell_states.attrs
-    assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"], strict=True)) == {
-        "free": cspace.FREE,
-        "mixed": cspace.MIXED,
-        "blocked": cspace.BLOCKED,
-    }
-    positions = np.stack(
-        np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1
-    )
-    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[
-        len(space.rotations.names)
-    ]
-    every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
-    for rotation, states in zip(
-        np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True
-    ):
-        q = np.concatenate(
-            [positions, np.broadcast_to(rotation, (*positions.shape[:-1], len(rotation)))], axis=-1
-        )
-        np.testing.assert_array_equal(states, space.classify(q))
-    with pytest.raises(ValueError):
-        dataset.cell_states.values[...] = 0
-    dataset.copy(deep=True).cell_states[...] = 0
-
-
-def test_a_dataset_survives_zarr_and_netcdf(tmp_path: Path, space: cspace.CSpace) -> None:
-    dataset = space.to_xarray()
-    dataset.to_zarr(tmp_path / "set.zarr", zarr_format=3, consolidated=False)
-    with xarray.open_zarr(tmp_path / "set.zarr", consolidated=False, chunks=None) as opened:
-        assert opened.identical(dataset)
-    dataset.to_netcdf(tmp_path / "set.nc", engine="scipy")
-    with xarray.open_dataset(tmp_path / "set.nc", engine="scipy") as opened:
-        for name in dataset.variables:
-            np.testing.assert_array_equal(opened[name], dataset[name])
-
-
 def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
     space.save(tmp_path / "map.zarr")
     expected = space.to_xarray()
@@ -500,15 +334,3 @@ def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
         np.testing.assert_array_equal(states, expected.cell_states)
         assert {key: opened.attrs[key] for key in expected.attrs} == expected.attrs
         assert opened.cell_states.attrs == expected.cell_states.attrs
-
-
-def test_numpy_reads_an_npz_without_this_library(tmp_path: Path, space: cspace.CSpace) -> None:
-    space.export(tmp_path / "map.npz")
-    with np.load(tmp_path / "map.npz", allow_pickle=False) as held:
-        states = held["cell_states"][held["slice_of"]]
-        np.testing.assert_array_equal(
-            states if space.rotations.names else states[0], space.cell_states
-        )
-        assert (tuple(held["lower"]), held["spacing"]) == (space.grid.lower, space.grid.spacing)
-        assert json.loads(str(held["metadata"])) == space.to_xarray().attrs
-        np.testing.assert_array_equal(held["outer"], space.workspace.outer)

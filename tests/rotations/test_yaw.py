@@ -15,7 +15,7 @@ from tests.helpers.refusals import refusals
 from tests.helpers.strategies import rotation_cells, seeds
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 72, 360])
+@pytest.mark.parametrize("count", [1, 2, 7, 360])
 def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert len(cells) == count == len(cells.centers[:, 0])
@@ -30,7 +30,8 @@ def test_a_count_cuts_the_circle_evenly_around_zero(count):
 
 
 def test_cells_share_a_slice_only_if_their_boundaries_are_a_symmetry_apart():
-    square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TWO_PI, 9)
+    square = Robot.rectangle(1.0, 1.0).shape
+    even = np.linspace(0.0, TWO_PI, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
         assert len(np.unique(Rotations.of(jittered).assign_slices(square))) == slices
@@ -59,38 +60,21 @@ def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     expected = [max(k for k in range(len(cells)) if boundaries[k] <= one) for one in yaw]
     away = np.abs(yaw[:, None] - boundaries).min(axis=1) > 1e-9
     assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
-    # Wrapping may round a boundary into either cell beside it.
+    # A boundary belongs to the cell above it, but wrapping may round it into either cell.
     above = np.arange(len(cells))
+    np.testing.assert_array_equal(cells.cell_of(boundaries[:-1]), above)
     numbers = cells.cell_of(boundaries[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % len(cells))).all()
-
-
-def test_boundaries_converted_from_degrees_are_accepted():
-    cells = Rotations.of(np.radians([0, 90, 180, 270, 360]))
-    assert len(cells) == 4 and cells.is_uniform()
-    assert cells.cell_of(np.radians([10, 100, 190, 280, 370, -10])).tolist() == [0, 1, 2, 3, 0, 3]
-    assert Rotations.of(cells) is cells
 
 
 @refusals(
     "value, message",
     (0, "rotations is 0; it must be a whole number from 1 to 65536"),
-    (-72, "rotations is -72"),
     (7.5, "rotations is 7.5"),
-    (True, "rotations is True"),
-    (math.nan, "rotations is nan"),
-    ("72", "rotations is '72'"),
-    ([], "from 2 to 65537 borders"),
     ([0.0], "from 2 to 65537 borders"),
-    ([[0.0, 6.0]], "from 2 to 65537 borders"),
-    ([0.0, math.pi], "must ascend over 6.283185307"),
     ([0.0, 1.0, TWO_PI - 1e-6], "must ascend over 6.283185307"),
-    ([0.0, 1.0, 7.0], "must ascend over 6.283185307"),
-    ([0.0, 1.0, 1.0, TWO_PI], "do not ascend"),
     ([0.0, 2.0, 1.0, TWO_PI], "do not ascend"),
     ([100.0, 101.0, 100.0 + TWO_PI], "between -2 pi and 2 pi"),
-    ([0.0, math.nan, TWO_PI], "nan"),
-    ([0.0, math.inf], "inf"),
     ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
 )
 def test_boundaries_that_do_not_cover_the_circle_are_refused(value, message):

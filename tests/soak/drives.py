@@ -1,8 +1,10 @@
-"""Paths of the lattice in an office, against shortest paths along eight headings."""
+"""Paths by every planner of OMPL in random worlds, and of the lattice in an office, against
+shortest paths along eight headings."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -14,6 +16,11 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import FREE, CSpace, Robot, Workspace
 from cspace.support.arrays import Floats
+from planners.catalogue import (
+    BIDIRECTIONAL_PLANNERS,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
+)
 from tests.soak.tally import Rng
 
 OFFICE = "maps/willow-full-0.05.yaml"
@@ -28,8 +35,13 @@ DRIVES = {"differential": None, "differential-reverse": None, "dubins": 0.5, "re
 """Turning radius in metres of each drive."""
 
 
+LIMIT = 0.2
+"""Time limit of a plan in a random world, seconds."""
+
+
 def check(report: Report, seed: int, queries: int) -> None:
-    """Plan random queries in the office with each drive."""
+    """Plan in random worlds, and random queries in the office with each drive."""
+    check_planners(report, np.random.default_rng([seed, 7]), max(2, queries // 5))
     workspace = inputs.real_map(OFFICE)
     if workspace is None:
         report.note(inputs.NO_DATA)
@@ -57,6 +69,57 @@ def check(report: Report, seed: int, queries: int) -> None:
                 not longer,
                 f"{drive}: {longer} of {joined} more than 15 % longer than along eight headings",
             )
+
+
+def build_world(rng: Rng) -> CSpace:
+    """Build the map of random boxes in the plane or in space, for a box that may turn."""
+    dim = int(rng.integers(2, 4))
+    occupied = np.zeros((36, 30, 12)[:dim], dtype=bool)
+    for _ in range(6):
+        corner = rng.integers(0, occupied.shape)
+        sides = rng.integers(1, 10, dim)
+        box = [slice(low, low + side) for low, side in zip(corner, sides, strict=True)]
+        occupied[tuple(box)] = True
+    robot = Robot.rectangle(0.5, 0.3) if dim == 2 else Robot.box((0.4, 0.2, 0.1))
+    rotations = 24 if rng.random() < 0.7 else None
+    return cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+
+
+def check_planners(report: Report, rng: Rng, worlds: int) -> None:
+    """Plan by every planner of OMPL in random worlds, with random drives and objectives."""
+    report.section(f"plans by every planner of OMPL in {worlds} random worlds")
+    names = planners.planner_names()
+    solved: Counter[str] = Counter()
+    plans = late = wrong = 0
+    while plans < worlds * len(names):
+        space = build_world(rng)
+        start, goal = space.sample_free(2, rng)
+        if not space.is_connected(start, goal):
+            continue
+        drive = rng.choice(np.array(planners.choices(space).drives))
+        for name in names:
+            plans += 1
+            if drive == "dubins" and name in BIDIRECTIONAL_PLANNERS:
+                continue
+            minimises = name not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS
+            plan = planners.plan(
+                space,
+                start,
+                goal,
+                planner=name,
+                objective="clearance" if minimises and rng.random() < 0.5 else "length",
+                drive=str(drive),
+                turning_radius=DRIVES.get(drive),
+                time_limit=LIMIT,
+                seed=int(rng.integers(1000)),
+            )
+            solved[name] += plan.solved
+            late += plan.times.planning + plan.times.simplification > LIMIT + 0.25
+            free = plan.certified and bool(np.all(space.is_free(plan.path)))
+            wrong += free != plan.solved
+    report.check(not wrong, f"{wrong} of {plans} paths are not certified or not free")
+    report.check(late <= plans // 50, f"{late} of {plans} plans end more than 0.25 s late")
+    report.check(all(solved[name] for name in names), f"every planner finds paths: {solved}")
 
 
 def build_office(workspace: Workspace) -> CSpace:

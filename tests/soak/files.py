@@ -41,6 +41,15 @@ EXTREMES = (*b"0 -1 1e308 nan inf -0.0 4294967295 2147483648 1e-310".split(), b"
 EXTREME_WORDS = (b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80")
 CHANGES = ("flip", "flip", "byte", "byte", "swap", "cut", "extreme", "extreme", "splice", "repeat")
 
+WITHOUT_END = {"box.obj", "points.csv", "points.xyz", "voxels.3dmap", "robot.yaml", "map.yaml"}
+"""Families whose format does not mark the end of a file, so that truncation between lines is
+undetectable."""
+
+TRAILERS = {"image.png": 30, "image.bmp": 6}
+"""Number of trailing bytes without values, such as checksums; at most two in other files."""
+
+LFS_POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12345\n"
+
 Rng = np.random.Generator
 
 
@@ -331,6 +340,35 @@ def count_outcomes(
     return outcomes
 
 
+def open_cut_files(every: dict[str, Path], count: int) -> list[tuple[str, int]]:
+    """Return name and length of each cut file that opens although its format marks its end."""
+    opened = []
+    for name, path in every.items():
+        if path.is_dir() or name in WITHOUT_END:
+            continue
+        content = path.read_bytes()
+        lengths = np.linspace(0, len(content) - TRAILERS.get(name, 3), count).astype(int)
+        for length in lengths.tolist():
+            path.write_bytes(content[:length])
+            if attempt(path) != "refused":
+                opened.append((name, length))
+        path.write_bytes(content)
+    return opened
+
+
+def open_pointers(every: dict[str, Path]) -> list[str]:
+    """Return the names of families that a pointer of git-lfs may stand for."""
+    opened = []
+    for name, path in every.items():
+        if path.is_file():
+            content = path.read_bytes()
+            path.write_bytes(LFS_POINTER)
+            if attempt(path) != "refused":
+                opened.append(name)
+            path.write_bytes(content)
+    return opened
+
+
 Parts = dict[str, bytes]
 """Contents of the files of a folder, by name."""
 
@@ -420,7 +458,10 @@ def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
         f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each"
     )
     with tempfile.TemporaryDirectory() as folder:
-        names = list(write_families(Path(folder)))
+        every = write_families(Path(folder))
+        names = list(every)
+        report.check(not open_cut_files(every, 100), "files: cut files are refused")
+        report.check(not open_pointers(every), "files: pointers of git-lfs are refused")
     for name in names:
         start = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:

@@ -1,11 +1,10 @@
-"""Minkowski sums of polygons, against exact fractions and Clipper."""
+"""Minkowski sums of polygons, against exact fractions."""
 
 import math
 from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
-import pyclipper
 import pytest
 import shapely
 from hypothesis import given, settings
@@ -16,212 +15,154 @@ from cspace.errors import GeometryError, InputError
 from cspace.spectral import Descriptor, minkowski_sum
 from tests.helpers.refusals import refusals
 
-NUMBERS = st.floats(-5.0, 5.0, allow_subnormal=False)
-EIGHTHS = st.integers(-8, 8).map(lambda n: n / 8)
+numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
+eighths = st.integers(-8, 8).map(lambda n: n / 8)
 
 
-def exact_ring(ring):
-    return [(Fraction(x), Fraction(y)) for x, y in list(ring.coords)]
+def list_corners(ring):
+    """Return the corners of a closed ring as exact fractions."""
+    return [(Fraction(x), Fraction(y)) for x, y in ring.coords]
 
 
-def contains_exactly(point, polygon):
-    """Return True if a polygon contains a point, exactly."""
-    x, y = point
-    odd = False
-    for ring in (polygon.exterior, *polygon.interiors):
-        for (ax, ay), (bx, by) in pairwise(exact_ring(ring)):
-            turn = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
-            if turn == 0 and min(ax, bx) <= x <= max(ax, bx) and min(ay, by) <= y <= max(ay, by):
-                return True
-            if (ay <= y) != (by <= y):
-                odd ^= (turn > 0) == (by > ay)
-    return odd
-
-
-def list_edges(polygon, point=None):
-    """Yield exact edges of a polygon or its mirror image.
-
-    The mirror image is moved to a point.
-    """
-    for ring in (polygon.exterior, *polygon.interiors):
-        corners = exact_ring(ring)
-        if point is not None:
-            corners = [(point[0] - x, point[1] - y) for x, y in corners]
-        yield from pairwise(corners)
+def list_edges(polygon):
+    """Return the exact edges of a polygon, holes included."""
+    rings = polygon.exterior, *polygon.interiors
+    return [edge for ring in rings for edge in pairwise(list_corners(ring))]
 
 
 def orientation(a, b, c):
+    """Return 1 if c lies to the left of the line from a to b, -1 to the right, else 0."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return (area > 0) - (area < 0)
 
 
-def cross(one, other):
-    (a, b), (c, d) = one, other
+def overlap_along(first, second, axis):
+    """Return True if two segments overlap along an axis."""
+    low = max(min(a[axis] for a in first), min(b[axis] for b in second))
+    high = min(max(a[axis] for a in first), max(b[axis] for b in second))
+    return low <= high
+
+
+def meet(first, second):
+    """Return True if two segments have a common point."""
+    (a, b), (c, d) = first, second
     signs = orientation(a, b, c), orientation(a, b, d), orientation(c, d, a), orientation(c, d, b)
-    if signs == (0, 0, 0, 0):
-        return all(
-            max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k]))
-            for k in (0, 1)
-        )
+    if not any(signs):
+        return overlap_along(first, second, 0) and overlap_along(first, second, 1)
     return signs[0] * signs[1] <= 0 and signs[2] * signs[3] <= 0
 
 
-def is_sum(point, first, second):
-    """Return True if ``point`` is in the sum, exactly."""
-    mirrored = list(list_edges(second, point))
-    if contains_exactly(mirrored[0][0], first):
+def contains(edges, point):
+    """Return True if a polygon, given by its edges, contains a point."""
+    inside = False
+    for a, b in edges:
+        if meet((a, b), (point, point)):
+            return True
+        if (a[1] <= point[1]) != (b[1] <= point[1]):
+            inside ^= (orientation(a, b, point) > 0) == (b[1] > a[1])
+    return inside
+
+
+def is_in_sum(first, second, point):
+    """Return True if a point lies in the sum: one polygon meets the mirror image of the other."""
+    mirrored = [tuple((point[0] - x, point[1] - y) for x, y in edge) for edge in second]
+    if contains(first, mirrored[0][0]) or contains(mirrored, first[0][0]):
         return True
-    corner = exact_ring(first.exterior)[0]
-    if contains_exactly((point[0] - corner[0], point[1] - corner[1]), second):
-        return True
-    return any(cross(one, other) for one in list_edges(first) for other in mirrored)
+    return any(meet(one, other) for one in first for other in mirrored)
 
 
 @st.composite
-def polygons(draw, numbers=NUMBERS):
-    """Draw a polygon, possibly with a hole."""
-    count, center = draw(st.integers(3, 7)), (draw(numbers), draw(numbers))
+def star_polygons(draw):
+    """Draw a polygon, possibly with a hole; it may cross itself."""
+    count = draw(st.integers(3, 7))
+    center = np.array([draw(numbers), draw(numbers)])
     angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
     radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
-    ring = [
-        (center[0] + r * math.cos(a), center[1] + r * math.sin(a))
-        for a, r in zip(angles, radii, strict=True)
-    ]
-    polygon = shapely.Polygon(ring)
-    if draw(st.booleans()):
-        polygon = shapely.Polygon(ring, [center + 0.3 * (np.array(ring) - center)])
-    return polygon
+    spokes = [(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)]
+    ring = center + np.array(spokes)
+    holes = [center + 0.3 * np.array(spokes)] if draw(st.booleans()) else []
+    return shapely.Polygon(ring, holes)
 
 
 @st.composite
-def rectilinear(draw):
-    """Draw boxes on a lattice, so that edges coincide."""
-    boxes = draw(st.lists(st.tuples(EIGHTHS, EIGHTHS, EIGHTHS, EIGHTHS), min_size=1, max_size=3))
-    ends = [(np.minimum(box[:2], box[2:]), np.maximum(box[:2], box[2:])) for box in boxes]
-    return shapely.union_all([shapely.box(*low, *high) for low, high in ends if (low < high).all()])
-
-
-def usable(geometry):
-    return (
-        geometry.geom_type == "Polygon"
-        and not geometry.is_empty
-        and geometry.is_valid
-        and geometry.area > 1e-6
+def unions_of_boxes(draw):
+    """Draw boxes on a lattice, so that edges of sums coincide."""
+    boxes = draw(st.lists(st.tuples(eighths, eighths, eighths, eighths), min_size=1, max_size=3))
+    return shapely.union_all(
+        [shapely.box(min(a, c), min(b, d), max(a, c), max(b, d)) for a, b, c, d in boxes]
     )
 
 
-def check_bounds(first, second, points):
-    """Check both bounds at sums of points."""
+def is_usable(geometry):
+    return geometry.geom_type == "Polygon" and geometry.is_valid and geometry.area > 1e-6
+
+
+polygons = (star_polygons() | unions_of_boxes()).filter(is_usable)
+
+
+@settings(max_examples=80)
+@given(polygons, polygons, st.integers(0, 2**16))
+def test_bounds_hold_exactly(first, second, seed):
     inner, outer = minkowski_sum(first, second)
     assert inner.is_valid and outer.is_valid and outer.geom_type == "Polygon"
-    # The outer bound contains the sums of two corners.
-    both = [[q for ring in list_edges(each) for q in ring] for each in (first, second)]
-    for share in points:
-        a, b = (corners[int(share * len(corners))] for corners in both)
-        assert contains_exactly((a[0] + b[0], a[1] + b[1]), outer)
-    for part in shapely.get_parts(inner):
-        for ring in (part.exterior, *part.interiors):
-            corners = exact_ring(ring)[:-1]
-            for k, corner in enumerate(corners):
-                center = tuple((x + y) / 2 for x, y in zip(corner, corners[k - 1], strict=True))
-                assert is_sum(corner, first, second) and is_sum(center, first, second)
+    first_edges = list_edges(first)
+    second_edges = list_edges(second)
+    outer_edges = list_edges(outer)
+    rng = np.random.default_rng(seed)
+    for i, j in rng.integers((len(first_edges), len(second_edges)), size=(8, 2)):
+        ax, ay = first_edges[i][0]
+        bx, by = second_edges[j][0]
+        assert contains(outer_edges, (ax + bx, ay + by))
+    inner_edges = [edge for part in shapely.get_parts(inner) for edge in list_edges(part)]
+    for k in rng.permutation(len(inner_edges))[:10]:
+        a, b = inner_edges[k]
+        middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
+        assert is_in_sum(first_edges, second_edges, a)
+        assert is_in_sum(first_edges, second_edges, middle)
     # The two bounds are close to each other.
-    far = max(abs(float(x)) for x in outer.bounds)
-    assert outer.area - inner.area <= 4e-9 * far * (outer.length + 1.0)
-    return inner, outer
-
-
-@settings(max_examples=60)
-@given(polygons(), polygons(), st.lists(st.floats(0, 0.999), min_size=8, max_size=8))
-def test_bounds_hold_exactly(first, second, points):
-    if usable(first) and usable(second):
-        check_bounds(first, second, points)
-
-
-@settings(max_examples=60)
-@given(rectilinear(), rectilinear(), st.lists(st.floats(0, 0.999), min_size=8, max_size=8))
-def test_bounds_hold_if_edges_coincide(first, second, points):
-    if usable(first) and usable(second):
-        check_bounds(first, second, points)
-
-
-@settings(max_examples=30)
-@given(polygons(), polygons())
-def test_area_agrees_with_clipper(first, second):
-    """Sum boundaries by Clipper; copies fill the interior."""
-    if not (usable(first) and usable(second)):
-        return
-    scale, (one, other) = 2**30, [np.array(each.exterior.coords)[:-1] for each in (first, second)]
-    paths = pyclipper.MinkowskiSum(
-        np.rint(one * scale).astype(int), np.rint(other * scale).astype(int), True
-    )
-    parts = [shapely.make_valid(shapely.Polygon(np.array(path) / scale)) for path in paths]
-    theirs = shapely.union_all(
-        [*parts, shapely.Polygon(one + other[0]), shapely.Polygon(other + one[0])]
-    )
-    outer = minkowski_sum(shapely.Polygon(one), shapely.Polygon(other)).outer
-    assert fill_holes(outer).symmetric_difference(fill_holes(theirs)).area < 1e-6
-
-
-def fill_holes(geometry):
-    """Return a geometry without its holes."""
-    return shapely.union_all(
-        [shapely.Polygon(part.exterior) for part in shapely.get_parts(geometry)]
-    )
+    largest = np.abs(outer.bounds).max()
+    assert outer.area - inner.area <= 4e-9 * largest * (outer.length + 1.0)
 
 
 def test_lines_points_and_collections_have_sums():
     square = shapely.box(0, 0, 1, 1)
     inner, outer = minkowski_sum(square, shapely.LineString([(0, 0), (2, 0), (2, 3)]))
     assert outer.covers(shapely.union_all([shapely.box(0, 0, 3, 1), shapely.box(2, 0, 3, 4)]))
-    assert inner.area == pytest.approx(3 + 3, abs=1e-6) and outer.area == pytest.approx(6, abs=1e-6)
+    assert (inner.area, outer.area) == pytest.approx((6.0, 6.0), abs=1e-6)
     inner, outer = minkowski_sum(shapely.LineString([(0, 0), (1, 0)]), shapely.Point(2, 2))
-    assert (
-        inner.is_empty and outer.covers(shapely.LineString([(2, 2), (3, 2)])) and outer.area < 1e-6
-    )
-    both = shapely.MultiPolygon([square, shapely.box(5, 5, 6, 6)])
-    assert minkowski_sum(both, square).inner.area == pytest.approx(8.0, abs=1e-6)
+    assert inner.is_empty
+    assert outer.covers(shapely.LineString([(2, 2), (3, 2)])) and outer.area < 1e-6
+    squares = shapely.MultiPolygon([square, shapely.box(5, 5, 6, 6)])
+    assert minkowski_sum(squares, square).inner.area == pytest.approx(8.0, abs=1e-6)
 
 
 def test_holes_remain_unless_filled():
-    frame = shapely.Polygon(shapely.box(0, 0, 3, 3).exterior, [shapely.box(1, 1, 2, 2).exterior])
+    frame = shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2)
     inner, outer = minkowski_sum(frame, shapely.box(-0.25, -0.25, 0.25, 0.25))
-    assert (
-        inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6)
-        and len(outer.interiors) == len(inner.interiors) == 1
-    )
+    assert inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6)
+    assert len(outer.interiors) == len(inner.interiors) == 1
     assert not minkowski_sum(frame, shapely.box(0, 0, 1.5, 1.5)).outer.interiors
 
 
 def test_coordinates_may_be_large():
     rectangle = shapely.affinity.translate(shapely.box(0, 0, 2, 1), 500_000.1, 5_200_000.7)
     inner, outer = minkowski_sum(rectangle, shapely.Point(0, 0).buffer(0.4))
-    assert (
-        outer.covers(rectangle.buffer(0.3))
-        and rectangle.buffer(0.41).covers(outer)
-        and inner.covers(rectangle.buffer(0.39))
-    )
+    assert rectangle.buffer(0.41).covers(outer)
+    assert inner.covers(rectangle.buffer(0.39))
+
+
+POINT = shapely.Point(0, 0)
+BOW = shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])
+FINE_CIRCLE = POINT.buffer(1, 4000).boundary
 
 
 @refusals(
-    "arguments, error, expected",
-    (
-        (shapely.Point(0, 0), Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]])),
-        InputError,
-        "is a Point, no Desc",
-    ),
-    ((shapely.Polygon(), shapely.Point(0, 0)), GeometryError, "empty"),
-    (
-        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), shapely.Point(0, 0)),
-        GeometryError,
-        "polygons",
-    ),
-    (
-        (shapely.Point(0, 0).buffer(1, 4000).boundary,) * 2,
-        InputError,
-        "at most 10,000,000 are united; simplify",
-    ),
+    "first, second, error, message",
+    (POINT, Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]]), InputError, "is a Point, no Desc"),
+    (shapely.Polygon(), POINT, GeometryError, "empty"),
+    (BOW, POINT, GeometryError, "polygons"),
+    (FINE_CIRCLE, FINE_CIRCLE, InputError, "at most 10,000,000 are united; simplify"),
 )
-def test_minkowski_sum_refuses_invalid_geometries(arguments, error, expected):
-    with pytest.raises(error, match=expected):
-        minkowski_sum(*arguments)
+def test_minkowski_sum_refuses_invalid_geometries(first, second, error, message):
+    with pytest.raises(error, match=message):
+        minkowski_sum(first, second)

@@ -1,7 +1,6 @@
 """Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
 
 import ast
-import fcntl
 import os
 import pickle
 import shutil
@@ -19,7 +18,7 @@ import cspace
 import planners
 from benchmarks.first_process import DEMO
 from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
-from cspace.support.compiling import FILES_WITHOUT_KERNELS, KEPT_SECONDS, clock, is_private, kernel
+from cspace.support.compiling import FILES_WITHOUT_KERNELS, clock, is_private, kernel
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -184,36 +183,6 @@ def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
     assert len(seen) > 100
 
 
-def test_code_of_other_versions_is_removed_a_week_after_its_last_use(
-    probe: Callable[..., tuple[str, str]], tmp_path: Path
-) -> None:
-    now = time.time()
-    for name, age in (("old", KEPT_SECONDS + 60.0), ("recent", KEPT_SECONDS - 3600.0)):
-        lock = tmp_path / "cache" / "cspace" / name / "lock"
-        lock.parent.mkdir(parents=True)
-        lock.touch()
-        os.utime(lock, (now - age, now - age))
-    assert probe()[0] == "4.0 0"
-    left = {folder.name for folder in (tmp_path / "cache" / "cspace").iterdir()}
-    assert "recent" in left and "old" not in left and len(left) == 2
-
-
-def test_processes_save_code_one_at_a_time(
-    probe: Callable[..., tuple[str, str]], tmp_path: Path
-) -> None:
-    probe("answer = None; import cspace.probe, sys; print('4.0 0'); sys.exit()")  # makes the folder
-    (lock,) = (tmp_path / "cache").rglob("lock")
-    with lock.open() as opened:
-        fcntl.flock(opened, fcntl.LOCK_EX)
-        process = start(tmp_path, RUN_PROBE.format(before="print('begun', flush=True)"))
-        assert process.stdout is not None and process.stdout.readline() == "begun\n"
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(2.0)
-        assert not list((tmp_path / "cache").rglob("*.nbc"))
-        fcntl.flock(opened, fcntl.LOCK_UN)
-        assert process.communicate()[0] == "4.0 0\n"
-
-
 # ---- privacy -------------------------------------------------------------------------------------
 
 
@@ -255,18 +224,6 @@ def test_a_folder_of_another_user_is_not_private(
     assert is_private(inner)
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     assert not is_private(inner)
-
-
-def test_without_a_folder_that_can_be_written_code_is_kept_in_the_temporary_one_or_not_at_all(
-    probe: Callable[..., tuple[str, str]], tmp_path: Path
-) -> None:
-    nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), os.devnull)
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    assert [probe(**nowhere, TMPDIR=str(temporary))[0] for _ in range(2)] == ["4.0 0", "4.0 1"]
-    temporary.chmod(0o777)
-    out, err = probe(**nowhere, TMPDIR=str(temporary))
-    assert out == "4.0 0" and "at each start" in err
 
 
 # ---- the clock -----------------------------------------------------------------------------------

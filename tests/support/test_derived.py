@@ -1,14 +1,8 @@
 """Parts of a map: computed once, dropped, not copied."""
 
-import copy
-import pickle
 import threading
 import time
 
-import numpy as np
-import pytest
-
-import cspace
 from cspace.support.derived import derived, lazy
 
 
@@ -52,17 +46,6 @@ def test_only_derived_parts_are_dropped():
     assert Owner.part.__doc__ == "Part of the owner."
 
 
-def test_a_failed_part_is_computed_at_the_next_access():
-    def fails():
-        raise MemoryError
-
-    owner = Owner(fails)
-    with pytest.raises(MemoryError):
-        _ = owner.part
-    owner.make = object
-    assert type(owner.part) is object
-
-
 def test_all_parts_of_an_owner_share_its_lock():
     first, second = Owner(), Owner()
     threads = [threading.Thread(target=getattr, args=(owner, "other")) for owner in (second, first)]
@@ -79,22 +62,3 @@ def test_all_parts_of_an_owner_share_its_lock():
     part, first.make = first.part, object
     threads[1].join(10.0)
     assert type(part) is object
-
-
-@pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))]
-)
-def test_copies_of_a_map_share_neither_lock_nor_parts(copied):
-    space = cspace.build(
-        cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1)
-    )
-    q = (0.3, 0.9), (0.8, 0.4)
-    assert space.is_connected(*q)
-    with space.lock:
-        other = copied(space)
-        answers = []
-        thread = threading.Thread(target=lambda: answers.append(other.is_connected(*q)))
-        thread.start()
-        thread.join(10.0)
-    assert answers == [True]
-    assert not {"_components", "_distances"} & vars(copied(space)).keys()

@@ -1,8 +1,5 @@
 """Memory checks before any work."""
 
-import math
-
-import numpy as np
 import pytest
 
 import cspace
@@ -10,7 +7,6 @@ from cspace.engines.slices import raster_bytes, slice_rasters
 from cspace.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
-    bytes_text,
     check_memory,
 )
 
@@ -22,54 +18,6 @@ def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
         cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"
     ):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
-
-
-@pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
-@pytest.mark.parametrize(
-    "rotations",
-    [10**7, np.linspace(0, 2 * math.pi, 10**6)],
-    ids=["a count of yaws", "borders of yaws"],
-)
-def test_build_refuses_too_many_yaws_at_once(tmp_path, rotations, store):
-    workspace, robot = (
-        cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
-        cspace.Robot.rectangle(0.3, 0.1),
-    )
-    options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(
-        cspace.InputError,
-        match=r"rotations .* from 2 to 65537 borders|rotations .* from 1 to 65536",
-    ):
-        cspace.build(workspace, robot, rotations=rotations, **options)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
-@pytest.mark.parametrize("kind", ["yaw", "quaternions"])
-def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, store):
-    # The map has a few cells, so its states take hardly any memory.
-    if kind == "yaw":
-        workspace, robot = (
-            cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
-            cspace.Robot.rectangle(3.0, 1.0, (0.2, 0.0)),
-        )
-        rotations = cspace.Rotations.of(60_000)
-    else:
-        workspace, robot = (
-            cspace.Workspace.from_array(np.eye(2)[None] > 0, 0.1),
-            cspace.Robot.box((0.9, 0.5, 0.1), (0.1, 0.1, 0.1)),
-        )
-        rotations = cspace.Rotations.quaternions(24)
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 3 * 10**8)
-    monkeypatch.setattr("cspace.robot.Robot.rasters", None)
-    options = {"store": tmp_path / "map.zarr"} if store else {}
-    with pytest.raises(
-        cspace.InputError,
-        match=r"x [\d,]+ slices and needs about .* [MG]B of memory.*fewer rotations",
-    ):
-        cspace.build(workspace, robot, rotations=rotations, **options)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -91,7 +39,3 @@ def test_the_memory_estimate_of_rasters_is_near_the_measurement(robot, rotations
     cells = sum(raster.cells.size for pair in pairs for raster in pair)
     needed = SLICE_BYTES * len(pairs) + RASTER_CELL_BYTES[robot.dim] * cells
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
-
-
-def test_sizes_are_formatted_in_round_units():
-    assert [bytes_text(n) for n in (12, 1500, 2.5e9)] == ["12 bytes", "1.5 kB", "2.5 GB"]

@@ -1,133 +1,144 @@
-"""Geometry of the page: borders, sections and robots."""
+"""Geometry of the page: borders, sections, robots and poses."""
 
 from __future__ import annotations
+
+import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
+from cspace.rotations import Rotations
 from cspace.view.blocks import Cells
-from cspace.view.scene import (
-    KINDS,
-    Stage,
-    extract_border,
-    make_robot_surface,
-    rgb,
-)
+from cspace.view.map_canvas import Poses
+from cspace.view.scene import KINDS, Section, Stage, extract_border, make_robot_surface, rgb
+from tests.helpers.handmade import fill_boxes
 
 
-def split_rectangles(corners: np.ndarray) -> list[tuple[int, ...]]:
-    """Return unit squares as (axis, sign, position)."""
-    unit_squares = []
-    for one in corners:
-        normal = np.cross(one[1] - one[0], one[2] - one[1])
+def count_squares(rectangles: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Count how often rectangles cover each unit square, by axis, side and position."""
+    counts = np.zeros((3, 2, *np.add(shape, 1)), dtype=np.int64)
+    for corners in rectangles:
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
         (axis,) = np.flatnonzero(normal)
-        low, high = one.min(axis=0), one.max(axis=0)
-        high[axis] += 1
-        unit_squares += [
-            (int(axis), int(np.sign(normal[axis])), *position)
-            for position in np.ndindex(*(high - low))
-            for position in [tuple((low + position).tolist())]
-        ]
-    return unit_squares
+        stop = corners.max(axis=0)
+        stop[axis] += 1
+        counts[axis, int(normal[axis] > 0)][*map(slice, corners.min(axis=0), stop)] += 1
+    return counts
 
 
-def find_border(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
-    """Return the unit squares of borders of cells."""
-    faces = []
-    for cell in np.argwhere(solid):
-        for axis in range(3):
-            for sign in (-1, 1):
-                other = cell.copy()
-                other[axis] += sign
-                inside = 0 <= other[axis] < solid.shape[axis]
-                if (
-                    solid[tuple(other)]
-                    if inside
-                    else not (has_boundary and (lid or (axis, sign) != (2, 1)))
-                ):
-                    continue
-                position = cell.copy()
-                position[axis] += sign > 0
-                faces.append((axis, sign, *position.tolist()))
-    return faces
+def find_squares(solid: Any, has_boundary: bool, lid: bool) -> NDArray[np.int64]:
+    """Find the unit squares between solid cells and others, one cell at a time."""
+    counts = np.zeros((3, 2, *np.add(solid.shape, 1)), dtype=np.int64)
+    for cell, axis, up in itertools.product(np.argwhere(solid), range(3), (0, 1)):
+        other = cell.copy()
+        other[axis] += 2 * up - 1
+        if 0 <= other[axis] < solid.shape[axis]:
+            is_border = not solid[tuple(other)]
+        else:
+            is_border = has_boundary and (lid or (axis, up) != (2, 1))
+        cell = cell.copy()
+        cell[axis] += up
+        counts[axis, up, *cell] += is_border
+    return counts
 
 
-@pytest.mark.parametrize(("has_boundary", "lid"), [(True, True), (True, False), (False, True)])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
-def test_rectangles_cover_the_border(share: float, has_boundary: bool, lid: bool) -> None:
-    solid = np.random.default_rng(0).random((7, 5, 6)) < share
-    rectangles = split_rectangles(extract_border(solid, has_boundary, lid))
-    assert sorted(rectangles) == sorted(find_border(solid, has_boundary, lid))
+@given(
+    seed=st.integers(0, 2**16),
+    share=st.sampled_from([0.0, 0.3, 0.8, 1.0]),
+    has_boundary=st.booleans(),
+    lid=st.booleans(),
+)
+def test_rectangles_cover_the_border_once(
+    seed: int, share: float, has_boundary: bool, lid: bool
+) -> None:
+    solid = np.random.default_rng(seed).random((5, 3, 4)) < share
+    actual = count_squares(extract_border(solid, has_boundary, lid), solid.shape)
+    np.testing.assert_array_equal(actual, find_squares(solid, has_boundary, lid))
 
 
-def test_a_box_has_six_rectangles() -> None:
-    solid = np.zeros((9, 8, 7), dtype=bool)
-    solid[2:6, 1:7, 3:5] = True
-    assert len(extract_border(solid)) == 6
+@pytest.mark.parametrize("cut", [0.6, 1.75, 4.5, 9.0])
+def test_solids_end_at_the_cut(cut: float) -> None:
+    occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :])
+    workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
+    room = cspace.build(workspace, cspace.Robot.ball(0.4))
+    stage = Stage(room.grid, 1.0)
+    blocks = Cells(room).make_blocks(None)
+    mesh = trimesh.Trimesh(*stage.make_solid(blocks, KINDS["obstacles"], cut))
+    assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
+    heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
+    assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
+    assert stage.make_section(blocks, cut).height == cut
 
 
-@pytest.fixture(scope="module")
-def room() -> cspace.CSpace:
-    occupied = np.zeros((12, 10, 8), dtype=bool)
-    occupied[:, :, 0] = occupied[3, 4:6, :] = True
-    return cspace.build(
-        cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5)), cspace.Robot.ball(0.4)
-    )
+def read_pixel(section: Section, x: float, y: float) -> tuple[int, ...]:
+    """Return the pixel at a position; the first row has the largest y."""
+    rows, columns = section.image.shape[:2]
+    across, up = (np.array([x, y]) - section.lower) / (section.upper - section.lower)
+    return tuple(section.image[int((1.0 - up) * rows), int(across * columns)].tolist())
 
 
-def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
-    stage, blocks = Stage(room.grid, 1.0), Cells(room).at(None)
-    for cut in (0.6, 1.75, 4.5, 9.0):
-        mesh = trimesh.Trimesh(*stage.solid(blocks, KINDS["obstacles"], cut))
-        assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
-        low = room.workspace.outer * np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
-        assert mesh.volume == pytest.approx(0.125 * low.sum())
-        assert stage.section(blocks, cut).height == cut
-
-
-def read_pixel(section: object, x: float, y: float) -> tuple[int, ...]:
-    image, lower, upper, _ = section  # type: ignore[misc]
-    column, row = (
-        (np.array([x, y]) - lower) / (upper - lower) * [image.shape[1], -image.shape[0]]
-    ).astype(int)
-    return tuple(image[row - 1, column].tolist())
-
-
-def test_section_shows_cells_at_their_positions() -> None:
-    occupied = np.zeros((9, 6), dtype=bool)
-    occupied[7, 1] = True
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
-    section = Stage(space.grid, 0.2).section(Cells(space).at(0), 0.2)
+def test_sections_show_cells_at_their_positions() -> None:
+    obstacle = (*rgb(CLASSES[OBSTACLE][1]), 255)
+    occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
+    flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
+    space = cspace.build(flat, cspace.Robot.disc(0.05))
+    section = Stage(space.grid, 0.2).make_section(Cells(space).make_blocks(0), 0.2)
     assert section.height == 0.0
-    assert read_pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
+    assert read_pixel(section, 0.75, 0.15) == obstacle
     assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
-    high = np.zeros((9, 6, 4), dtype=bool)
-    high[7, 1, 2] = True
-    space = cspace.build(
-        cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free"
-    )
-    stage, blocks = Stage(space.grid, 0.2), Cells(space).at(0)
-    assert read_pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
-    assert read_pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
+    high = cspace.Workspace.from_array(occupied, 0.1)
+    space = cspace.build(high, cspace.Robot.ball(0.05), outside="free")
+    stage = Stage(space.grid, 0.2)
+    blocks = Cells(space).make_blocks(0)
+    assert read_pixel(stage.make_section(blocks, 0.25), 0.75, 0.15) == obstacle
+    assert (
+        read_pixel(stage.make_section(blocks, 0.05), 0.75, 0.15)[3] == 0
+    )  # free cells are transparent
+
+
+def test_a_plane_robot_becomes_a_slab() -> None:
+    outline = shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)
+    mesh = trimesh.Trimesh(*make_robot_surface(cspace.Robot.polygon(outline), 0.5))
+    mesh.merge_vertices()
+    assert mesh.volume == pytest.approx(0.5 * outline.area)
+    assert mesh.is_watertight
 
 
 @pytest.mark.parametrize(
-    "robot",
+    ("dim", "cells", "angles"),
     [
-        cspace.Robot.disc(0.3),
-        cspace.Robot.polygon(shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)),
-        cspace.Robot.polygon([(0, 0), (2, 0), (2, 1), (1, 0.2), (0, 1)]),
-        cspace.Robot.box((0.5, 0.4, 0.3)),
+        (2, None, ()),
+        (2, 8, ("yaw",)),
+        (3, 8, ("yaw",)),
+        (3, Rotations.quaternions(2), ("roll", "pitch", "yaw")),
     ],
-    ids=["disc", "hole", "notch", "box"],
+    ids=["R2", "SE2", "R3xSO2", "SE3"],
 )
-def test_robot_surface_has_the_volume_of_the_robot(robot: cspace.Robot) -> None:
-    mesh = trimesh.Trimesh(*make_robot_surface(robot, 0.5))
-    size = 0.06 if robot.dim == 3 else 0.5 * robot.geometry.area
-    mesh.merge_vertices()
-    assert mesh.volume == pytest.approx(size, rel=1e-6)
-    assert mesh.is_watertight
+def test_poses_and_dials_give_back_the_configuration(
+    dim: int, cells: Any, angles: tuple[str, ...]
+) -> None:
+    rotations = Rotations.of(cells)
+    rng = np.random.default_rng(0)
+    poses = Poses(dim, rotations)
+    assert poses.angles == angles
+    for _ in range(20):
+        q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
+        dials = poses.dial_values(q)
+        position, wxyz = poses.pose(q)
+        assert position[:dim].tolist() == q[:dim].tolist()
+        turn = Rotation.from_quat(wxyz, scalar_first=True)
+        degrees = np.zeros(3)
+        degrees[3 - len(angles) :] = dials[dim:]
+        fixed_axes = Rotation.from_euler("xyz", degrees, degrees=True)
+        np.testing.assert_allclose((turn.inv() * fixed_axes).magnitude(), 0.0, atol=1e-6)
+        for again in (poses.configuration_of(dials), poses.nearest_configuration(position, wxyz)):
+            np.testing.assert_allclose(rotations.steps_between(q, again), 0.0, atol=1e-7)

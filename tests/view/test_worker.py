@@ -8,33 +8,30 @@ from cspace.view.page import Worker
 from tests.helpers.waiting import until
 
 
-def test_worker_merges_requests_and_survives_errors() -> None:
-    done, go, others = [], threading.Event(), set(threading.enumerate())
+def test_a_worker_merges_requests_survives_errors_and_ends() -> None:
+    others = set(threading.enumerate())
+    go = threading.Event()
+    runs: list[int] = []
+    errors: list[Exception] = []
 
     def work() -> None:
         go.wait(10.0)
-        done.append(len(done))
-        if len(done) == 2:
+        runs.append(len(runs))
+        if len(runs) == 2:
             raise ValueError("once")
 
-    failed: list[Exception] = []
-    worker = Worker(work, failed.append)
-    own = set(threading.enumerate()) - others
-    assert own
+    worker = Worker(work, errors.append)
     worker.request()
+    until(lambda: worker._busy)
     for _ in range(50):
         worker.request()
     assert not worker.wait(0.01)
     go.set()
     assert worker.wait(10.0)
-    assert 1 <= len(done) <= 2
-    while not failed:
-        worker.request()
-        assert worker.wait(10.0)
-    count = len(done)
+    assert runs == [0, 1]
     worker.request()
     assert worker.wait(10.0)
-    assert len(done) == count + 1
-    assert [str(error) for error in failed] == ["once"]
+    assert runs == [0, 1, 2]
+    assert [str(error) for error in errors] == ["once"]
     worker.close()
-    until(lambda: own.isdisjoint(threading.enumerate()))
+    until(lambda: others.issuperset(threading.enumerate()))

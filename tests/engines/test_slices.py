@@ -1,0 +1,42 @@
+"""Rasters of the slices of a map."""
+
+import numpy as np
+import pytest
+
+from cspace import Robot
+from cspace.engines.slices import slice_rasters
+from cspace.rotations import RotationCell, Rotations
+from tests.helpers.oracles import raster_offsets
+
+BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
+ROBOTS = {
+    "rectangle": Robot.rectangle(0.93, 0.41),
+    "triangle": Robot.polygon([(0.9, 0.1), (-0.3, 0.35), (-0.2, -0.45)]),
+    "kite": Robot.polygon([(0.9, 0.0), (0.1, 0.35), (-0.4, 0.0), (0.1, -0.35)]),
+    "box": Robot.box((0.93, 0.41, 0.27)),
+    "box beside its axis": Robot.box((0.93, 0.41, 0.27), (0.1, 0.0, 0.2)),
+    "cells": Robot.from_bitmap(BITMAP, 0.17, (-0.2, -0.1, -0.1)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "rotations"),
+    [
+        *((name, Rotations.of(count)) for count in (8, 12) for name in ROBOTS),
+        *((name, Rotations.quaternions(2)) for name in ("box", "box beside its axis", "cells")),
+    ],
+)
+def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
+    """Include slices made as images of others under quarter turns and mirrors."""
+    robot = ROBOTS[name]
+    rng = np.random.default_rng(0)
+    pairs = slice_rasters(robot, 0.083, 0.02, rotations)
+    slice_of = rotations.assign_slices(robot.shape)
+    cells = np.repeat(np.arange(len(rotations)), 3)
+    matrices = rotations.make_matrices(rotations.sample(cells, 0.0, rng), robot.dim)
+    for cell, matrix in zip(cells, matrices, strict=True):
+        turn = RotationCell(matrix, 0.0, rotations.about_z)
+        outer, inner = map(raster_offsets, pairs[slice_of[cell]])
+        outer_there, inner_there = map(raster_offsets, robot.rasters(0.083, 0.02, turn))
+        assert outer_there <= outer
+        assert inner <= inner_there

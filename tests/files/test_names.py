@@ -1,0 +1,85 @@
+"""Names of files, and other files in place of the expected ones."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import cspace
+from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
+from cspace.files.access import suggest_file
+from tests.helpers.commands import run
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "floor.yaml": Workspace.open,
+    "Cells.NPY": lambda path: Workspace.open(path, spacing=0.1),
+    "part.stl": Mesh.of,
+    "cart.geojson": Robot.open,
+}
+"""Reader of each name."""
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_text(POINTER)
+    message = rf"{name}: is a git-lfs pointer; .* has not been fetched; run git lfs pull"
+    with pytest.raises(FileError, match=message):
+        READERS[name](tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "misspelt", "read"),
+    [
+        *((name, name[1] + name[0] + name[2:], read) for name, read in READERS.items()),
+        ("floor.yaml", "floor.ymal", Workspace.open),
+        ("floor.zarr", "floo.zarr", cspace.open),
+    ],
+)
+def test_the_error_names_the_nearest_file_of_the_folder(
+    tmp_path: Path, name: str, misspelt: str, read: Callable[[Path], object]
+) -> None:
+    for file in (name, "other.dat", f".{misspelt}", "notes.md"):
+        (tmp_path / file).touch()
+    with pytest.raises(CspaceError) as refused:
+        read(tmp_path / misspelt)
+    assert f"did you mean {tmp_path / name}?" in refused.value.hint
+
+
+def test_no_name_is_suggested_if_none_is_similar(tmp_path: Path) -> None:
+    (tmp_path / "floor.yaml").touch()
+    for missing in ("quite-another.stl", "no folder/floor.yaml", "x" * 5000):
+        assert suggest_file(tmp_path / missing, "hint") == "hint"
+    with pytest.raises(CspaceError, match=r"does not exist; .*; check the name and the folder"):
+        Workspace.open(tmp_path / "quite-another.yaml")
+
+
+def test_commands_name_the_nearest_file(tmp_path: Path) -> None:
+    (tmp_path / "floor.zarr").mkdir()
+    result = run("info", tmp_path / "floo.zarr")
+    assert result.exit_code == 2
+    assert f"did you mean {tmp_path / 'floor.zarr'}?" in result.stderr
+
+
+def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path: Path) -> None:
+    with pytest.raises(CspaceError) as refused:
+        Mesh.of(tmp_path / "part.off")
+    assert "trimesh" not in refused.value.hint  # it does not exist
+    (tmp_path / "part.off").touch()
+    with pytest.raises(CspaceError, match=r"convert it: trimesh"):
+        Mesh.of(tmp_path / "part.off")
+
+
+def test_folders_pipes_and_other_objects_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.obj").mkdir()
+    os.mkfifo(tmp_path / "pipe.obj")
+    for name in ("folder.obj", "pipe.obj"):
+        with pytest.raises(FileError, match="plain file"):
+            Workspace.open(tmp_path / name, spacing=0.1)
+    for name in (None, 7, "nul\0byte"):
+        with pytest.raises(InputError, match="must be a file name"):
+            Workspace.open(name, spacing=0.1)  # type: ignore[arg-type]

@@ -1,0 +1,273 @@
+"""Queries of tiled maps: equality with the map in memory, caches and refusals."""
+
+import itertools
+import pickle
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.errors import ConfigurationError, InputError
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.maps import proven_paths
+from tests.helpers.placements import draw_configurations
+from tests.tiles.worlds import CAR, KINDS, build_kind, build_pair, check_states, random_workspace
+
+
+def check_lookups(pair, rng, n):
+    """Compare states, and proofs of boxes within the halo and beyond it."""
+    q = draw_configurations(pair.space, rng, n, far=True)
+    np.testing.assert_array_equal(pair.tiled.classify(q), pair.space.classify(q))
+    np.testing.assert_array_equal(pair.tiled.is_free(q), pair.space.is_free(q))
+    for distance, angle in ((0.0, 0.0), (0.13, 0.2), (0.6, 1.0)):
+        expected = pair.space.is_free_around(q[:300], distance, angle)
+        actual = pair.tiled.is_free_around(q[:300], distance, angle)
+        np.testing.assert_array_equal(actual, expected)
+
+
+def draw_motions(space, rng, n):
+    """Draw short and long motions."""
+    starts = draw_configurations(space, rng, n, far=True)
+    steps = rng.normal(size=starts.shape) * rng.choice([0.1, 0.5, 3.0], (n, 1))
+    ends = starts + steps
+    if "qw" in space.axes:
+        ends[:, 3:] /= np.linalg.norm(ends[:, 3:], axis=1, keepdims=True)
+    return starts, ends
+
+
+def check_motions(pair, starts, ends):
+    """Compare proofs of motions.
+
+    A motion that begins on the border of the grid and leaves it touches cells outside, which a map
+    in memory ignores in the part of the motion before it leaves the first rotation cell.
+    """
+    grid = pair.space.grid
+    positions = starts[:, : grid.dim]
+    on_border = np.isclose(positions, grid.lower) | np.isclose(positions, grid.upper)
+    inner = ~on_border.any(axis=1)
+    actual = pair.tiled.motion_is_free(starts, ends)
+    expected = pair.space.motion_is_free(starts, ends)
+    assert not (actual & ~expected).any()
+    np.testing.assert_array_equal(actual[inner], expected[inner])
+
+
+def check_connectivity(pair, rng, n):
+    """Compare proofs that paths exist, and that none exist."""
+    q0, q1 = draw_configurations(pair.space, rng, 2 * n).reshape(2, n, -1)
+    expected = proven_paths(pair.space, q0, q1)
+    np.testing.assert_array_equal(proven_paths(pair.tiled, q0, q1), expected)
+    assert proven_paths(pair.tiled, q0[0], q1[0]) is expected[0]
+
+
+@pytest.fixture(scope="module", params=itertools.product(KINDS, ("blocked", "free")), ids="-".join)
+def pair(request, tmp_path_factory):
+    kind, outside = request.param
+    return build_kind(kind, tmp_path_factory.mktemp("pair") / "m", outside)
+
+
+def test_states_equal_the_map_in_memory(pair):
+    check_states(Path(pair.tiled.path), pair.space)
+
+
+def test_lookups_equal_the_map_in_memory(pair):
+    check_lookups(pair, np.random.default_rng(0), 1500)
+
+
+def test_motions_equal_the_map_in_memory(pair):
+    check_motions(pair, *draw_motions(pair.space, np.random.default_rng(1), 2000))
+
+
+def test_connectivity_equals_the_map_in_memory(pair):
+    check_connectivity(pair, np.random.default_rng(2), 1000)
+
+
+def test_a_robot_may_turn_outside_the_map(tmp_path):
+    # It fits into either slot lengthwise, and leaves one at the left and the other at the top.
+    slots = np.s_[:8, 5:9], np.s_[11:15, 6:]
+    occupied = fill_boxes((18, 14), np.s_[:, :], but=slots)
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    robot = cspace.Robot.rectangle(0.9, 0.3)
+    pair = build_pair(workspace, robot, tmp_path / "m", rotations=36, outside="free")
+    for space in pair:
+        assert not space.is_disconnected((0.3, 0.7, 0.0), (1.3, 1.1, np.pi / 2))
+
+
+def test_clearances_equal_the_map_in_memory_up_to_the_halo(pair):
+    space, tiled = pair
+    grid = space.grid
+    q = draw_configurations(space, np.random.default_rng(3), 300)
+    q = q[grid.contains(q[:, : grid.dim])]
+    most = (tiled.halo - 2) * grid.spacing
+    loss = np.sqrt(grid.dim) * grid.spacing
+    actual = tiled.clearance(q)
+    exact = space.clearance(q)
+    assert (actual >= np.minimum(exact - loss, most)).all()
+    assert (actual <= np.minimum(exact + loss, most)).all()
+    # At the center of a cell, the clearance is the distance.
+    q[:, : grid.dim] = grid.center_of(grid.cell_of(q[:, : grid.dim]))
+    expected = np.minimum(space.clearance(q), most)
+    np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
+
+
+@settings(max_examples=20)
+@given(
+    seed=st.integers(0, 2**16),
+    shape=st.tuples(st.integers(1, 24), st.integers(1, 24)),
+    tile=st.tuples(st.integers(2, 30), st.integers(2, 30)),
+    robot=st.sampled_from([CAR, cspace.Robot.rectangle(0.16, 0.02)]),
+    density=st.sampled_from([0.01, 0.3, 0.5]),
+    two=st.booleans(),
+    options=st.fixed_dictionaries(
+        {
+            "rotations": st.sampled_from([None, 1, 6]),
+            "outside": st.sampled_from(["blocked", "free"]),
+            "margin": st.sampled_from([0.0, 0.43]),
+            "inner": st.booleans(),
+            "method": st.sampled_from(["fft", "direct"]),
+        }
+    ),
+)
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
+def test_any_plane_map_in_any_tiles_equals_the_map_in_memory(
+    seed, shape, tile, robot, density, two, options, tmp_path_factory
+):
+    rng = np.random.default_rng(seed)
+    workspace = random_workspace(shape, seed, two, density)
+    store = tmp_path_factory.mktemp("any") / "m"
+    pair = build_pair(workspace, robot, store, tile, **options)
+    check_states(store, pair.space)
+    check_lookups(pair, rng, 200)
+    check_motions(pair, *draw_motions(pair.space, rng, 300))
+    check_connectivity(pair, rng, 200)
+
+
+@pytest.mark.parametrize("kind", ["yaw", "yaw in space", "quaternions"])
+def test_a_motion_by_half_a_turn_is_free_if_both_arcs_are(kind, tmp_path):
+    space, tiled = build_kind(kind, tmp_path / "m", "free")
+    dim = space.grid.dim
+    rng = np.random.default_rng(0)
+    starts = draw_configurations(space, rng, 800)
+    ends = starts + rng.normal(size=starts.shape) * rng.choice([0.2, 2.0], (800, 1))
+    if kind == "quaternions":
+        x, y, z, w = starts[:, dim:].T
+        ends[:, dim:] = np.stack([w, z, -y, -x], axis=1)  # turned about the robot's x axis
+    else:
+        ends[:, dim:] = starts[:, dim:] + np.pi * rng.choice([-1, 1], (800, 1))
+    for nudge in (0.0, 1e-12, 1e-8, 1e-5):
+        last = ends.copy()
+        last[:, dim] += nudge
+        if kind == "quaternions":
+            last[:, dim:] /= np.linalg.norm(last[:, dim:], axis=1, keepdims=True)
+        actual = tiled.motion_is_free(starts, last)
+        expected = space.motion_is_free(starts, last)
+        assert not (actual & ~expected).any()
+        assert np.mean(actual != expected) < 0.01
+
+
+def test_a_motion_between_nearly_equal_quaternions_is_free_at_both_everywhere(tmp_path):
+    # OMPL may keep the first rotation all along, so a motion in tiles must have both everywhere.
+    occupied = fill_boxes((30, 30, 24), np.s_[13:17, 13:17, :])
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    rotations = cspace.Rotations.quaternions(4)
+    robot = cspace.Robot.box((0.8, 0.2, 0.1))
+    space, tiled = build_pair(workspace, robot, tmp_path / "m", tile=10, rotations=rotations)
+    positions = np.random.default_rng(0).uniform(0.5, (2.5, 2.5, 1.9), (8000, 3))
+    q = np.zeros((2, len(positions), 7))
+    for end, side in enumerate((-4e-6, 4e-6)):
+        quaternion = np.array([0.1, 0.3, rotations.borders[3] + side, 1.0])
+        q[end, :, :3] = positions[:: 1 - 2 * end]
+        q[end, :, 3:] = quaternion / np.linalg.norm(quaternion)
+    expected = space.motion_is_free(*q)
+    assert expected.any() and not (tiled.motion_is_free(*q) & ~expected).any()
+
+
+def test_motions_read_only_the_tiles_they_cross(tmp_path):
+    workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
+    for x, y in itertools.product(range(10), repeat=2):
+        if y not in (4, 5):
+            (tmp_path / "m" / f"{x}.{y}" / "zarr.json").unlink()
+    assert tiled.motion_is_free([0.5, 4.5], [9.5, 5.5])
+
+
+@pytest.mark.parametrize("cache_bytes", [1, 20_000], ids=["one tile", "some tiles"])
+def test_threads_with_a_small_cache_equal_the_map_in_memory(tmp_path, cache_bytes):
+    space, _ = build_kind("yaw", tmp_path / "m")
+    tiled = cspace.TiledCSpace.open(tmp_path / "m", cache_bytes)
+    q = draw_configurations(space, np.random.default_rng(0), 400)
+    answers = {}
+
+    def query_part(k):
+        answers[k] = tiled.classify(q[k::4])
+
+    threads = [threading.Thread(target=query_part, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for k in range(4):
+        np.testing.assert_array_equal(answers[k], space.classify(q[k::4]))
+
+
+def test_components_are_computed_once(tmp_path):
+    tiled = cspace.build(random_workspace((40, 33)), CAR, store=tmp_path / "m", tile=9)
+    steps = []
+    for _ in range(2):
+        tiled.compute_components(progress=lambda *step: steps.append(step))
+    assert steps == [(done, 20) for done in range(1, 21)]
+
+
+@pytest.fixture(scope="module")
+def walled(tmp_path_factory):
+    """Build two rooms with a door."""
+    workspace = cspace.Workspace.from_array(fill_boxes((60, 40), np.s_[30:32, 7:]), 0.1)
+    store = tmp_path_factory.mktemp("walled") / "m"
+    return build_pair(workspace, cspace.Robot.disc(0.15), store, tile=15)
+
+
+def test_paths_of_tile_subproblems_form_a_certified_path(walled):
+    start = (0.7, 3.2)
+    goal = (5.3, 3.2)
+    subproblems = walled.tiled.subproblems(start, goal)
+    assert len(subproblems) > 3
+    paths = [open_part().find_path(first, last) for open_part, first, last in subproblems]
+    path = np.concatenate(paths)
+    assert path[[0, -1]].tolist() == [[*start], [*goal]]
+    assert walled.space.certify_path(path).all()
+
+
+def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled, tmp_path):
+    for q in ((3.1, 2.0), (-0.4, 1.0)):
+        nearest = walled.tiled.nearest_free(q)
+        distance = np.linalg.norm(walled.space.nearest_free(q) - q)
+        assert np.linalg.norm(nearest - q) == pytest.approx(distance)
+        assert walled.space.is_free(nearest)
+
+
+def test_opened_and_pickled_maps_keep_their_properties(walled):
+    space, tiled = walled
+    for again in (cspace.open(tiled.path), pickle.loads(pickle.dumps(tiled))):
+        assert (again.grid, again.outside, again.margin) == (space.grid, "blocked", 0.0)
+        assert (again.robot.spec, again.rotations) == (space.robot.spec, space.rotations)
+        assert "12 tiles of 15 x 15" in repr(again)
+    assert (type(tiled.is_free((1.0, 1.0))), type(tiled.classify((1.0, 1.0)))) == (bool, int)
+
+
+def test_errors_name_the_first_unusable_row(walled):
+    q = np.ones((3000, 2))
+    q[100, 0] = np.nan
+    with pytest.raises(InputError, match="number 100 is"):
+        walled.tiled.clearance(q)
+    with pytest.raises(InputError, match="number 100 is"):
+        walled.tiled.motion_is_free(np.ones(2), q)
+
+
+def test_geometry_needs_a_map_in_memory(walled):
+    with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):
+        walled.tiled.is_free((1.0, 1.0), exact=True)
+    with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):
+        walled.tiled.motion_is_free((1.0, 1.0), (2.0, 2.0), exact=True)
