@@ -8,8 +8,8 @@ in its configurations (T. Kunz and M. Stilman, "Time-optimal trajectory generati
 following with bounded acceleration and velocity", 2012, section IV).
 
 *Turns while driving.* A differential drive drives on at constant speed, and turns as it would on
-the spot. Its curvature rises and falls evenly, along clothoids, with an arc in between if the limits
-of the angular velocity or the lateral acceleration are reached.
+the spot. Its curvature rises and falls evenly, along clothoids, with an arc in between if it reaches
+the limit of the angular velocity or the lateral acceleration.
 
 *Corners move.* Short paths pass obstacles closely, and a curve inside such a corner would cut it.
 So the corner is moved outward, such that the middle of its blend comes to lie where the corner was.
@@ -339,9 +339,7 @@ class DrivingTurns:
         places[1:-1] = np.clip(places[1:-1], self.bounds.lower, self.bounds.upper)
         return places
 
-    def _lay_blends(
-        self, places: Floats, drives: Drives, sizes: Floats, turns: Turns
-    ) -> Layout:
+    def _lay_blends(self, places: Floats, drives: Drives, sizes: Floats, turns: Turns) -> Layout:
         """Lay out two clothoids, with an arc in between, for each blend."""
         corners = np.flatnonzero(sizes)
         speeds = sizes[corners]

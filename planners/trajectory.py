@@ -59,7 +59,7 @@ MAX_CURVE_BEND: Final = 1e-6
 :data:`planners.car_curves.MAX_GAP`."""
 
 MAX_BLEND_STEP: Final = 1e-8
-"""Largest jump of the velocity between a blend and a line, relative to the fastest, for rounding."""
+"""Largest jump of the rates between a blend and a line, relative to the largest, for rounding."""
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
 """Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,

@@ -15,11 +15,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
-from cspace.arms.chain import FIXED, REVOLUTE, body_poses
-=======
-from cspace.arms.chain import FIXED, compute_poses
->>>>>>> main
+from cspace.arms.chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import (
     Scene,
@@ -137,8 +133,8 @@ class Snapshot:
     def parabola_is_free(self, start: Floats, control: Floats, end: Floats) -> bool:
         """Return True if a quadratic Bezier curve, of shapes (dof,), is proven free.
 
-        Over a share w of the curve, each joint deviates from its straight motion by at most ``|start
-        - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay apart by
+        Over a share w of the curve, each joint deviates from its straight motion by at most
+        ``|start - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay apart by
         as much as such joint motions move them, in addition. Unproven motions are cut into four.
         """
         bend = start - 2.0 * control + end

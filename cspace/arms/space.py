@@ -993,9 +993,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
-    def parabolas_are_free(
-        self, starts: ArrayLike, controls: ArrayLike, ends: ArrayLike
-    ) -> Bools:
+    def parabolas_are_free(self, starts: ArrayLike, controls: ArrayLike, ends: ArrayLike) -> Bools:
         """Return whether motions along parabolas are proven collision-free.
 
         The configuration at share t is ``(1-t)^2 start + 2 t (1-t) control + t^2 end``, a quadratic
