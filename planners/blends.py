@@ -8,8 +8,8 @@ in its configurations (T. Kunz and M. Stilman, "Time-optimal trajectory generati
 following with bounded acceleration and velocity", 2012, section IV).
 
 *Turns while driving.* A differential drive drives on at constant speed, and turns as it would on
-the spot. Its curvature rises and falls evenly, along clothoids, with an arc in between if it reaches
-the limit of the angular velocity or the lateral acceleration.
+the spot. Its curvature rises and falls evenly, along clothoids, with an arc in between if it
+reaches the limit of the angular velocity or the lateral acceleration.
 
 *Corners move.* Short paths pass obstacles closely, and a curve inside such a corner would cut it.
 So the corner is moved outward, such that the middle of its blend comes to lie where the corner was.
@@ -490,7 +490,7 @@ def _shares(needs: Floats, lengths: Floats) -> Floats:
     # Beside a stop, a blend leaves half of the edge, on which the robot gathers speed.
     both = np.where(before == 0.0, after, before) + np.where(after == 0.0, before, after)
     shares = np.minimum(lengths, both) / np.maximum(both, np.finfo(float).tiny)
-    return np.minimum(shares[:-1], shares[1:])
+    return np.asarray(np.minimum(shares[:-1], shares[1:]))
 
 
 def _select(layout: Layout, index: Ints) -> Layout:

@@ -134,8 +134,9 @@ class Snapshot:
         """Return True if a quadratic Bezier curve, of shapes (dof,), is proven free.
 
         Over a share w of the curve, each joint deviates from its straight motion by at most
-        ``|start - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay apart by
-        as much as such joint motions move them, in addition. Unproven motions are cut into four.
+        ``|start - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay
+        apart by as much as such joint motions move them, in addition. Unproven motions are cut into
+        four.
         """
         bend = start - 2.0 * control + end
         deviations = self._bound_displacements(0.25 * bend)

@@ -1,0 +1,215 @@
+"""Blends of trajectories: proofs, limits, continuity and refusals.
+
+Oracles: shapely places the robot among the occupied cells, positions are differenced, and an arm's
+configurations are tested one by one.
+"""
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+import cspace
+import planners
+from cspace import InputError
+from cspace.arms import Arm, build_arm_space
+from tests.helpers.urdfs import planar, post
+
+FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
+LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
+TURNING_LIMITS: dict[str, Any] = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
+SPACING = 0.05
+SLACK = 1.01
+
+
+def draw_occupied(seed: int) -> np.ndarray:
+    """Draw a plane with rectangles of occupied cells."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((140, 120), dtype=bool)
+    for _ in range(14):
+        i = rng.integers(0, 130)
+        j = rng.integers(0, 110)
+        width, height = rng.integers(3, 20, 2)
+        occupied[i : i + width, j : j + height] = True
+    return occupied
+
+
+def build_plan(seed: int, drive: str, rotations: int | None) -> planners.Plan:
+    """Plan between the two farthest of some free configurations that a path joins."""
+    workspace = cspace.Workspace.from_array(draw_occupied(seed), SPACING)
+    robot = cspace.Robot.polygon(FOOTPRINT) if rotations else cspace.Robot.disc(0.3)
+    space = cspace.build(workspace, robot, rotations=rotations)
+    free = space.sample_free(200, rng=np.random.default_rng(seed))
+    free = free[np.argsort(free[:, 0])]
+    for start, goal in zip(free, free[::-1], strict=True):
+        try:
+            plan = planners.plan(space, start, goal, drive=drive, time_limit=10.0)
+        except cspace.ConfigurationError:  # on the border of a cell
+            continue
+        if plan.solved:
+            return plan
+    raise AssertionError("no path found")
+
+
+def count_collisions(seed: int, rows: np.ndarray) -> int:
+    """Count the rows at which the robot overlaps an occupied cell."""
+    cells = np.argwhere(draw_occupied(seed)) * SPACING
+    tree = shapely.STRtree([shapely.box(x, y, x + SPACING, y + SPACING) for x, y in cells])
+    collisions = 0
+    for row in rows:
+        robot = shapely.Point(0.0, 0.0).buffer(0.299)
+        if len(row) == 3:
+            turned = affinity.rotate(
+                shapely.Polygon(FOOTPRINT), row[2], origin=(0.0, 0.0), use_radians=True
+            )
+            robot = turned.buffer(-1e-6)
+        placed = affinity.translate(robot, row[0], row[1])
+        collisions += len(tree.query(placed, predicate="intersects")) > 0
+    return collisions
+
+
+def difference(trajectory: planners.Trajectory, t: np.ndarray, h: float) -> np.ndarray:
+    """Return central differences of positions, yaw the shorter way."""
+    steps = trajectory.sample(t + h)[0] - trajectory.sample(t - h)[0]
+    if steps.shape[1] == 3:
+        steps[:, 2] = (steps[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    return steps / (2.0 * h)
+
+
+@pytest.mark.parametrize(
+    ("drive", "rotations"),
+    [("holonomic", None), ("holonomic", 36), ("differential", 36), ("differential-reverse", 36)],
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_blended_motion_is_free_smooth_and_within_limits(
+    seed: int, drive: str, rotations: int | None
+) -> None:
+    plan = build_plan(seed, drive, rotations)
+    limits = LIMITS | (TURNING_LIMITS if rotations else {})
+    trajectory = plan.trajectory(**limits)
+    assert trajectory.certified
+    assert plan.space is not None
+    assert trajectory.recheck(plan.space).all()
+    assert trajectory.positions[[0, -1]] == pytest.approx(plan.path[[0, -1]], abs=1e-9)
+    assert trajectory.duration <= plan.trajectory(**limits, blend=False).duration
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    positions, velocities, _ = trajectory.sample(t)
+    assert count_collisions(seed, positions[::4]) == 0
+    assert difference(trajectory, t, 1e-6) == pytest.approx(velocities, abs=1e-4)
+    jumps = trajectory.sample(t + 1e-4)[1] - trajectory.sample(t - 1e-4)[1]
+    accelerations = np.abs(jumps) / 2e-4
+    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
+    assert np.linalg.norm(accelerations[:, :2], axis=1).max() <= SLACK * 0.8
+    if rotations:
+        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
+        assert accelerations[:, 2].max() <= SLACK * 2.0
+    if drive != "holonomic":
+        yaw = positions[:, 2]
+        sideways = np.cos(yaw) * velocities[:, 1] - np.sin(yaw) * velocities[:, 0]
+        assert np.abs(sideways).max() < 1e-9
+
+
+def test_per_axis_limits_hold_on_parabolas() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(max_velocity=(1.0, 0.4), max_acceleration=(0.3, 0.9))
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    _, velocities, accelerations = trajectory.sample(t)
+    assert (np.abs(velocities).max(axis=0) <= [SLACK, SLACK * 0.4]).all()
+    assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
+
+
+def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> None:
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS
+    blended = plan.trajectory(**limits)
+    stopping = plan.trajectory(**limits, blend=False)
+    assert blended.duration < 0.95 * stopping.duration
+    corners = np.linalg.norm(stopping.velocities, axis=1) == 0.0
+    on_edges = stopping.positions[corners]
+    for waypoint in plan.waypoints:
+        assert np.abs(on_edges[:, :2] - waypoint[:2]).max(axis=1).min() < 1e-9
+
+
+def test_small_lateral_limit_slows_a_differential_drive() -> None:
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS
+    trajectory = plan.trajectory(**limits, max_lateral_acceleration=0.1)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    _, velocities, _ = trajectory.sample(t)
+    lateral = np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2])
+    assert lateral.max() <= SLACK * 0.1
+
+
+def test_obstacle_on_the_curve_is_found_by_recheck() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    assert plan.space is not None
+    space: Any = plan.space
+    x, y = trajectory.sample(0.5 * trajectory.duration)[0]
+    space.add_obstacle("cart", shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1))
+    free = trajectory.recheck(space)
+    assert not free.all()
+    assert free[0]
+    assert not plan.trajectory(**LIMITS).certified
+
+
+def test_plan_without_map_stops_at_corners() -> None:
+    plan = build_plan(1, "holonomic", None)
+    pickled = pickle.loads(pickle.dumps(plan))
+    stopping = plan.trajectory(**LIMITS, blend=False)
+    without_map = pickled.trajectory(**LIMITS)
+    assert without_map.certified
+    assert without_map.duration == stopping.duration
+    assert plan.space is not None
+    assert without_map.recheck(plan.space).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arm_blends_are_free_and_within_limits(tmp_path: Path, seed: int) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=seed, time_limit=5.0)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    positions, velocities, accelerations = trajectory.sample(t)
+    assert trajectory.certified
+    assert np.asarray(space.is_free(positions)).all()
+    assert np.abs(velocities).max() <= SLACK
+    assert np.abs(accelerations).max() <= SLACK * 2.0
+    stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
+    assert trajectory.duration <= stopping.duration
+
+
+def test_parabolas_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path: Path) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    rng = np.random.default_rng(0)
+    ends = space.sample_free(200, rng=rng).reshape(100, 2, -1)
+    starts = ends[:, 0]
+    lasts = starts + 0.4 * (ends[:, 1] - starts)
+    controls = 0.5 * (starts + lasts) + rng.uniform(-0.4, 0.4, starts.shape)
+    proven = space.parabolas_are_free(starts, controls, lasts)
+    t = np.linspace(0.0, 1.0, 400)[:, np.newaxis, np.newaxis]
+    curves = (1.0 - t) ** 2 * starts + 2.0 * t * (1.0 - t) * controls + t**2 * lasts
+    are_free = np.asarray(space.is_free(curves)).all(axis=0)
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) >= 0.8 * np.count_nonzero(are_free)
+    assert 10 < np.count_nonzero(are_free) < 95
+
+
+def test_invalid_arguments_are_refused() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    workspace = cspace.Workspace.from_array(draw_occupied(1), SPACING)
+    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=4)
+    with pytest.raises(InputError, match="axes"):
+        trajectory.recheck(space)
+    flag: Any = "yes"
+    with pytest.raises(InputError, match="blend"):
+        plan.trajectory(**LIMITS, blend=flag)
+    for value in (0.0, math.nan, -1.0):
+        with pytest.raises(InputError, match="max_acceleration"):
+            plan.trajectory(max_velocity=1.0, max_acceleration=value)
