@@ -56,6 +56,9 @@ QUADRATURE: Final = (0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS)
 MIN_LENGTH: Final = 1e-12
 """Smallest length of a straight line, metres, radians or seconds; shorter ones are left out."""
 
+MAX_BLEND_STEP: Final = 1e-8
+"""Largest jump of the rates between a blend and a line, relative to the largest, for rounding."""
+
 MAX_EDGE_TURN: Final = 3.0
 """Largest turn of an edge that is proven as a whole, radians; at pi rounding decides its side."""
 
@@ -75,6 +78,7 @@ class Segments(NamedTuple):
     curvatures: Floats  # (m,), radians per unit of length by which the direction turns left
     sharpness: Floats  # (m,), change of the curvature per unit of length
     lengths: Floats  # (m,)
+    ends: Floats  # (m, size), configurations
 
     def select(self, index: Ints | Bools) -> Segments:
         """Return some of the segments."""
@@ -214,11 +218,12 @@ class Parabolas:
         before = np.concatenate([[0.0], sizes])
         after = np.concatenate([sizes, [0.0]])
         starts = self.rotations.add_steps(rows[:-1], rates * before[:, np.newaxis])
+        ends = self.rotations.add_steps(rows[1:], -rates * after[:, np.newaxis])
         edges = np.arange(len(rates))
         zeros = np.zeros(len(rates))
         ends_of_edges = np.column_stack([edges - 1, np.where(edges < len(sizes), edges, -1)])
         lines = Layout(
-            Segments(starts, rates, 0.0 * rates, zeros, zeros, times - before - after),
+            Segments(starts, rates, 0.0 * rates, zeros, zeros, times - before - after, ends),
             zeros + 1.0,
             bounds.acceleration.largest(rates),
             ends_of_edges,
@@ -228,9 +233,10 @@ class Parabolas:
         half = sizes[corners, np.newaxis]
         bends = (rates[corners + 1] - rates[corners]) / (2.0 * half)
         entries = self.rotations.add_steps(rows[corners + 1], -half * rates[corners])
+        exits = self.rotations.add_steps(rows[corners + 1], half * rates[corners + 1])
         none = np.zeros(len(corners))
         blends = Layout(
-            Segments(entries, rates[corners], bends, none, none, 2.0 * sizes[corners]),
+            Segments(entries, rates[corners], bends, none, none, 2.0 * sizes[corners], exits),
             np.minimum(np.sqrt(bounds.acceleration.largest(bends)), 1.0),
             none,
             np.column_stack([corners, corners]),
@@ -259,7 +265,8 @@ class Parabolas:
         rows = self.rows.copy()
         rows[1:-1] = self.rotations.add_steps(rows[1:-1], -distances[:, np.newaxis] * turns)
         dim = len(self.bounds.lower)
-        rows[1:-1, :dim] = np.clip(rows[1:-1, :dim], self.bounds.lower, self.bounds.upper)
+        moved = 1 + np.flatnonzero(sizes)
+        rows[moved, :dim] = np.clip(rows[moved, :dim], self.bounds.lower, self.bounds.upper)
         return rows
 
 
@@ -274,6 +281,8 @@ class DrivingTurns:
         Positions that straight drives join, no two after each other equal.
     yaws : list of n lists of float
         Yaws between which the robot turns on the spot at each place.
+    headings : ndarray of float64, shape (n - 1,)
+        Yaws of the robot while it drives.
     signs : ndarray of float64, shape (n - 1,)
         1 if the robot drives ahead, -1 in reverse.
     """
@@ -290,6 +299,7 @@ class DrivingTurns:
             for first, last in zip(first_rows, last_rows, strict=True)
         ]
         yaws = rows[last_rows[:-1], 2]
+        self.headings = yaws
         steps = np.diff(self.places, axis=0)
         ahead = np.cos(yaws) * steps[:, 0] + np.sin(yaws) * steps[:, 1]
         self.signs = np.where(ahead < 0.0, -1.0, 1.0)
@@ -312,7 +322,9 @@ class DrivingTurns:
         """Return the drives between places, and the speeds at which blends fit between them."""
         steps = self.signs[:, np.newaxis] * np.diff(places, axis=0)
         metres = np.linalg.norm(steps, axis=1)
-        headings = np.arctan2(steps[:, 1], steps[:, 0])
+        is_kept = (places == self.places).all(axis=1)
+        keeps_yaw = is_kept[:-1] & is_kept[1:]
+        headings = np.where(keeps_yaw, self.headings, np.arctan2(steps[:, 1], steps[:, 0]))
         angles = wrapped(np.diff(headings))
         drives = Drives(headings, metres, angles)
         turned = np.abs(angles)
@@ -336,7 +348,8 @@ class DrivingTurns:
         distances = np.where(sizes > 0.0, apexes + self.bounds.gap, 0.0)
         places = self.places.copy()
         places[1:-1] -= distances[:, np.newaxis] * inward
-        places[1:-1] = np.clip(places[1:-1], self.bounds.lower, self.bounds.upper)
+        moved = 1 + np.flatnonzero(sizes)
+        places[moved] = np.clip(places[moved], self.bounds.lower, self.bounds.upper)
         return places
 
     def _lay_blends(self, places: Floats, drives: Drives, sizes: Floats, turns: Turns) -> Layout:
@@ -365,9 +378,9 @@ class DrivingTurns:
             ahead = self.signs[corners, np.newaxis] * np.column_stack([np.cos(yaw), np.sin(yaw)])
             rates = np.column_stack([ahead, curvature])
             bends = np.column_stack([none, none, change])
-            part = Segments(starts, rates, bends, curvature, change, length)
-            parts.append(part)
+            part = Segments(starts, rates, bends, curvature, change, length, starts)
             starts = place_along(part, self.rotations, length)[0]
+            parts.append(part._replace(ends=starts))
         order = np.arange(3 * len(corners)).reshape(3, -1).T.ravel()
         joined = Segments(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
         numbers = np.repeat(corners, 3)
@@ -394,7 +407,9 @@ class DrivingTurns:
                 if abs(turn) > MIN_LENGTH:
                     left = math.copysign(1.0, turn)
                     corners = place - 2, place if place <= len(sizes) else -1
-                    rows.append((2 * place, *corners, x, y, first, 0.0, 0.0, left, abs(turn)))
+                    rates = (0.0, 0.0, left)
+                    ends = (x, y, first, x, y, last)
+                    rows.append((2 * place, *corners, *ends, *rates, abs(turn)))
             if place == len(drives.headings):
                 break
             yaw = float(drives.headings[place])
@@ -404,15 +419,27 @@ class DrivingTurns:
             length = float(drives.metres[place]) - before - float(reaches[place + 1])
             if length > MIN_LENGTH:
                 corners = place - 1, place if place < len(sizes) else -1
-                start = x + before * ahead_x, y + before * ahead_y, yaw
-                rows.append((2 * place + 1, *corners, *start, ahead_x, ahead_y, 0.0, length))
-        table = np.array(rows).reshape(-1, 10)
-        rates = table[:, 6:9]
+                x1, y1 = places[place + 1].tolist()
+                after = float(reaches[place + 1])
+                start = (x + before * ahead_x, y + before * ahead_y, yaw)
+                end = (x1 - after * ahead_x, y1 - after * ahead_y, yaw)
+                rates = (ahead_x, ahead_y, 0.0)
+                rows.append((2 * place + 1, *corners, *start, *end, *rates, length))
+        table = np.array(rows).reshape(-1, 13)
+        rows_of_rates = table[:, 9:12]
         none = np.zeros(len(rows))
         layout = Layout(
-            Segments(table[:, 3:6], rates, 0.0 * rates, none, none, table[:, 9]),
-            self.bounds.velocity.largest(rates),
-            self.bounds.acceleration.largest(rates),
+            Segments(
+                table[:, 3:6],
+                rows_of_rates,
+                0.0 * rows_of_rates,
+                none,
+                none,
+                table[:, 12],
+                table[:, 6:9],
+            ),
+            self.bounds.velocity.largest(rows_of_rates),
+            self.bounds.acceleration.largest(rows_of_rates),
             table[:, 1:3].astype(np.int64),
             sizes,
         )
@@ -526,7 +553,7 @@ def round_corners(
     halvings = np.zeros(len(largest), dtype=np.int64)
     known: dict[bytes, bool] = {}
     while True:
-        layout = corners.lay_out(largest)
+        layout = _shrink_slow_blends(corners, largest)
         proven = _prove_new(layout.segments, prove, known)
         failed = np.unique(layout.corners[~proven])
         failed = failed[failed >= 0]
@@ -536,6 +563,45 @@ def round_corners(
         halvings[failed] += 1
         smaller = 0.5 * layout.sizes[failed]
         largest[failed] = np.where(halvings[failed] > MAX_HALVINGS, 0.0, smaller)
+
+
+def _shrink_slow_blends(corners: Parabolas | DrivingTurns, largest: Floats) -> Layout:
+    """Lay out blends that are no larger than the speeds need that the robot can reach there.
+
+    A blend has one speed, so a large one would slow the robot down beside a small one.
+    """
+    largest = largest.copy()
+    layout = corners.lay_out(largest)
+    for _ in range(MAX_HALVINGS):
+        squares = find_squares(layout, corners.rotations)
+        is_slow = (layout.accelerations == 0.0) & (squares[:-1] < 0.5 * layout.speeds**2)
+        slow = np.unique(layout.corners[is_slow, 0])
+        if not len(slow):
+            break
+        largest[slow] = 0.5 * layout.sizes[slow]
+        layout = corners.lay_out(largest)
+    return layout
+
+
+def find_squares(layout: Layout, rotations: Rotations) -> Floats:
+    """Return the squares of the largest speeds at the ends of segments, shape (m + 1,)."""
+    passes = find_passes(layout.segments, rotations)
+    caps = layout.speeds**2
+    squares = np.zeros(len(caps) + 1)
+    squares[1:-1] = np.where(passes, np.minimum(caps[:-1], caps[1:]), 0.0)
+    gains = 2.0 * layout.accelerations * layout.segments.lengths
+    for k, gain in enumerate(gains.tolist()):
+        squares[k + 1] = min(squares[k + 1], squares[k] + gain)
+    for k, gain in reversed(list(enumerate(gains.tolist()))):
+        squares[k] = min(squares[k], squares[k + 1] + gain)
+    return squares
+
+
+def find_passes(segments: Segments, rotations: Rotations) -> Bools:
+    """Return whether the rates continue from each segment to the next, shape (m - 1,)."""
+    ends = place_along(segments, rotations, segments.lengths)[1]
+    jumps = np.abs(ends[:-1] - segments.rates[1:]).max(axis=1, initial=0.0)
+    return np.asarray(jumps <= MAX_BLEND_STEP * float(np.abs(segments.rates).max()))
 
 
 def _prove_new(
@@ -570,7 +636,9 @@ def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
     lengths = parts.lengths / counts[owners]
     begins = np.where(np.diff(owners, prepend=-1) == 0, lengths, 0.0)
     firsts = place_along(parts, space.rotations, begins)[0]
-    lasts = place_along(parts, space.rotations, begins + lengths)[0]
+    halfway = place_along(parts, space.rotations, begins + lengths)[0]
+    is_last = np.append(np.diff(owners) > 0, True)[: len(owners), np.newaxis]
+    lasts = np.where(is_last, parts.ends, halfway)
     check = LocalPlanner(space, exact).edge_checker()
     edges = np.column_stack([firsts, lasts]).tolist()
     free = np.array([check(*edge) for edge in edges], dtype=np.bool_)
@@ -593,8 +661,7 @@ def prove_blends(space: Space, segments: Segments) -> Bools:
     if hasattr(space, "parabolas_are_free"):
         half = 0.5 * segments.lengths[:, np.newaxis]
         controls = segments.starts + half * segments.rates
-        ends = place_along(segments, space.rotations, segments.lengths)[0]
-        return np.asarray(space.parabolas_are_free(segments.starts, controls, ends))
+        return np.asarray(space.parabolas_are_free(segments.starts, controls, segments.ends))
     return np.zeros(len(segments.lengths), dtype=np.bool_)
 
 

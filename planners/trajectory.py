@@ -31,6 +31,7 @@ from planners.blends import (
     Parabolas,
     Segments,
     can_prove_blends,
+    find_passes,
     place_along,
     prove_segments,
     round_corners,
@@ -58,8 +59,8 @@ MAX_CURVE_BEND: Final = 1e-6
 """Largest change of direction without a stop between curves, as large as
 :data:`planners.car_curves.MAX_GAP`."""
 
-MAX_BLEND_STEP: Final = 1e-8
-"""Largest jump of the rates between a blend and a line, relative to the largest, for rounding."""
+MIN_BLEND_SPEED: Final = 1e-150
+"""Smallest speed of a blend, which makes a path with blends slower than one without."""
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
 """Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
@@ -455,15 +456,9 @@ def make_trajectory(
     max_sideways = float(max_acceleration.min()) if max_lateral is None else max_lateral
     velocity = LimitRates(max_velocity, max_turn_rate, dim)
     acceleration = LimitRates(max_acceleration, max_turn_gain, dim)
-    if layout := _round_path(path, rotations, velocity, acceleration, max_sideways):
-        segments, speeds, accelerations, *_ = layout
-        smoothness = MAX_BLEND_STEP * float(np.abs(segments.rates).max())
-    else:
-        path = path._replace(blend=False)
-        segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-        speeds = velocity.largest(segments.rates)
-        accelerations = acceleration.largest(segments.rates)
-        smoothness = MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND
+    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
+    speeds = velocity.largest(segments.rates)
+    accelerations = acceleration.largest(segments.rates)
     if is_curved:
         with np.errstate(divide="ignore"):
             speeds = np.minimum(speeds, np.sqrt(max_sideways / np.abs(segments.curvatures)))
@@ -473,8 +468,19 @@ def make_trajectory(
     compared = slice(dim if yaw_rate_jumps else None)
     ends = place_along(segments, rotations, segments.lengths)[1]
     bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
-    passes = bends <= smoothness
-    phases = _stretch(_find_phases(segments.lengths, speeds, accelerations, passes), duration)
+    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
+    phases = _find_phases(segments.lengths, speeds, accelerations, passes)
+    layout = _round_path(path, rotations, velocity, acceleration, max_sideways)
+    uses_blends = False
+    if layout is not None:
+        passes = find_passes(layout.segments, rotations)
+        blended = _find_phases(layout.segments.lengths, layout.speeds, layout.accelerations, passes)
+        uses_blends = bool(blended.times[-1] < phases.times[-1])
+    if layout is not None and uses_blends:
+        segments = layout.segments
+        phases = blended
+    path = path._replace(blend=uses_blends)
+    phases = _stretch(phases, duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
     made = Trajectory(
@@ -611,13 +617,16 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
         rate = np.eye(1, steps.shape[1])
-        return Segments(points[:1], rate, 0.0 * rate, np.zeros(1), np.zeros(1), np.zeros(1))
+        none = np.zeros(1)
+        return Segments(points[:1], rate, 0.0 * rate, none, none, none, points[:1])
     steps = steps[kept]
     lengths = lengths[kept]
     radians = radians[kept]
     rates = steps / lengths[:, np.newaxis]
     curvatures = radians / lengths
-    return Segments(points[kept], rates, 0.0 * rates, curvatures, 0.0 * lengths, lengths)
+    none = np.zeros(len(kept))
+    ends = points[kept + 1]
+    return Segments(points[kept], rates, 0.0 * rates, curvatures, none, lengths, ends)
 
 
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
@@ -644,7 +653,7 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
         after = squares[k + 1]
         if acceleration == 0.0:
             # A blend keeps its speed.
-            speed = np.sqrt(before)
+            speed = max(np.sqrt(before), MIN_BLEND_SPEED)
             rows.append((length / speed, k, 0.0, speed, 0.0))
             continue
         # Rounding must not put the peak below the speed at an end.
