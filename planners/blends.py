@@ -37,8 +37,11 @@ from planners.local_planner import LocalPlanner
 MAX_HALVINGS: Final = 8
 """Halvings of a blend, after which its corner stops the robot."""
 
-BOX_CELLS: Final = (0.5, 0.125, 0.03)
-"""Half sides of the boxes that prove a blend on a map, in cells, largest first."""
+BOX_CELLS: Final = 0.5
+"""Half sides of the largest boxes that prove a blend on a map, in cells."""
+
+BOX_LEVELS: Final = 3
+"""Number of sizes of boxes, each a quarter of the one before."""
 
 BOX_RADIANS: Final = math.radians(2.5)
 """Largest rotation of the largest boxes to either side, radians."""
@@ -668,9 +671,9 @@ def prove_blends(space: Space, segments: Segments) -> Bools:
 def _prove_by_boxes(space: Any, segments: Segments) -> Bools:
     """Return whether the cells around blends are FREE, shape (m,).
 
-    Each blend is cut into pieces. A piece of length w stays within ``|q'| w / 2 + |q''| w^2 / 8``
-    of its middle q along each axis, where q'' is at most its largest value on the blend. Pieces
-    that are not proven are cut into four, twice.
+    Each blend is cut into pieces. A piece of length w stays within ``|q'| w / 2`` of its middle
+    along each axis, where ``|q'|`` is the largest derivative on the blend. Pieces that are not
+    proven are cut into four, twice. The proof of a blend does not depend on the others.
     """
     dim = space.dim
     cell = 2.0 * space.resolution
@@ -682,27 +685,22 @@ def _prove_by_boxes(space: Any, segments: Segments) -> Bools:
         most[:, :2],
     )
     proven = np.ones(m, dtype=np.bool_)
-    ends = segments.curvatures + segments.sharpness * segments.lengths
-    bend = np.abs(segments.bends)
-    bend[:, :2] += np.maximum(np.abs(segments.curvatures), np.abs(ends))[:, np.newaxis]
     moved = most[:, :dim].max(axis=1) * segments.lengths
     turned = most[:, dim:].max(axis=1, initial=0.0) * segments.lengths
-    counts = np.ceil(np.maximum(moved / (2.0 * BOX_CELLS[0] * cell), turned / (2.0 * BOX_RADIANS)))
+    counts = np.ceil(np.maximum(moved / (2.0 * BOX_CELLS * cell), turned / (2.0 * BOX_RADIANS)))
     counts = np.maximum(counts, 1.0).astype(np.int64)
     owners = np.repeat(np.arange(m), counts)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     widths = (segments.lengths / counts)[owners]
     middles = (np.arange(len(owners)) - firsts[owners] + 0.5) * widths
-    for level in range(len(BOX_CELLS)):
+    for level in range(BOX_LEVELS):
         if level:
             owners = np.repeat(owners, 4)
             widths = 0.25 * np.repeat(widths, 4)
             middles = np.repeat(middles, 4) + np.tile([-1.5, -0.5, 0.5, 1.5], len(middles)) * widths
-        q, first, _ = place_along(segments.select(owners), space.rotations, middles)
-        half = 0.5 * widths[:, np.newaxis]
-        extents = np.abs(first) * half + 0.5 * bend[owners] * half**2
-        distance = (1.0 + 1e-9) * extents[:, :dim].max() + 1e-9 * cell
-        angle = (1.0 + 1e-9) * extents[:, dim:].max(initial=0.0) + 1e-12
+        q = place_along(segments.select(owners), space.rotations, middles)[0]
+        distance = (BOX_CELLS / 4.0**level + 1e-9) * cell
+        angle = BOX_RADIANS / 4.0**level + 1e-12
         free = np.asarray(space.is_free_around(q, distance, angle))
         owners = owners[~free]
         widths = widths[~free]
