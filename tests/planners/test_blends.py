@@ -18,6 +18,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
+from planners.blends import Segments, place_along, prove_blends
 from tests.helpers.urdfs import planar, post
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
@@ -214,3 +215,29 @@ def test_invalid_arguments_are_refused() -> None:
     for value in (0.0, math.nan, -1.0):
         with pytest.raises(InputError, match="max_acceleration"):
             plan.trajectory(max_velocity=1.0, max_acceleration=value)
+
+
+@pytest.mark.parametrize("turns", [False, True], ids=["parabolas", "clothoids"])
+def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(turns: bool) -> None:
+    workspace = cspace.Workspace.from_array(draw_occupied(3), SPACING)
+    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=36)
+    rng = np.random.default_rng(3)
+    starts = space.sample_free(150, rng=rng)
+    yaws = starts[:, 2]
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), np.zeros(150)])
+    none = np.zeros(150)
+    lengths = rng.uniform(0.1, 1.2, 150)
+    bends = rng.uniform(-1.5, 1.5, (150, 3))
+    sharpness = none
+    if turns:
+        sharpness = bends[:, 2]
+        bends[:, :2] = 0.0
+    segments = Segments(starts, rates, bends, none, sharpness, lengths, starts)
+    proven = prove_blends(space, segments)
+    shares = np.linspace(0.0, 1.0, 40)
+    places = [place_along(segments, space.rotations, share * lengths)[0] for share in shares]
+    curves = np.stack(places, axis=1)
+    assert count_collisions(3, curves[proven].reshape(-1, 3)) == 0
+    assert 20 < np.count_nonzero(proven) < 130
+    collides = [count_collisions(3, curve) > 0 for curve in curves[~proven]]
+    assert np.mean(collides) > 0.3
