@@ -309,7 +309,7 @@ class _Run:
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
             rows = self._rows(better)
-            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints) > 0
+            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
             if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
                 return better
         return og.PathGeometric(path)

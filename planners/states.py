@@ -175,8 +175,7 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
     circles = np.flatnonzero(periodic_axes).tolist()
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     # The joints with limits, if any, share subspace 0; the circles follow.
-    first_circle = 1 if limited else 0
-    parts = dict(enumerate(circles, first_circle))
+    parts = dict(enumerate(circles, 1 if limited else 0))
 
     def make() -> ob.StateSpace:
         """Make the state space, without bounds."""

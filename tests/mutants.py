@@ -141,8 +141,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/rotations/lookup.py",
-        "- (1 if on_boundary else 0))",
-        "- (0 if on_boundary else 0))",
+        "return cell - 1",
+        "return cell",
         "tests/laws",
     ),
     Mutant(
@@ -365,6 +365,12 @@ MUTANTS = (
         "proven=len(rows) > 0 and part.are_free(rows)",
         "proven=len(rows) > 0",
         "tests/planners/test_plan.py",
+    ),
+    Mutant(
+        "planners/plan.py",
+        "task.endpoints[max(reached, 1)]",
+        "task.endpoints[1]",
+        "tests/planners/test_pose_goals.py",
     ),
     Mutant(
         "planners/result.py",
@@ -695,7 +701,8 @@ def run_tests(mutant: Mutant) -> tuple[bool, float, str]:
             return True, time.perf_counter() - start, "out of time"
     lines = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     last = lines[0] if lines else (done.stdout + done.stderr).strip().rpartition("\n")[2]
-    return done.returncode == 1, time.perf_counter() - start, last
+    died = done.returncode == 1 or done.returncode < 0  # a failed test, or a crash
+    return died, time.perf_counter() - start, last
 
 
 def main() -> int:

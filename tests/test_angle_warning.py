@@ -17,21 +17,13 @@ Call = Callable[[CSpace, tuple[float, ...]], object]
 FREE_Q = 1.0, 1.0, 0.5
 ANGLE_CALLS: dict[str, tuple[str, Call]] = {
     "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
-    "goal": ("goal", lambda space, q: planners.plan(space, FREE_Q, q)),
-    "classify": ("q", lambda space, q: space.classify(q)),
     "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
     "exact": ("q", lambda space, q: space.is_free(q, exact=True)),
-    "clearance": ("q", lambda space, q: space.clearance(list(q))),
     "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
     "is_connected": ("q0", lambda space, q: space.is_connected(q, FREE_Q)),
     "find_path": ("q1", lambda space, q: space.find_path(FREE_Q, q)),
-    "find_widest_path": ("q0", lambda space, q: space.find_widest_path(q, FREE_Q)),
-    "reachable_bounds": ("q", lambda space, q: space.reachable_bounds(q)),
     "nearest_free": ("q", lambda space, q: space.nearest_free(q)),
-    "is_free_around": ("q", lambda space, q: space.is_free_around(q, 0.1)),
-    "overlap_count": ("q", lambda space, q: space.overlap_count(q)),
     "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
-    "to_costmap": ("rotation", lambda space, q: space.to_costmap(rotation=q[2])),
 }
 
 

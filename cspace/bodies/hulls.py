@@ -112,6 +112,14 @@ class Hulls(NamedTuple):
     corners: Floats
 
 
+SECOND_CHILD, FIRST_CORNER, STOP_CORNER, IS_WHOLE, FIRST_CHILD = range(5)
+"""Columns of :attr:`Hulls.nodes`."""
+
+
+BALL_RADIUS, HULL_RADIUS, LOOSENESS = range(6, 9)
+"""Columns of :attr:`Hulls.boxes` after the center and the half sides."""
+
+
 class RelativeMotion(NamedTuple):
     """Pose and motion of a body, as seen from another body.
 
@@ -161,9 +169,9 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     nodes = _link_nodes(spans, first_corners)
     is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
-    nodes[:, 3] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
-    nodes[0, 3] = 1
-    if nodes[:, 3].all():
+    nodes[:, IS_WHOLE] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
+    nodes[0, IS_WHOLE] = 1
+    if nodes[:, IS_WHOLE].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
     points, point_of_corner = np.unique(corners, axis=0, return_inverse=True)
     point_of_corner = point_of_corner.ravel()
@@ -183,16 +191,16 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             fit = _fit_hull(hull)
             hull = fit.corners
             depth = fit.depth
-            boxes[node, 7] = fit.growth
+            boxes[node, HULL_RADIUS] = fit.growth
             is_convex = node == 0 and volume > (1.0 - 1e-9) * fit.volume
             if len(hull) > MAX_HULL_CORNERS:
                 continue
             if is_convex:
                 only_node = np.array([[0, 0, len(hull), 1, 0]])
                 return Hulls(boxes[:1], only_node, np.ascontiguousarray(hull.T))
-        boxes[node, 8] = depth
-        nodes[node, 1] = stop
-        nodes[node, 2] = stop + len(hull)
+        boxes[node, LOOSENESS] = depth
+        nodes[node, FIRST_CORNER] = stop
+        nodes[node, STOP_CORNER] = stop + len(hull)
         corners_of_hulls.append(hull)
         stop += len(hull)
     return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(corners_of_hulls).T))
@@ -204,10 +212,10 @@ def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
     nodes = np.zeros((len(counts), 5), dtype=np.int64)
     is_leaf = counts == 1
     parents = np.flatnonzero(~is_leaf)
-    nodes[parents, 0] = parents + 2 * (counts[parents] // 2)
-    nodes[parents, 4] = parents + 1
-    nodes[is_leaf, 1] = first_corners[starts[is_leaf]]
-    nodes[is_leaf, 2] = first_corners[starts[is_leaf] + 1]
+    nodes[parents, SECOND_CHILD] = parents + 2 * (counts[parents] // 2)
+    nodes[parents, FIRST_CHILD] = parents + 1
+    nodes[is_leaf, FIRST_CORNER] = first_corners[starts[is_leaf]]
+    nodes[is_leaf, STOP_CORNER] = first_corners[starts[is_leaf] + 1]
     return nodes
 
 
@@ -216,13 +224,13 @@ def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
 
     These are the root, and nodes whose parent has a larger rank.
     """
-    inner = np.flatnonzero(nodes[:, 0])
+    inner = np.flatnonzero(nodes[:, SECOND_CHILD])
     parents = np.zeros(len(nodes), dtype=np.int64)
-    parents[nodes[inner, 0]] = inner
-    parents[nodes[inner, 4]] = inner
-    is_chosen = ranks < ranks[parents]
+    parents[nodes[inner, SECOND_CHILD]] = inner
+    parents[nodes[inner, FIRST_CHILD]] = inner
+    is_chosen: Bools = ranks < ranks[parents]
     is_chosen[0] = True
-    return np.asarray(is_chosen)
+    return is_chosen
 
 
 def _are_balls(rows: Floats) -> Bools:
@@ -333,12 +341,12 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     numbers = roots[order[spans[:, 0]]]
     numbers[inner] = start + np.arange(len(inner))
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
-    nodes[:, 0] = numbers[inner + 2 * (spans[inner, 1] // 2)]
-    nodes[:, 3] = 1
-    nodes[:, 4] = numbers[inner + 1]
+    nodes[:, SECOND_CHILD] = numbers[inner + 2 * (spans[inner, 1] // 2)]
+    nodes[:, IS_WHOLE] = 1
+    nodes[:, FIRST_CHILD] = numbers[inner + 1]
     new_boxes = np.zeros((len(inner), 9))
     new_boxes[:, :6] = tree_boxes[inner]
-    new_boxes[:, 6] = np.linalg.norm(tree_boxes[inner, 3:], axis=1)
+    new_boxes[:, BALL_RADIUS] = np.linalg.norm(tree_boxes[inner, 3:], axis=1)
     return new_boxes, nodes
 
 
@@ -349,7 +357,7 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
     """
     first, stop = hulls.nodes[node, 1:3].tolist()
     if first < stop:
-        return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
+        return hulls.corners[:, first:stop].T, float(hulls.boxes[node, HULL_RADIUS])
     box = hulls.boxes[node]
     return box[:3] + _CUBE_CORNERS * box[3:6], 0.0
 
@@ -391,7 +399,7 @@ def tree_slack(
             offset = minus(row_at(hulls.boxes[b], 0), center)
             slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset)
         if slack > best:
-            partial = partial or hulls.nodes[a, 3] + hulls.nodes[b, 3] < 2
+            partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
         if not is_final(hulls, a, b, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
@@ -427,12 +435,12 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False
-    if hulls.nodes[a, 0] == 0 and hulls.nodes[b, 0] == 0:
+    if hulls.nodes[a, SECOND_CHILD] == 0 and hulls.nodes[b, SECOND_CHILD] == 0:
         return True
     # The children may be apart even if the hulls are not, unless the motion is too long.
-    loose = hulls.boxes[a, 8] + hulls.boxes[b, 8]
+    loose = hulls.boxes[a, LOOSENESS] + hulls.boxes[b, LOOSENESS]
     for k in range(len(axes)):
-        loose += 2.0 * axes[k, 6] * hulls.boxes[a, 6]
+        loose += 2.0 * axes[k, 6] * hulls.boxes[a, BALL_RADIUS]
     return bool(apart and slack + loose < 0.0)
 
 
@@ -448,7 +456,7 @@ def box_slack(
     """
     half_time = motion.half_time
     limit = motion.max_displacement
-    ball_radius = box[6]
+    ball_radius = box[BALL_RADIUS]
     center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
     half = box_extent(motion.matrix, row_at(box, 3))
     velocity = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
@@ -476,7 +484,7 @@ def has_hull(hulls: Hulls, node: int) -> bool:
 
     A leaf without corners fills its box.
     """
-    return bool(hulls.nodes[node, 0] == 0 or hulls.nodes[node, 2] > 0)
+    return bool(hulls.nodes[node, SECOND_CHILD] == 0 or hulls.nodes[node, STOP_CORNER] > 0)
 
 
 @kernel
@@ -489,18 +497,18 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     a_has_hull = has_hull(hulls, a)
     prefers_a = not a_has_hull
     if a_has_hull == has_hull(hulls, b):
-        prefers_a = hulls.boxes[a, 6] >= hulls.boxes[b, 6]
-    a_is_leaf = hulls.nodes[a, 0] == 0
-    b_is_leaf = hulls.nodes[b, 0] == 0
+        prefers_a = hulls.boxes[a, BALL_RADIUS] >= hulls.boxes[b, BALL_RADIUS]
+    a_is_leaf = hulls.nodes[a, SECOND_CHILD] == 0
+    b_is_leaf = hulls.nodes[b, SECOND_CHILD] == 0
     if b_is_leaf or (prefers_a and not a_is_leaf):
-        scratch[row, 0] = hulls.nodes[a, 0]
+        scratch[row, 0] = hulls.nodes[a, SECOND_CHILD]
         scratch[row, 1] = b
-        scratch[row + 1, 0] = hulls.nodes[a, 4]
+        scratch[row + 1, 0] = hulls.nodes[a, FIRST_CHILD]
         scratch[row + 1, 1] = b
         return
     # The nearer child comes last, so that it is tested first and its bound prunes the other.
-    nearer = hulls.nodes[b, 4]
-    farther = hulls.nodes[b, 0]
+    nearer = hulls.nodes[b, FIRST_CHILD]
+    farther = hulls.nodes[b, SECOND_CHILD]
     to_nearer = minus(center, row_at(hulls.boxes[nearer], 0))
     to_farther = minus(center, row_at(hulls.boxes[farther], 0))
     if dot(to_nearer, to_nearer) > dot(to_farther, to_farther):
@@ -520,7 +528,7 @@ def hull_slack(
     Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
     the first hull. ``n``, of any length or zero, is the first direction tried.
     """
-    required = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7]
+    required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
     best = -math.inf
     gap = -math.inf
     length = math.inf
@@ -599,8 +607,8 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
     Also returns its coordinate along n.
     """
-    first = hulls.nodes[node, 1]
-    stop = hulls.nodes[node, 2]
+    first = hulls.nodes[node, FIRST_CORNER]
+    stop = hulls.nodes[node, STOP_CORNER]
     x, y, z = n
     if first == stop:
         # A leaf that fills its axis-aligned box has no stored corners.

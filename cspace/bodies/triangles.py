@@ -172,8 +172,7 @@ def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]
     node = 0
     triangle = 0
     for tree in trees:
-        is_empty = len(tree.boxes) == 0
-        roots.append(-1 if is_empty else node)
+        roots.append(node if len(tree.boxes) else -1)
         shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
         node += len(tree.boxes)
         triangle += len(tree.triangles)

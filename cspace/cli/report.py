@@ -66,9 +66,9 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     the end of a name is its unit, e.g. ``_m`` for metres. Tables omit lists of lists.
     """
     if as_json:
-        typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
+        typer.echo(json.dumps(_replace_infinite(document), indent=2, allow_nan=False))
         return
-    rows = list(_rows(document))
+    rows = list(_list_rows(document))
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         typer.echo(f"{name:{width}}  {value}".rstrip())
@@ -81,22 +81,19 @@ class ByName(dict[str, Any]):
     """
 
 
-def _finite(value: Any) -> Any:
+def _replace_infinite(value: Any) -> Any:
     """Replace numbers that are not finite by None, in nested values too."""
     if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
+        return {name: _replace_infinite(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
+        return [_replace_infinite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
 
 
-def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
-    """Yield names and values.
-
-    A nested document becomes a heading with an empty value, then its rows.
-    """
+def _list_rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the names and values of a table; a nested document has a heading without a value."""
     for name, value in document.items():
         unit = _UNIT.search(name)
         label = name[: unit.start()] if unit else name
@@ -105,29 +102,29 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
         has_rows = isinstance(value, list) and value and isinstance(value[0], list)
         if isinstance(value, dict):
             yield indent + label, ""
-            yield from _rows(value, indent + "  ")
+            yield from _list_rows(value, indent + "  ")
         elif label in _LOWER_BOUND_LABELS and value == 0.0:
             yield indent + label, "not proven to be more than 0"
         elif not has_rows:
-            unit_text = _unit_text(unit[1]) if unit else ""
-            yield indent + label, _text(value) + unit_text
+            unit_text = _format_unit(unit[1]) if unit else ""
+            yield indent + label, _format_value(value) + unit_text
 
 
-def _unit_text(unit: str) -> str:
+def _format_unit(unit: str) -> str:
     """Return a unit as it follows a number, e.g. " rad² m" for "rad2_m"."""
     if unit == "deg":
         return "°"
     return " " + unit.replace("_", " ").replace("2", "²").replace("3", "³")
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a value as people read it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
         return "undecided"
     if isinstance(value, list):
-        return f"({', '.join(map(_text, value))})"
+        return f"({', '.join(map(_format_value, value))})"
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, int):

@@ -28,7 +28,6 @@ IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 """Formats that Pillow may detect from the content; its other plug-ins may start programs."""
 
 COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
-CELL_MEANINGS: Final = ("occupied", "free")
 
 _BYTES_PER_PIXEL: Final = 12
 """Bytes of memory per pixel while a colour image is read."""
@@ -84,7 +83,7 @@ def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") ->
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)
-    check_word(dark, "dark", CELL_MEANINGS)
+    check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image")
     dark_levels = image.shades < level
     free_levels = dark_levels if dark == "free" else ~dark_levels

@@ -543,7 +543,7 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     if len(inputs) != 1 or any(len(indices) % stride for indices in lists):
         problem = f"has {part.tag} with {len(inputs)} inputs VERTEX"
         raise ContentError(f"{problem} and {len(numbers)} numbers, {stride} for a corner")
-    sizes = _count_corners(part, count, [len(indices) // stride for indices in lists])
+    sizes = _count_corners(part, [len(indices) // stride for indices in lists])
     if len(sizes) != count:
         raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
     vertex_offset = int(inputs[0].get("offset", "0"))
@@ -552,7 +552,7 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     return points, triangulate(points, corners, sizes)
 
 
-def _count_corners(part: Element, count: int, list_sizes: list[int]) -> Ints:
+def _count_corners(part: Element, list_sizes: list[int]) -> Ints:
     """Return the number of corners of each polygon of a COLLADA primitive.
 
     `list_sizes` has the number of corners in each list of the primitive.
@@ -560,7 +560,8 @@ def _count_corners(part: Element, count: int, list_sizes: list[int]) -> Ints:
     if part.find("ph") is not None:
         raise unsupported_part("a polygon with holes")
     if part.tag == "triangles":
-        return np.full(count, 3)
+        # The declared count is not used, because a wrong one may need more memory than there is.
+        return np.full(sum(list_sizes) // 3, 3)
     if part.tag == "polylist":
         return _parse_integers(part.findtext("vcount"))
     if part.tag == "polygons":

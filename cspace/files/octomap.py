@@ -74,8 +74,8 @@ def read_octomap(
     occupied = states == 1
     if unknown_is_occupied:
         occupied |= unseen
-    cells_from_origin = first - _SIDE // 2
-    lower = cells_from_origin * header.resolution
+    # The origin is in the middle of the octree.
+    lower = (first - _SIDE // 2) * header.resolution
     return lower, header.resolution, frozen(occupied), frozen(unseen)
 
 

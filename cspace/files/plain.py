@@ -217,7 +217,6 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 
 def check_expanded(root: Element) -> None:
     """Raise ContentError if a file holds unexpanded xacro macros."""
-    tags = (str(element.tag) for element in root.iter())
-    if any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
+    if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
         hint = "run xacro robot.urdf.xacro > robot.urdf"
         raise ContentError("holds xacro macros", "expand them first", hint)

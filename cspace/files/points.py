@@ -51,9 +51,8 @@ def read_points(path: StrPath) -> Floats:
     free nor occupied.
     """
     suffix = check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")
-    read = CLOUD_READERS[suffix]
     with decoding(path, "point cloud"):
-        points = read(path)
+        points = CLOUD_READERS[suffix](path)
         if not len(points):
             hint = "check how it was written"
             raise ContentError("holds no point", "a cloud needs one", hint, kind=GeometryError)

@@ -212,8 +212,8 @@ def _make_face_error(polygon: Ints, what: str) -> ContentError:
     """Return the error for a face without clear triangles."""
     names = ", ".join(map(str, polygon[:8].tolist()))
     more = ", ..." if len(polygon) > 8 else ""
-    vertices = f"vertices {names}{more}, counted from 0"
-    problem = f"has a face of {len(polygon)} corners ({vertices}) that {what}"
+    place = f"(vertices {names}{more}, counted from 0)"
+    problem = f"has a face of {len(polygon)} corners {place} that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
     hint = "triangulate the faces where the file is written"
     return ContentError(problem, rule, hint, kind=GeometryError)
@@ -285,8 +285,7 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
     """
     for count in set(map(len, points)) & {0, 1, 2, 5}:
         raise ContentError(f"has a vertex with {count} numbers; a vertex has x, y and z")
-    weights = [float(point[3]) for point in points if len(point) == 4]
-    if any(weight != 1.0 for weight in weights):
+    if any(float(point[3]) != 1.0 for point in points if len(point) == 4):
         raise unsupported_part("vertices with weights other than 1")
     words = list(itertools.chain.from_iterable(point[:3] for point in points))
     return parse_numbers(words, float).reshape(-1, 3)

@@ -402,8 +402,8 @@ def read_occupancy_grid(
     free = known & (percent / 100.0 < low)
     occupied = known & (percent / 100.0 >= high)
     position = "info.origin.position"
-    values = [_get_field(msg, f"{position}.{name}") for name in "xy"]
-    x, y = check_finite(values, f"msg.{position}").tolist()
+    coordinates = [_get_field(msg, f"{position}.{name}") for name in "xy"]
+    x, y = check_finite(coordinates, f"msg.{position}").tolist()
     info = MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg))
     return info, free, occupied
 

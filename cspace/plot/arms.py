@@ -60,7 +60,8 @@ class ArmFigure:
     """
 
     def __init__(self, space: Any, max_balls: float = math.inf) -> None:
-        self._arm = arm = space.arm
+        arm = space.arm
+        self._arm = arm
         self.links = {link.name: _link_surface(arm, link) for link in arm.links}
         self.obstacles = {
             name: transform_surface(_surface(obstacle.shape.outer, max_balls), obstacle.pose)

@@ -104,7 +104,7 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     radii = boxes.radii / grid.spacing
     below = -(lows - radii[:, None]).min(initial=0.0)
     above = (highs + radii[:, None]).max(initial=0.0)
-    check_reach(float(max(below, above)), *OBSTACLE_REACH)
+    check_reach(max(below, above), *OBSTACLE_REACH)
     local = RoundedBoxes(lows, highs, radii)
     mark_touched(outer, local, 0.0, 1.0)
     mark_inside(inner, local, 0.0, 1.0)

@@ -45,8 +45,7 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
     """Return the rotation at the end of the numbers of a configuration."""
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
-    yaw = row[-1] if borders.shape[0] > 0 else 0.0
-    return (yaw,)
+    return (row[-1] if borders.shape[0] > 0 else 0.0,)
 
 
 @inlined

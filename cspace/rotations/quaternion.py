@@ -381,7 +381,8 @@ def _chart(n: int) -> _Chart:
     covering_angles = np.tile(class_angles[class_of], 4)
     measures = _integrate_measure(classes, n)[class_of]
     volumes = np.tile(measures / (4.0 * measures.sum()), 4)
-    return _Chart(frozen(borders), frozen(centers), frozen(covering_angles), frozen(volumes))
+    arrays = borders, centers, covering_angles, volumes
+    return _Chart(*map(frozen, arrays))
 
 
 def _integrate_measure(parts: Ints, n: int) -> Floats:

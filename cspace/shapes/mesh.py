@@ -534,7 +534,7 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
 def _encode(array: NDArray[Any], dtype: str) -> str:
     """Write an array as text, base64 of its bytes."""
     data = np.ascontiguousarray(array, dtype=dtype).tobytes()
-    return base64.b64encode(data).decode("ascii")
+    return base64.b64encode(data).decode()
 
 
 def _decode(text: str, dtype: str) -> NDArray[Any]:

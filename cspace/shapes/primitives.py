@@ -95,8 +95,7 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
     """Move the bounds of a solid of revolution to a center."""
     shift = check_point(center, dim=3)
     outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
-    is_on_axis = not shift[:2].any()
-    return BoundedShape(outer, inner, is_round_about_z=is_on_axis)
+    return BoundedShape(outer, inner, is_round_about_z=not shift[:2].any())
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
@@ -109,8 +108,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     from cspace.files.ros import parse_footprint
 
     points = parse_footprint(corners)
-    outward = np.sign(points)
-    polygon = Polygons.of(points + check_not_negative(padding, "padding") * outward)
+    polygon = Polygons.of(points + check_not_negative(padding, "padding") * np.sign(points))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
 

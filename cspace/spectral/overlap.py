@@ -222,12 +222,12 @@ class FourierOverlap:
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
-            rule_kind, _, _ = name.partition("_")
-            kind = getattr(source, "kind", rule_kind)
-            if kind in ("inner", "outer") and kind != rule_kind:
+            needed_kind, _, _ = name.partition("_")
+            kind = getattr(source, "kind", needed_kind)
+            if kind in ("inner", "outer") and kind != needed_kind:
                 problem = f"is of kind {kind!r}"
                 hint = "decompose the shape with that kind"
-                raise InputError(name, problem, f"it must be {rule_kind!r}", hint, value=source)
+                raise InputError(name, problem, f"it must be {needed_kind!r}", hint, value=source)
         chosen = common_bump(bump, *given.values())
         more = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")

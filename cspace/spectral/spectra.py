@@ -250,6 +250,7 @@ def radius_basis(
     frequencies = max_radius * moduli
 
     def make_terms() -> Iterator[Term]:
+        """Yield the term of each combination."""
         for combination, row in zip(combinations.T, strengths, strict=True):
             table = RadialTable(np.tensordot(combination, values, axes=1), highest)
             yield Term(all_balls, row, table(frequencies))

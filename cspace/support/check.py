@@ -324,13 +324,9 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise InputError(
-            name,
-            f"is ragged: {error}",
-            "its rows must have one length",
-            "pad or cut them",
-            value=values,
-        ) from error
+        problem = f"is ragged: {error}"
+        rule = "its rows must have one length"
+        raise InputError(name, problem, rule, "pad or cut them", value=values) from error
     if array.ndim not in (2, 3) or array.size == 0:
         rule = "it must have two or three axes and at least one cell"
         hint = "pass an array indexed [x, y] or [x, y, z]"
@@ -338,26 +334,34 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
+        problem = f"has dtype {array.dtype}"
         hint = "compare with a threshold first, e.g. array > 0.5"
-        raise InputError(
-            name, f"has dtype {array.dtype}", "cells must be boolean", hint, value=values
-        )
-    if array.dtype.kind != "b" and (wrong := (array != 0) & (array != 1)).any():
-        entry, value = _first_wrong_entry(array, name, wrong)
-        hint = "compare with a threshold first, e.g. array >= 50"
-        if (array == UNKNOWN_CELL).any():
-            problem = f"is {value}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
-            rule = "whole numbers must be 0 or 1, and unknown cells may hide obstacles"
-            hint = (
-                "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you "
-                "pass unknown='free'"
-            )
-            raise InputError(entry, problem, rule, hint, value=value)
-        raise InputError(entry, f"is {value}", "whole numbers must be 0 or 1", hint, value=value)
+        raise InputError(name, problem, "cells must be boolean", hint, value=values)
     is_boolean = array.dtype.kind == "b"
+    if not is_boolean:
+        _check_zeros_and_ones(array, name)
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
     values_stored = array.view(np.uint8) if is_boolean else array
     is_ours = array.base is None and not array.flags.writeable and array.flags.c_contiguous
     if is_ours and is_boolean and values_stored.max() <= 1:
         return array
     return frozen(np.ascontiguousarray(values_stored != 0))
+
+
+def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
+    """Raise InputError for numbers other than 0 and 1."""
+    wrong = (array != 0) & (array != 1)
+    if not wrong.any():
+        return
+    entry, value = _first_wrong_entry(array, name, wrong)
+    problem = f"is {value}"
+    rule = "whole numbers must be 0 or 1"
+    hint = "compare with a threshold first, e.g. array >= 50"
+    if (array == UNKNOWN_CELL).any():
+        problem = f"{problem}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
+        rule = f"{rule}, and unknown cells may hide obstacles"
+        hint = (
+            "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you pass "
+            "unknown='free'"
+        )
+    raise InputError(entry, problem, rule, hint, value=value)

@@ -60,13 +60,13 @@ def build_tiles(
     sides = resolve_tile(tile, grid.shape, slices)
     rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
     check_memory(rasters, "the map", grid, slices=slices)
-    about = {
+    layout = {
         "shape": list(grid.shape),
         "side": list(sides),
         "stamp": make_stamp(frame, grid.shape, sides, stamp),
         "source_stamp": stamp,
     }
-    folder = _open_or_create(Path(store), frame, about)
+    folder = _open_or_create(Path(store), frame, layout)
     if folder.frame.exterior is not None:
         return folder
     missing = [index for index in folder if not folder.tile_path(index).exists()]
@@ -76,14 +76,14 @@ def build_tiles(
     return folder.complete()
 
 
-def _open_or_create(path: Path, frame: Contents, about: dict[str, Any]) -> TileFolder:
+def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
     if read_format(path) != TILES_FORMAT:
         # Only an empty folder is replaced.
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
-            write_root(temporary, frame, about)
+            write_root(temporary, frame, layout)
     folder = TileFolder.open(path)
-    if folder.about != about:
+    if folder.layout != layout:
         problem = "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
         raise FileError(str(path), problem, rule, "choose another name, or remove it")
@@ -115,7 +115,7 @@ def build_tile(
     cells = folder.locate_tile(index)
     window = folder.clip(grow(cells, folder.reach))
     outer, inner = source.read(as_box(window))
-    if source.stamp != folder.about["source_stamp"]:
+    if source.stamp != folder.layout["source_stamp"]:
         raise changed_source(name, "its size, time or digest differs")
     around = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(

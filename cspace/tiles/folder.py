@@ -77,7 +77,7 @@ class TileFolder:
     Attributes
     ----------
     path : Path
-    about : mapping
+    layout : mapping
         ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
         the workspace.
     frame : Contents
@@ -85,13 +85,13 @@ class TileFolder:
     """
 
     path: Path
-    about: Mapping[str, Any]
+    layout: Mapping[str, Any]
     frame: Contents
 
     @cached_property
     def grid(self) -> Grid:
         """Grid of the whole map."""
-        return self.sub_grid(np.array([[0] * len(self.tile), self.about["shape"]]))
+        return self.sub_grid(np.array([[0] * len(self.tile), self.layout["shape"]]))
 
     def sub_grid(self, corners: Ints) -> Grid:
         """Return the grid of a box of cells, inside the whole grid or not."""
@@ -102,7 +102,7 @@ class TileFolder:
     @property
     def tile(self) -> tuple[int, ...]:
         """Number of cells of a tile's interior along each axis."""
-        return tuple(self.about["side"])
+        return tuple(self.layout["side"])
 
     @property
     def halo(self) -> int:
@@ -131,7 +131,7 @@ class TileFolder:
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of tiles along each axis."""
-        counts = -(-np.array(self.about["shape"]) // self.tile)
+        counts = -(-np.array(self.layout["shape"]) // self.tile)
         return tuple(counts.tolist())
 
     def __iter__(self) -> Iterator[Index]:
@@ -165,7 +165,7 @@ class TileFolder:
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
-        return np.clip(corners, 0, self.about["shape"])
+        return np.clip(corners, 0, self.layout["shape"])
 
     def list_tiles(self, corners: Ints) -> Iterator[Index]:
         """Iterate over the tiles whose interiors meet a box."""
@@ -221,7 +221,7 @@ class TileFolder:
 
     def _check_stamp(self, index: Index, attributes: Mapping[str, Any]) -> None:
         """Raise FileError unless the attributes of a tile have the stamp of the map."""
-        if attributes.get("stamp") != self.about["stamp"]:
+        if attributes.get("stamp") != self.layout["stamp"]:
             raise map_error(self.tile_path(index), "it is a tile of another map")
 
     def write_tile(self, index: Index, contents: Contents) -> None:
@@ -236,7 +236,7 @@ class TileFolder:
         first_cell = tuple(self.locate_tile(index)[0].tolist())
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
-        summary = {"stamp": self.about["stamp"], "counts": counts.tolist(), "obstacles": box}
+        summary = {"stamp": self.layout["stamp"], "counts": counts.tolist(), "obstacles": box}
         with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
             write_map(contents, temporary, **summary)
 
@@ -251,11 +251,11 @@ class TileFolder:
         root = Path(path).absolute()  # workers have other working folders
         frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
         with making_map(root):
-            about = attributes["tiles"]
-            sizes = np.array([about["shape"], about["side"]])
+            layout = attributes["tiles"]
+            sizes = np.array([layout["shape"], layout["side"]])
             if sizes.dtype.kind != "i" or sizes.shape != (2, frame.grid.dim) or sizes.min() < 1:
                 raise ValueError(f"its grid and tiles have the sides {sizes.tolist()}")
-            return cls(root, about, frame)
+            return cls(root, layout, frame)
 
     def complete(self) -> TileFolder:
         """Write the states outside the grid; return the complete folder.
@@ -263,14 +263,14 @@ class TileFolder:
         Raises FileError if a tile is of another map.
         """
         frame = self.frame
-        shape = self.about["shape"]
+        shape = self.layout["shape"]
         no_box = [[max(shape)] * len(shape), [-1] * len(shape)]
         boxes = np.array([tile["obstacles"] or no_box for tile in self.read_summaries()])
         obstacles = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         temporary = Path(mkdtemp(prefix=".cspace-", dir=self.path))
-        write_root(temporary, replace(frame, exterior=exterior), self.about)
+        write_root(temporary, replace(frame, exterior=exterior), self.layout)
         with suppress(OSError):  # another build of the map has just written the same
             (temporary / "exterior").rename(self.path / "exterior")
         (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
@@ -314,6 +314,6 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return digest.hexdigest()
 
 
-def write_root(path: Path, frame: Contents, about: Mapping[str, Any]) -> None:
+def write_root(path: Path, frame: Contents, layout: Mapping[str, Any]) -> None:
     """Write what all tiles of a map share into a folder."""
-    write_map(frame, path, format=TILES_FORMAT, tiles=about)
+    write_map(frame, path, format=TILES_FORMAT, tiles=layout)

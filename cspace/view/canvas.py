@@ -114,10 +114,7 @@ class Canvas(ABC):
 
     @abstractmethod
     def describe(self, q: Floats) -> str:
-        """Return the state of a configuration and its distance from obstacles as text.
-
-        May also draw them.
-        """
+        """Return the state of a configuration and its distance from obstacles as text."""
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -163,10 +160,7 @@ class Canvas(ABC):
     # ---- changes of the view and of the space ----------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add inputs that choose what is drawn and call ``changed``.
-
-        Return them by label.
-        """
+        """Add inputs that choose what is drawn and call ``changed``; return them by label."""
         return {}
 
     def draw(self) -> None:  # noqa: B027

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.errors import ConfigurationError
 from cspace.plot.artists import (
     CLASSES,
     COLLIDES,
@@ -103,7 +101,9 @@ class MapCanvas(Canvas):
         self.poses = Poses(space.grid.dim, space.rotations)
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
+        # Gizmos of tiny robots stay visible.
         self.size = max(self.glyph.size, 0.012 * longest)
+        # Walls in the plane are half as high as the robot is long, within 0.1 % and 3 % of the map.
         wall = 0.5 * max(self.glyph.size, 0.002 * longest)
         self.stage = stage = Stage(grid, min(wall, 0.03 * longest))
         self.kinds = [*KINDS]
@@ -130,7 +130,7 @@ class MapCanvas(Canvas):
             return highest
         stations = np.concatenate([[*self.endpoints.values()], points])
         uppers = self.glyph.extents(stations)[:, 1]
-        steps = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
+        steps: int = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
         lowest = float(stage.lower[2]) + stage.grid.spacing
         return min(max(steps * self._step, lowest), highest)
 
@@ -169,12 +169,12 @@ class MapCanvas(Canvas):
     def describe(self, q: Floats) -> str:
         """Return state, clearance and rotation of a configuration as text."""
         space = self._space
-        text = STATES[int(self._space.classify(q))]
-        with suppress(ConfigurationError):  # a tiled map lacks some clearances
-            distance = float(space.clearance(q))
-            if 0.0 < distance < math.inf:
-                text += f", clearance at least {distance:.3f} {space.grid.unit}"
-        return f"{text}  \n{space.rotations.describe(q[space.grid.dim :])}"
+        text = STATES[int(space.classify(q))]
+        distance = float(space.clearance(q))
+        if 0.0 < distance < math.inf:
+            text += f", clearance at least {distance:.3f} {space.grid.unit}"
+        rotation = space.rotations.describe(q[space.grid.dim :])
+        return f"{text}  \n{rotation}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         """Return as text whether a path exists."""
@@ -219,10 +219,7 @@ class MapCanvas(Canvas):
     # ---- cells -----------------------------------------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add the slider of the cut and the checkboxes.
-
-        Return them by label.
-        """
+        """Add the slider of the cut and the checkboxes, and return them by label."""
         added: dict[str, Any] = {}
         stage = self.stage
         grid = self._space.grid
@@ -378,9 +375,9 @@ class Poses:
 
 
 def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
-    """Return two FREE configurations of ``sampled`` far apart, or the center of the grid.
+    """Choose FREE configurations of ``sampled`` far apart, upright if possible, as start and goal.
 
-    They are upright, if possible.
+    Without a FREE cell, both are the center of the grid.
     """
     dim = space.grid.dim
     upright = space.rotations.from_matrix(np.eye(3))

@@ -163,6 +163,18 @@ class Panel:
         )
         self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
 
+    def read_options(self) -> dict[str, Any]:
+        """Return the inputs of a search as options of :func:`planners.plan`."""
+        planner = self.planner.value
+        radius = self.turning_radius
+        return {
+            "planner": None if planner == AUTOMATIC else planner,
+            "time_limit": float(self.time_limit.value),
+            "exact": bool(self.exact.value),
+            "drive": self.drive.value,
+            "turning_radius": float(radius.value) if radius.visible else None,
+        }
+
     def show_robot(self, numbers: tuple[float, ...]) -> None:
         """Show the coordinates of the robot."""
         for slider, number in zip(self.sliders, numbers, strict=True):
@@ -214,9 +226,11 @@ class Page:
         self._strays = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
-        tasks = self._show, self._prove, self._search, self._play, self._reach
-        self._workers = [Worker(task, self._report_error) for task in tasks]
-        self._shower, self._prover, self._planner, self._player, self._solver = self._workers
+        self._shower = Worker(self._show, self._report_error)
+        self._prover = Worker(self._prove, self._report_error)
+        self._planner = Worker(self._search, self._report_error)
+        self._player = Worker(self._play, self._report_error)
+        self._solver = Worker(self._reach, self._report_error)
         self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
         self._connect()
         for name, q in canvas.endpoints.items():
@@ -283,7 +297,7 @@ class Page:
         self._place(q)
 
     def _place(self, q: Floats) -> None:
-        """Show the robot at a configuration."""
+        """Draw the robot at a configuration, which no drag has strayed to."""
         self._strays = False
         self._canvas.place(q)
         self._shower.request()
@@ -365,14 +379,16 @@ class Page:
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested work is done; return False after a timeout."""
+        # A worker may request work of those after it.
         workers = self._solver, self._planner, self._shower, self._prover
         return all(worker.wait(seconds) for worker in workers)
 
     def close(self) -> None:
         """Stop all threads."""
         self._playing.clear()
-        for worker in self._workers:
+        for worker in (self._shower, self._prover, self._planner, self._player, self._solver):
             worker.close()
+        self._shower.wait(1.0)  # viser warns of drawings after the server has stopped
 
     # ---- work in threads -------------------------------------------------------------------------
 
@@ -407,23 +423,14 @@ class Page:
         import planners
 
         panel = self.panel
-        tool = self._canvas.tool
         pose = self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
-        planner = panel.planner.value
-        radius = panel.turning_radius
-        options: dict[str, Any] = {
-            "planner": None if planner == AUTOMATIC else planner,
-            "time_limit": float(panel.time_limit.value),
-            "exact": bool(panel.exact.value),
-            "drive": panel.drive.value,
-            "turning_radius": float(radius.value) if radius.visible else None,
-        }
         goal = self.marks["goal"] if pose is None else pose
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
+            options = panel.read_options()
             self.plan = plan = planners.plan(self._space, self.marks["start"], goal, **options)
         finally:
             panel.plan.disabled = False
@@ -432,12 +439,18 @@ class Page:
             self._show_path(plan.path, plan)
             if plan.solved:
                 self.move(plan.path[0])
-        elif plan.solved and tool is not None and not tool.is_held:
+        elif plan.solved:
+            self._show_plan_of_tool(plan)
+        panel.answer.content = _describe_plan(plan)
+
+    def _show_plan_of_tool(self, plan: Plan) -> None:
+        """Show a plan to a released tool frame from its end, unless users hold the frame again."""
+        tool = self._canvas.tool
+        if tool is not None and not tool.is_held:
             self.mark("goal", plan.goal)
             self._show_path(plan.path, plan)
-            panel.share.value = 100.0
+            self.panel.share.value = 100.0
             self.go(1.0)
-        panel.answer.content = _describe_plan(plan)
 
     def _play(self) -> None:
         """Move the robot along the path until its end or until stopped."""

@@ -114,15 +114,6 @@ def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
     assert not np.array_equal(arm.inverse("tool0", pose, seed=6), first)
 
 
-def test_both_elbows_of_a_planar_arm_are_found(tmp_path: Path) -> None:
-    arm = planar_with_tip(tmp_path)
-    tolerance = (1e-4, math.inf)
-    elbows = arm.inverse("tip", pose_at(1, 1), tolerance=tolerance, near=(0.1, 1.0))
-    np.testing.assert_allclose(elbows, [(0.0, math.pi / 2), (math.pi / 2, -math.pi / 2)], atol=2e-4)
-    only = arm.inverse("tip", arm.pose((0.3, -0.7), "tip"))
-    np.testing.assert_allclose(only, [(0.3, -0.7)], atol=2e-3)
-
-
 @pytest.mark.parametrize(
     "pose, tight, loose",
     [
@@ -203,18 +194,14 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
 @refusals(
     "options, message",
     ({"frame": "tool9"}, "frame is 'tool9'; there are foot, upper, fore"),
-    ({"frame": 3}, "frame is 3; it must be a non-empty string"),
     ({"frame": "foot"}, "frame is 'foot'; no joint of the arm moves it"),
-    ({"pose": np.eye(3)}, r"pose has shape \(3, 3\); it must be a rigid motion"),
     ({"pose": 2 * np.eye(4)}, "pose has shape.*it must be a rigid motion"),
     ({"pose": np.full((4, 4), np.nan)}, r"pose\[0, 0\] is nan"),
-    ({"tolerance": 0.01}, "tolerance is 0.01; it must be two numbers above zero"),
     ({"tolerance": (0.01, math.nan)}, r"tolerance is \(0.01, nan\); it must be two numbers"),
     ({"tolerance": (math.inf, math.inf)}, "of which one may be infinite"),
     ({"near": np.zeros((2, 2))}, r"near has shape \(2, 2\); it must be one configuration"),
     ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),
     ({"max_solutions": 0}, "max_solutions is 0; it must be a whole number above zero"),
-    ({"seed": -1}, "seed is -1"),
 )
 def test_inverse_rejects_invalid_arguments(
     tmp_path: Path, options: dict[str, Any], message: str

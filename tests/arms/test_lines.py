@@ -21,7 +21,6 @@ from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import (
     joint,
     link,
-    planar_with_tip,
     pose_at,
     pose_of,
     posed_box,
@@ -161,26 +160,6 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(
     assert (np.array(sample_deviation(motion, poses)) <= bounds + 1e-8).all()
 
 
-def test_lines_that_the_arm_can_follow_are_followed(tmp_path: Path) -> None:
-    """Follow short lines of chains with six or seven joints, none of which is obstructed."""
-    followed = 0
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        path = random_chain(tmp_path, seed, 6 + seed % 2)
-        arm = Arm.from_urdf(path)
-        center = 0.5 * (np.maximum(arm.lower, -3.0) + np.minimum(arm.upper, 3.0))
-        start = (center + rng.normal(scale=0.2, size=arm.dof)).clip(arm.lower, arm.upper)
-        names = [each.name for each in arm.links]
-        pairs = [(a, b) for a in names for b in names if a < b]
-        space = build_arm_space({}, arm, allowed_collisions=pairs)
-        corner = arm.pose(start, "tool0")
-        corner[:3, 3] += 0.03 * rng.normal(size=3)
-        motion = space.follow_line(start, "tool0", corner, tolerance=FREE_ROTATION)
-        check_motion(motion, arm, poses_by_urdf(path, arm))
-        followed += motion.certified
-    assert followed >= 18
-
-
 def polar(folder: Path, **shapes: PosedShape) -> ArmSpace:
     """Build a bar that turns about the origin and slides out by up to 1 m, with the frame hand."""
     path = write_urdf(
@@ -246,15 +225,6 @@ def test_stops_are_explained(
     )
     assert motion.stopped_by == stopped_by and status in motion.status
     assert motion.fraction == pytest.approx(fraction, abs=0.02)
-
-
-def test_a_stretched_arm_stops_at_its_reach(tmp_path: Path) -> None:
-    arm = planar_with_tip(tmp_path)
-    space = build_arm_space({}, arm)
-    motion = space.follow_line((0.5, 0.5), "tip", pose_at(4, 1), tolerance=FREE_ROTATION)
-    assert motion.stopped_by == "reach"
-    tip = arm.pose(motion.waypoints[-1], "tip")[:2, 3]
-    assert np.linalg.norm(tip) == pytest.approx(2.0, abs=2e-3)
 
 
 @pytest.fixture(scope="module")

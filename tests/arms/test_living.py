@@ -276,17 +276,6 @@ def test_obstacles_follow_the_base_pose(tmp_path: Path) -> None:
     assert_equal_answers(space, new)
 
 
-def test_copies_change_on_their_own(tmp_path: Path) -> None:
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
-    copies = [copy.copy(space), copy.deepcopy(space), pickle.loads(pickle.dumps(space))]
-    space.add_obstacle("first", posed_box((0.2, 0.2, 1.0), 1.5, 0.3))
-    for other in copies:
-        assert not other.obstacles and other.is_free((0.2, 0.0))
-        other.add_obstacle("second", posed_box((0.2, 0.2, 1.0), -1.5, 0.3))
-        assert not other.is_free((2.9, 0.0))
-    assert space.is_free((2.9, 0.0)) and not space.is_free((0.2, 0.0))
-
-
 def test_replaced_clouds_leave_no_memory(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
     rng = np.random.default_rng(1)
@@ -314,30 +303,18 @@ BALL = Robot.ball(0.1)
 
 @refusals(
     "call, message",
-    (lambda s: s.add_obstacle("", BALL), "name is ''; it must be a non-empty string"),
     (lambda s: s.add_obstacle("fore", BALL), "a link or an attached object has it"),
     (lambda s: s.add_obstacle("a", Robot.disc(0.1)), "arms are in space"),
-    (lambda s: s.add_obstacle("a", [(0.0, 0.0, 0.0)] * 4), "points need a radius"),
     (lambda s: s.add_obstacle("a", BALL, 2.0 * np.eye(4)), "it must be a rigid motion"),
-    (lambda s: s.add_obstacle("a", BALL, padding=-1.0), "padding is -1.0"),
     (lambda s: s.add_obstacle("a", BALL, touch_links=["fort"]), "touch_links names 'fort'"),
-    (lambda s: s.add_obstacle("a", BALL, touch_links=3), "it must be a list of names"),
     (lambda s: s.add_obstacle("a", s.obstacles["post"], radius=0.1), "only points have a radius"),
-    (lambda s: s.remove_obstacle("pots"), "name is 'pots'; there are post"),
-    (lambda s: s.attach("cup", BALL), "link is None; there are foot, upper, fore, tool"),
     (lambda s: s.attach("post", BALL, "fore"), "name is 'post'; an obstacle has it"),
-    (lambda s: s.attach("tool", BALL, "fore"), "name is 'tool'; a link has it"),
     (lambda s: s.attach("cup", BALL, "fore", q=(0.0, 0.0)), "q is given for a new object"),
-    (lambda s: s.attach("cup", link="fore", q=(0.0, 0.0)), "name is 'cup'; there are post"),
     (lambda s: s.attach("post", link="fore"), r"q is missing; .*pass \(shoulder, elbow\)"),
     (lambda s: s.attach("post", None, "fore", np.eye(4), q=(0, 0)), "pose is given for an obs"),
-    (lambda s: s.detach("post"), "name is 'post'; there are tool, bit"),
     (lambda s: s.detach("tool"), "name is 'tool'; it carries 'bit'; detach 'bit' first"),
     (lambda s: s.detach("bit", touch_links=["fore"]), "touch_links are given without q"),
-    (lambda s: s.detach("bit", (0.0, 9.0)), "has elbow at 9"),
-    (lambda s: s.set_padding("four", 0.1), "name is 'four'"),
     (lambda s: s.allow_collisions([("fore", "sky")]), "pairs names 'sky'"),
-    (lambda s: s.allow_collisions(["fore"]), "it must hold pairs of names"),
     (lambda s: s.forbid_collisions([("fore", "post")]), "only allowed pairs are taken back"),
     (lambda s: build_arm_space({}, s.arm, padding={"sky": 0.1}), "padding names 'sky'"),
     (lambda s: s.set_padding("post", 9.0), "foot touches obstacle 'post', or comes nearer"),

@@ -65,7 +65,6 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
     ({"knee": BALLS}, FIXED, "knee"),
     ({"hand": (BALLS[0][:, :2], BALLS[1])}, FIXED, "hand has 2 dimensions"),
     ({"hand": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
-    ({"hand": BALLS}, ([[0.0, 0.0, 0.0]], -1.0), "radii"),
 )
 def test_arm_penetration_refuses_invalid_balls(
     arm: Arm, links: object, obstacles: object, message: str

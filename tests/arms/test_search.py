@@ -12,7 +12,7 @@ import scipy.sparse.csgraph
 from cspace.arms import Arm, ArmSpace, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import planar, posed_box, random_arm, two_arms
+from tests.helpers.urdfs import planar, posed_box, random_arm
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
@@ -81,16 +81,6 @@ def test_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: P
     np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
     # Otherwise the direction would be ambiguous.
     assert np.abs(np.diff(path[:, 0])).max() <= np.pi
-
-
-def test_two_arms_of_seven_joints_find_a_path(tmp_path: Path) -> None:
-    rng = np.random.default_rng(4)
-    sizes = rng.uniform(0.03, 0.1, (150, 3))
-    places = rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
-    boxes = {f"box {k}": posed_box(sizes[k], *places[k]) for k in range(150)}
-    space = build_arm_space(boxes, Arm.from_urdf(two_arms(tmp_path)))
-    path = space.find_path(*space.sample_free(2, rng), **OPTIONS)
-    assert len(path) > 2 and space.certify_path(path).all()
 
 
 def test_search_without_a_path_ends_at_its_time_limit(tmp_path: Path) -> None:

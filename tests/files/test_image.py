@@ -125,17 +125,6 @@ def test_pixels_of_an_unknown_kind_are_refused(tmp_path: Path, mode: str, pixel:
         Workspace.from_image(tmp_path / "odd.tif", 1.0)
 
 
-@pytest.mark.parametrize("name", ["normal.ppm", "thin.ppm"])
-def test_real_mazes_agree_with_a_plain_reading(data: Path, name: str) -> None:
-    path = data / "maps" / name
-    _, _, size, _, body = path.read_bytes().split(b"\n", 4)
-    assert size == b"450 450"
-    rows = np.frombuffer(body, np.uint8).reshape(450, 450, 3)
-    dark = rows.sum(axis=2, dtype=int) / 765 < 0.5
-    assert np.array_equal(Workspace.from_image(path, 1.0).outer, np.flipud(dark).T)
-    assert 0 < dark.sum() < dark.size
-
-
 def test_a_chunk_that_claims_gigabytes_takes_little_memory(image: Path) -> None:
     content = bytearray(image.read_bytes())
     start = content.index(b"IDAT") - 4

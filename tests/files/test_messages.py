@@ -239,14 +239,16 @@ def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):
     assert "\n" not in str(caught.value)
 
 
-BALL = cspace.build(Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1), Robot.ball(0.05))
+def build_ball_map():
+    workspace = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
+    return cspace.build(workspace, Robot.ball(0.05))
 
 
 @refusals(
     "call, message",
     (lambda car: car.to_costmap(cost_scaling_factor=math.nan), "cost_scaling_factor is nan"),
     (lambda car: car.to_costmap(make_message([[0]])), r"msg has no header\.frame_id; .*nav2_msgs"),
-    (lambda car: BALL.to_costmap(), "the map is one in space; a costmap"),
+    (lambda car: build_ball_map().to_costmap(), "the map is one in space; a costmap"),
 )
 def test_messages_refuse_unsuitable_maps_and_arguments(spaces, call, message):
     with pytest.raises(InputError, match=message):

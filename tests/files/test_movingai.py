@@ -54,17 +54,6 @@ def test_malformed_maps_are_refused(
         read(tmp_path / "bad.map")
 
 
-@pytest.mark.parametrize("name", ["Simple", "Complex"])
-def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str) -> None:
-    path = data / "voxels" / f"{name}.3dmap"
-    head, *lines = path.read_text().splitlines()
-    expected = np.zeros([int(word) for word in head.split()[1:]], dtype=bool)
-    for line in lines:
-        x, y, z = map(int, line.split())
-        expected[x, y, z] = True
-    assert (read_movingai_voxels(path) == expected).all()
-
-
 @pytest.mark.parametrize("name", MAPS)
 def test_the_problems_of_real_maps_are_connected(data: Path, name: str) -> None:
     """Refine the map, because the grid cannot decide a corridor one cell wide."""

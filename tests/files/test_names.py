@@ -9,7 +9,6 @@ import pytest
 import cspace
 from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
 from cspace.files.access import suggest_file
-from tests.helpers.commands import run
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -56,13 +55,6 @@ def test_no_name_is_suggested_if_none_is_similar(tmp_path: Path) -> None:
         assert suggest_file(tmp_path / missing, "hint") == "hint"
     with pytest.raises(CspaceError, match=r"does not exist; .*; check the name and the folder"):
         Workspace.open(tmp_path / "quite-another.yaml")
-
-
-def test_commands_name_the_nearest_file(tmp_path: Path) -> None:
-    (tmp_path / "floor.zarr").mkdir()
-    result = run("info", tmp_path / "floo.zarr")
-    assert result.exit_code == 2
-    assert f"did you mean {tmp_path / 'floor.zarr'}?" in result.stderr
 
 
 def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path: Path) -> None:

@@ -204,20 +204,6 @@ def test_mimic_joints_are_at_their_offset(tmp_path, kind, angle, slide):
     assert np.allclose(np.ptp(corners, axis=0), sides)
 
 
-def test_boxes_of_links_cannot_be_surfaces(tmp_path):
-    write_box(tmp_path / "box.stl", 1)
-    mesh = MESH.replace("NAME", "box.stl")
-    alone = write_urdf(tmp_path, mesh)
-    assert not Robot.from_urdf(alone, solid="surface").shape.contains([[0.0, 0.0, 0.0]]).any()
-    assert Robot.from_urdf(alone).shape.contains([[0.0, 0.0, 0.0]]).all()
-    box = '<collision><geometry><box size="1 1 1"/></geometry></collision></link>'
-    path = write_urdf(tmp_path, mesh.replace("</link>", box))
-    with pytest.raises(
-        InputError, match=r"solid is 'surface', and .* link 'l', collision 1 is a box"
-    ):
-        Robot.from_urdf(path, solid="surface")
-
-
 LINKS = '<link name="l"/><link name="m"/>'
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 FORTH = JOINT.format("l", "m")

@@ -48,7 +48,6 @@ def lines(keyword, rows, ending="\n"):
 
 VERTICES = lines("v", BOX_CORNERS)
 FACES = lines("f", BOX_QUADS + 1)
-SECOND = lines("v", BOX_CORNERS + BOX_SHIFT) + lines("f", BOX_QUADS + 9)
 
 
 def read(tmp_path, name, content):

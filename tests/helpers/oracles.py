@@ -8,7 +8,6 @@ import numpy as np
 from scipy import sparse
 
 Point = tuple[Fraction, Fraction]
-Segment = tuple[Point, Point]
 
 
 FRACTION_DENOMINATOR = 2**1074
@@ -118,34 +117,6 @@ def polygon_inner_offsets(vertices, spacing, reach):
         m
         for m, point in points.items()
         if is_on_boundary(point, segments) or encloses(point, segments)
-    }
-
-
-def disc_outer_offsets(center, radius, spacing, margin, reach):
-    """Return the m, |m| <= reach, whose box ``h (m + [-1, 1]^2)`` is within a margin of a disc."""
-    *center, h, radius, margin = units((*center, spacing, radius, margin))
-    apart = [
-        [max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center
-    ]
-    return _offsets_within(apart, radius + margin, reach)
-
-
-def disc_inner_offsets(center, radius, spacing, reach):
-    """Return the m, |m| <= reach, whose point ``h m`` lies in a closed disc."""
-    *center, h, radius = units((*center, spacing, radius))
-    return _offsets_within(
-        [[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach
-    )
-
-
-def _offsets_within(apart, radius, reach):
-    """Return the offsets within a radius, given the distances along each axis."""
-    (xs, ys), square = ([part * part for part in parts] for parts in apart), radius * radius
-    return {
-        (i - reach, j - reach)
-        for i, x in enumerate(xs)
-        for j, y in enumerate(ys)
-        if x + y <= square
     }
 
 

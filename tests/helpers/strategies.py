@@ -17,7 +17,6 @@ L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1,
 ALIGNED_CELL_SIDE = 0.15
 """Side of the cells that some solid robots are aligned with, in metres."""
 
-spacings = st.sampled_from([0.05, 0.1, 0.25, 1.0, 0.37])
 
 
 def bitmaps(side=12):

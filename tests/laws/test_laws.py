@@ -319,6 +319,7 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(
         q = q[~window.grid.contains(q[:, :dim])]
         for copied in (window, pickle.loads(pickle.dumps(window))):
             assert is_whole or (copied.classify(q) == MIXED).all()
+            assert is_whole or not copied.motion_is_free(q, near[: len(q)]).any()
 
 
 @pytest.mark.parametrize("name", ["plane", "quaternions"])

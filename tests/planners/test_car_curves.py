@@ -1,6 +1,5 @@
 """Curves of cars: shortest words, proofs and dense paths."""
 
-import itertools
 import math
 from typing import Any
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from ompl import base as ob
-from scipy.spatial import cKDTree
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
@@ -166,34 +164,6 @@ def free_except_cell(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
 
 
 # ---- dense paths ---------------------------------------------------------------------------------
-
-
-@EVERY_CURVE
-def test_a_dense_path_lies_on_the_curve_and_contains_the_waypoints(
-    space: CSpace, name: str
-) -> None:
-    curves = make_curves(name, 0.5, space)
-    waypoints = draw_pairs(20, 0.5, seed=6).reshape(-1, 3)
-    path = curves.resample(waypoints)
-    direction = curves.find_directions(path)
-    indices = [path.tolist().index(q) for q in waypoints.tolist()]
-    assert indices == sorted(indices) and (indices[0], indices[-1]) == (0, len(path) - 1)
-    steps = np.diff(path[:, :2], axis=0)
-    turns = turn_between(path[:-1, 2], path[1:, 2])
-    metres = np.linalg.norm(steps, axis=1)
-    assert metres.max() <= space.grid.spacing + 1e-9 and np.abs(turns).max() <= 0.0873
-    for (a, b), (i, j) in zip(
-        itertools.pairwise(waypoints), itertools.pairwise(indices), strict=True
-    ):
-        length = measure(curves, a, b)
-        fine = points_along(curves, a, b, np.linspace(0.0, length, 5000))
-        distances = cKDTree(fine[:, :2]).query(path[i : j + 1, :2])[0]
-        assert distances.max() < length / 5000 + 1e-6
-    # The direction is the sign of the motion along the heading halfway between two rows.
-    halfway = path[:-1, 2] + turns / 2
-    ahead = steps[:, 0] * np.cos(halfway) + steps[:, 1] * np.sin(halfway)
-    moves = metres > 1e-6
-    assert (np.sign(ahead) == direction[1:])[moves].all() and len(direction) == len(path)
 
 
 @EVERY_CURVE

@@ -3,23 +3,23 @@
 import numpy as np
 import pytest
 
-from cspace import CSpace, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from tests.helpers.pictures import block, yard
 
 
 @pytest.fixture(scope="package")
-def flat() -> CSpace:
+def flat():
     return build(block(), Robot.disc(0.32))
 
 
 @pytest.fixture(scope="package")
-def turning() -> CSpace:
+def turning():
     """Build a map of a long, off-center robot."""
     return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
 
 
 @pytest.fixture(scope="package")
-def hall() -> CSpace:
+def hall():
     """Build a map of 6 m x 4 m x 2.4 m without symmetry.
 
     It has a floor, a wall with a window at x = 2.8 to 3.2, a block and a pillar.

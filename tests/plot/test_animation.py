@@ -1,16 +1,13 @@
 """Animations of robots, slices and files."""
 
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import label
 
 import planners
-from cspace import BLOCKED, Arm, CSpace, Robot, Workspace, build, build_arm_space
+from cspace import BLOCKED, Arm, Robot, Workspace, build, build_arm_space
 from cspace.plot import animate
 from tests.helpers.pictures import COLORS, TURNING_PATH
 from tests.helpers.urdfs import planar
@@ -20,7 +17,7 @@ ROBOT = (0x3F, 0xB7, 0x95)
 PURPLE = (0x6A, 0x1B, 0x9A)
 
 
-def read_frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
+def read_frames(file):
     """Return pixels, milliseconds and number of loops."""
     pixels = []
     times = []
@@ -32,28 +29,28 @@ def read_frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
         return pixels, times, image.info["loop"]
 
 
-def mask_color(frame: NDArray[np.uint8], color: tuple[int, ...]) -> NDArray[np.bool_]:
+def mask_color(frame, color):
     """Return a mask of the pixels of a colour."""
     return np.asarray(np.abs(frame.astype(int) - color).max(axis=-1) < 16)
 
 
-def find_patch(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+def find_patch(frame):
     """Return the center of the largest patch in the robot's colour, a column and a row from below."""
     patches, _ = label(mask_color(frame, ROBOT))
     rows, columns = np.nonzero(patches == 1 + np.bincount(patches.ravel())[1:].argmax())
     return np.array([columns.mean(), -rows.mean()])
 
 
-def mask_green(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def mask_green(frame):
     """Return a mask of the green pixels above the legend; a robot is green in any light."""
     red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
-    found: NDArray[np.bool_] = (green > red + 40) & (green > blue + 10)
+    found = (green > red + 40) & (green > blue + 10)
     found[int(0.9 * len(found)) :] = False
     return found
 
 
-def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) -> None:
-    calls: list[tuple[int, int]] = []
+def test_the_robot_drives_from_start_to_goal(turning, tmp_path):
+    calls = []
     options = {"seconds": 1, "rate": 5, "progress": lambda *call: calls.append(call)}
     file = animate(turning, TURNING_PATH, tmp_path / "drive.gif", **options)
     pixels, times, loop = read_frames(file)
@@ -70,7 +67,7 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
     assert (np.diff(centers[:, 0]) > -1.0).all()
 
 
-def test_the_robot_moves_over_the_slice_of_its_yaw(turning: CSpace, tmp_path: Path) -> None:
+def test_the_robot_moves_over_the_slice_of_its_yaw(turning, tmp_path):
     """Compare the areas of BLOCKED cells in two slices."""
     path = [(2.0, 4.0, 0.0), (3.0, 3.9, math.pi / 2)]
     pixels, _, _ = read_frames(animate(turning, path, tmp_path / "turn.gif", seconds=0.2, rate=5))
@@ -84,7 +81,7 @@ def test_the_robot_moves_over_the_slice_of_its_yaw(turning: CSpace, tmp_path: Pa
 
 
 @pytest.fixture(scope="module")
-def tunnel() -> CSpace:
+def tunnel():
     """Build a hall with a wall below a gap."""
     cells = np.zeros((40, 20, 20), dtype=bool)
     cells[:, :, 0] = True
@@ -92,10 +89,10 @@ def tunnel() -> CSpace:
     return build(Workspace.from_array(cells, 0.1), Robot.box((0.4, 0.3, 0.2)), rotations=8)
 
 
-def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> None:
+def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
     """Look from the side, where the robot moves up, then right."""
     path = [(0.6, 1.0, 0.4, 0.0), (0.6, 1.0, 1.5, 1.0), (3.4, 1.0, 1.5, 1.0)]
-    options: dict[str, Any] = {"camera": (0.0, -90.0), "seconds": 1, "rate": 4}
+    options = {"camera": (0.0, -90.0), "seconds": 1, "rate": 4}
     pixels, _, _ = read_frames(animate(tunnel, path, tmp_path / "fly.gif", **options))
     rows, columns = np.array([np.argwhere(mask_green(frame)).mean(axis=0) for frame in pixels]).T
     up = rows[0] - rows[-1]
@@ -106,17 +103,17 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
     assert mask_color(pixels[0], PURPLE).sum() > 20
 
 
-def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
+def test_wall_hides_the_robot_behind_it(tunnel, tmp_path):
     """Look along x, from either side of the wall."""
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
-        options: dict[str, Any] = {"camera": (0.0, azimuth), "seconds": 0.2, "rate": 5}
+        options = {"camera": (0.0, azimuth), "seconds": 0.2, "rate": 5}
         file = animate(tunnel, path, tmp_path / f"{number}.gif", **options)
         shown = [int(mask_green(frame).sum()) for frame in read_frames(file)[0]]
         assert shown[number] < 0.2 * shown[1 - number]
 
 
-def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
+def test_links_of_an_arm_move_and_its_foot_stays(tmp_path):
     pytest.importorskip("yourdfpy")
     arm = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
     file = tmp_path / "arm.gif"
@@ -132,7 +129,7 @@ def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
     assert (first & last).any()
 
 
-def test_trajectories_are_animated_at_true_speed(flat: CSpace, tmp_path: Path) -> None:
+def test_trajectories_are_animated_at_true_speed(flat, tmp_path):
     plan = planners.plan(flat, (1.0, 2.5), (7.0, 2.5))
     trajectory = plan.trajectory(max_velocity=100.0, max_acceleration=6.0)
     pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))

@@ -1,7 +1,5 @@
 """Pictures of arms: links, obstacles and paths."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -21,14 +19,14 @@ OBSTACLE_COLOR = SURFACES["obstacles"][1]
 
 
 @pytest.fixture(scope="module")
-def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
+def space(tmp_path_factory):
     """Build an arm of two links of 1 m next to a block."""
     blocks = {"block": posed_box((0.4, 0.2, 1.0), -0.4, 1.0)}
     arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
     return cspace.build_arm_space(blocks, arm)
 
 
-def collect_corners(ax: Any, color: str) -> Any:
+def collect_corners(ax, color):
     """Return the corners (n, 3) of all polygons in shades of a colour."""
     (collection,) = ax.collections
     shades = collection._facecolor3d[:, :3]
@@ -38,13 +36,13 @@ def collect_corners(ax: Any, color: str) -> Any:
     return np.asarray(collection._faces)[is_shade].reshape(-1, 3)
 
 
-def find_tip(q: Any) -> Any:
+def find_tip(q):
     """Return the end of the second link at a configuration."""
     angles = np.cumsum(q)
     return np.array([np.cos(angles).sum(), np.sin(angles).sum(), 0.0])
 
 
-def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
+def test_links_and_obstacles_are_drawn_where_they_are(space):
     ax = space.plot(q=(0.0, np.pi / 2))
     for color, lower, upper in (
         (ROBOT_FILL_COLOR, (-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)),
@@ -57,7 +55,7 @@ def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) ->
     assert ax.get_figure().get_suptitle() == "small"
 
 
-def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None:
+def test_a_path_is_drawn_as_pale_arms_and_a_line(space):
     path = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
     ax = space.plot(path=path, title="on its way", legend=False)
     shown = collect_corners(ax, ROBOT_FILL_COLOR)
@@ -71,7 +69,7 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
     assert ax.get_figure().get_suptitle() == "on its way"
 
 
-def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmSpace) -> None:
+def test_edges_blocked_by_another_scene_have_their_own_colour(space):
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
     assert plan.certified
     assert LOST_COLOR not in [line.get_color() for line in space.plot(path=plan).lines]
@@ -81,7 +79,7 @@ def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmS
     assert "path, no longer proven free" in labels(ax)
 
 
-def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:
+def test_floor_is_clipped_near_the_arm(space):
     floor = posed_box((100.0, 100.0, 0.1), 0.0, 0.0, -1.0)
     ax = cspace.build_arm_space({"floor": floor}, space.arm).plot()
     corners = collect_corners(ax, OBSTACLE_COLOR)
@@ -89,7 +87,7 @@ def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:
     assert corners[:, 2].max() == pytest.approx(-0.95)
 
 
-def test_axes_of_the_caller_need_three_dimensions(space: cspace.ArmSpace) -> None:
+def test_axes_of_the_caller_need_three_dimensions(space):
     solid = Figure().add_subplot(projection="3d")
     assert space.plot(ax=solid) is solid
     with pytest.raises(InputError, match="ax has two dimensions"):

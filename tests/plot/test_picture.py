@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -20,7 +19,7 @@ from PIL import Image
 
 import cspace
 import planners
-from cspace import FREE, CSpace, Robot, Workspace, build
+from cspace import FREE, Robot, Workspace, build
 from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
 from tests.helpers.pictures import (
@@ -37,7 +36,7 @@ from tests.helpers.pictures import (
 
 
 @pytest.mark.parametrize("yaw", ["no rotations", "all rotations", 1.2])
-def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, yaw: Any) -> None:
+def test_each_pixel_shows_the_state_of_its_cell(flat, turning, yaw):
     """Compare pictures of slices with single queries."""
     space = flat if yaw == "no rotations" else turning
     rotations = {
@@ -50,7 +49,7 @@ def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, y
     assert len(seen) == (5 if yaw == "all rotations" else 4)
 
 
-def test_texts_name_axes_rotations_and_colours(flat: CSpace, turning: CSpace) -> None:
+def test_texts_name_axes_rotations_and_colours(flat, turning):
     ax = plot(flat, path=[(1, 1), (1, 4), (7, 4)])
     assert (ax.get_xlim(), ax.get_ylim(), ax.get_aspect()) == ((0.0, 8.0), (0.0, 5.0), 1.0)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
@@ -65,7 +64,7 @@ def test_texts_name_axes_rotations_and_colours(flat: CSpace, turning: CSpace) ->
     assert "yaw -90°, in a rotation cell of 15°" in heading(ax)
 
 
-def test_exterior_of_the_grid_is_hatched() -> None:
+def test_exterior_of_the_grid_is_hatched():
     """Compare the hatching with colours of classes."""
     space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1))
     ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
@@ -80,7 +79,7 @@ def test_exterior_of_the_grid_is_hatched() -> None:
 
 
 @pytest.mark.parametrize("taken", ["free", "obstacle"])
-def test_unknown_cells_have_their_own_colours(taken: str) -> None:
+def test_unknown_cells_have_their_own_colours(taken):
     rng = np.random.default_rng(5)
     outer, unknown = rng.random((2, 30, 20)) < 0.06
     outer = outer | unknown if taken == "obstacle" else outer & ~unknown
@@ -99,7 +98,7 @@ def test_unknown_cells_have_their_own_colours(taken: str) -> None:
             assert pixel(ax, image, *grid.center_of(cell)) == expected
 
 
-def to_lab(color: Any) -> Any:
+def to_lab(color):
     """Convert sRGB to CIELAB, in which a difference of 2 is just noticeable."""
     given = np.array(to_rgb(color))
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
@@ -108,7 +107,7 @@ def to_lab(color: Any) -> Any:
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
-def test_colors_are_distinct_even_in_grey() -> None:
+def test_colors_are_distinct_even_in_grey():
     colors = {label: to_lab(color) for label, color in CLASSES}
     assert np.diff(sorted(lightness for lightness, _, _ in colors.values())).min() > 7.0
     pairs = itertools.combinations(colors.values(), 2)
@@ -120,19 +119,19 @@ def test_colors_are_distinct_even_in_grey() -> None:
         assert min(np.linalg.norm(lab - other) for other in colors.values()) > 30.0
 
 
-def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
+def test_a_notebook_shows_the_figure(flat):
     """Represent only axes of new figures as a picture."""
     png = vars(flat.plot())["_repr_png_"]()
     assert Image.open(io.BytesIO(png)).size[0] > 400
     assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_png_")
 
 
-def collect_lines(ax: Any) -> dict[str, list[list[float]]]:
+def collect_lines(ax):
     """Return the points of all lines with a label."""
     return {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
 
 
-def test_path_and_marks_have_their_coordinates(flat: CSpace) -> None:
+def test_path_and_marks_have_their_coordinates(flat):
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
@@ -142,7 +141,7 @@ def test_path_and_marks_have_their_coordinates(flat: CSpace) -> None:
     assert collect_lines(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
 
 
-def test_edges_that_an_update_blocks_are_dashed() -> None:
+def test_edges_that_an_update_blocks_are_dashed():
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     workspace = Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0))
     space = build(workspace, Robot.disc(0.2))
@@ -156,13 +155,13 @@ def test_edges_that_an_update_blocks_are_dashed() -> None:
     np.testing.assert_array_equal(drawn[-1], plan.waypoints[lost_edges[-1] + 1])
 
 
-def collect_boxes(ax: Any) -> Any:
+def collect_boxes(ax):
     """Return the boxes around the drawn robots, rows of x0, y0, x1, y1."""
     paths = ax.collections[0].get_paths()
     return np.array([outline.get_extents().extents for outline in paths])
 
 
-def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpace) -> None:
+def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
     path = [(1, 1), (1, 4), (7, 4)]
     boxes = collect_boxes(plot(flat, path=path, robot_every=1.0))
     between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
@@ -179,7 +178,7 @@ def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpac
     assert 4 <= len(turned_in_place) < 20
 
 
-def test_an_arrow_shows_the_yaw_of_a_mark(turning: CSpace) -> None:
+def test_an_arrow_shows_the_yaw_of_a_mark(turning):
     ax = plot(turning, goal=(3.0, 3.0, 2.0), rotation=0.0)
     (arrow,) = (part for part in ax.collections if isinstance(part, Quiver))
     np.testing.assert_allclose([arrow.U, arrow.V], [[math.cos(2.0)], [math.sin(2.0)]])
@@ -187,7 +186,7 @@ def test_an_arrow_shows_the_yaw_of_a_mark(turning: CSpace) -> None:
 
 
 @pytest.mark.parametrize("shape", [(3000, 2000), (5000, 7)])
-def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape: tuple[int, int]) -> None:
+def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
     occupied = np.zeros(shape, bool)
     cell = np.array([shape[0] // 3, shape[1] // 2])
     occupied[tuple(cell)] = True
@@ -204,10 +203,10 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape: tuple[int, in
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (1, 300), (60, 24, 5), (1, 1, 300)])
-def test_text_and_panels_fit_the_figure_without_overlap(shape: tuple[int, ...]) -> None:
+def test_text_and_panels_fit_the_figure_without_overlap(shape):
     robot = Robot.ball(0.01) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
     space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), robot, outside="free")
-    figure: Any = plot(space, path=[space.grid.lower, space.grid.upper]).figure
+    figure = plot(space, path=[space.grid.lower, space.grid.upper]).figure
     assert max(figure.get_size_inches()) < 20
     figure.draw_without_rendering()
     words = [figure.legends[0].get_window_extent(), heading_box(figure)]
@@ -217,7 +216,7 @@ def test_text_and_panels_fit_the_figure_without_overlap(shape: tuple[int, ...]) 
     assert min(side for panel in figure.axes for side in panel.get_window_extent().size) > 15
 
 
-def test_zoom_shows_a_part_of_a_plane_map(turning: CSpace) -> None:
+def test_zoom_shows_a_part_of_a_plane_map(turning):
     path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
     ax = plot(turning, rotation=0.0, zoom=4.0, center=(4.5, 2.5), path=path)
     assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
@@ -232,7 +231,7 @@ def test_zoom_shows_a_part_of_a_plane_map(turning: CSpace) -> None:
     assert ax.get_xlim() == pytest.approx((0.0, 1.2))
 
 
-def test_axes_of_the_caller_are_used(flat: CSpace) -> None:
+def test_axes_of_the_caller_are_used(flat):
     figure = Figure(figsize=(9, 4))
     left, right = figure.subplots(1, 2)
     assert plot(flat, ax=right) is right
@@ -243,7 +242,7 @@ def test_axes_of_the_caller_are_used(flat: CSpace) -> None:
     assert plot(flat, ax=left, title="mine").get_title() == "mine"
 
 
-def test_pictures_need_no_window_and_no_display(tmp_path: Path) -> None:
+def test_pictures_need_no_window_and_no_display(tmp_path):
     code = (
         "import sys, numpy, cspace\n"
         "ax = cspace.Workspace.from_array(numpy.eye(9, dtype=bool), 0.1).plot()\n"

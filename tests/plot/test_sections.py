@@ -1,12 +1,11 @@
 """Sections of maps in space: cells, scale, traces and robots."""
 
 from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cspace import CSpace, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from tests.helpers import handmade
@@ -18,7 +17,7 @@ PAIRS = [(0, 1), (0, 2), (1, 2)]
 
 
 @pytest.mark.parametrize("shape", [(40, 30, 8), (8, 30, 40)])
-def test_sections_show_the_cells_of_the_map(shape: tuple[int, ...]) -> None:
+def test_sections_show_the_cells_of_the_map(shape):
     rng = np.random.default_rng(3)
     occupied = np.zeros(shape, bool)
     occupied[tuple(rng.integers(0, shape, (25, 3)).T)] = True
@@ -45,7 +44,7 @@ def test_sections_show_the_cells_of_the_map(shape: tuple[int, ...]) -> None:
             assert pixel(panel, image, *middle[[right, up]]) == COLORS[name]
 
 
-def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
+def test_sections_are_to_scale_and_share_their_axes(hall):
     plan = plot(hall, center=(1.0, 2.0, 0.5))
     plan.figure.draw_without_rendering()
     windows = [panel.get_window_extent() for panel in plan.figure.axes]
@@ -62,7 +61,7 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
     assert plan.figure.axes[1].get_xlim() == (1.0, 2.0)
 
 
-def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
+def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
     """Draw the path faintly outside the robot's reach."""
     center = np.array([3.0, 1.2, 1.0])
     half = np.array([0.25, 0.2, 0.15])
@@ -99,14 +98,12 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
     ],
     ids=["center", "path", "start", "middle", "outside"],
 )
-def test_sections_run_through_the_path_or_the_middle(
-    hall: CSpace, options: dict[str, Any], center: list[float]
-) -> None:
+def test_sections_run_through_the_path_or_the_middle(hall, options, center):
     panels = plot(hall, **options).figure.axes
     assert [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(panels)] == center
 
 
-def test_a_workspace_draws_itself_without_a_robot(hall: CSpace) -> None:
+def test_a_workspace_draws_itself_without_a_robot(hall):
     ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
     assert labels(ax) == ["obstacle", "free"]
     assert heading(ax) == "array, cells of 0.1 m"
@@ -116,7 +113,7 @@ def test_a_workspace_draws_itself_without_a_robot(hall: CSpace) -> None:
 
 
 @pytest.mark.parametrize(("yaw", "slices"), [(None, slice(None)), (np.pi / 2, slice(1, 2))])
-def test_sections_show_one_rotation_or_all(yaw: float | None, slices: slice) -> None:
+def test_sections_show_one_rotation_or_all(yaw, slices):
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))

@@ -28,13 +28,16 @@ def test_maps_may_have_more_components_than_two_bytes_can_count():
     assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
 
 
-@settings(max_examples=30)
-@given(seeds, st.sampled_from(handmade.MAP_KINDS), st.sampled_from(["free", "blocked"]))
-def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
-    """Query all pairs of cells of a small map."""
-    states = handmade.random_states(
-        np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED)
-    )
+@settings(max_examples=60)
+@given(
+    seeds,
+    st.sampled_from(handmade.MAP_KINDS),
+    st.sampled_from(["free", "blocked"]),
+    st.sampled_from([(FREE, MIXED, BLOCKED, BLOCKED), (MIXED, *(BLOCKED,) * 5)]),
+)
+def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside, mixture):
+    """Query pairs of cells of a small map; many are joined only around the grid."""
+    states = handmade.random_states(np.random.default_rng(seed), kind, 4, mixture)
     space, cells = handmade.make_map(states, kind, outside), handmade.all_cells(states)
     cells = np.random.default_rng(seed).permutation(cells)[:150]
     q = handmade.cell_centers(space, cells)

@@ -3,15 +3,12 @@
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray
 import zarr
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from zarr.codecs import ZstdCodec
 
 import cspace
@@ -19,7 +16,6 @@ from cspace.errors import FileError, InputError
 from cspace.files import zarr_folders
 from tests.helpers.maps import MAP_BUILDERS, MAP_SUFFIXES, files, refused, same
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import bitmaps, robots, rotation_cells
 from tests.soak.files import reseal
 
 
@@ -51,34 +47,7 @@ def build_pair() -> cspace.CSpace:
     return cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
 
 
-@st.composite
-def draw_maps(draw: st.DrawFn) -> cspace.CSpace:
-    """Draw maps of random cells and robots."""
-    outer = draw(bitmaps())
-    inner = outer & draw(st.sampled_from([True, False]))
-    lower = draw(st.tuples(*[st.floats(-100.0, 100.0)] * 2))
-    workspace = cspace.Workspace.from_array(outer, draw(st.floats(0.05, 3.0)), lower, inner=inner)
-    return cspace.build(
-        workspace,
-        draw(robots(1.5)),
-        rotations=draw(st.none() | rotation_cells(5)),
-        outside=draw(st.sampled_from(["blocked", "free"])),
-        margin=draw(st.sampled_from([0.0, 0.1])),
-        counts=draw(st.booleans()),
-    )
-
-
 # ---- what is saved is what opens -----------------------------------------------------------------
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@given(space=draw_maps(), suffix=st.sampled_from(MAP_SUFFIXES), compress=st.booleans())
-@settings(max_examples=15)
-def test_a_saved_map_opens_equal(space: cspace.CSpace, suffix: str, compress: bool) -> None:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"map{suffix}"
-        space.save(path, compress=compress)
-        same(space, cspace.open(path))
 
 
 def test_maps_of_every_kind_open_equal_and_rebuild_equal(
@@ -262,10 +231,9 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
 # ---- writing: complete, or not there -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("old", [False, True])
 def test_an_interrupted_save_leaves_no_half_map(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: type[BaseException], old: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: bool
 ) -> None:
     path, space, earlier = tmp_path / "map", build_pair(), MAP_BUILDERS["grid"]()
     space.save(path)
@@ -283,9 +251,9 @@ def test_an_interrupted_save_leaves_no_half_map(
             if written <= limit:
                 return write(file, content)
             write(file, content[: len(content) // 2])
-            raise stop
+            raise KeyboardInterrupt
 
-        with monkeypatch.context() as patch, pytest.raises(stop):
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(Path, "write_bytes", stub)
             space.save(path, overwrite=True)
         assert list(tmp_path.iterdir()) == ([path] if old else [])

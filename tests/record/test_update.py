@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import FREE, InputError, Robot, Workspace
-from cspace.engines import dilation
 from cspace.export import images
 from cspace.record import update
 from tests.helpers.handmade import fill_boxes
@@ -162,23 +161,6 @@ def test_interrupted_update_leaves_a_correct_map(
     assert len(calls) > number
     check(space, world.build(), world)
     check_agreement(ours, checkers(world.build()), world)
-
-
-def test_an_update_without_memory_for_its_window_changes_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    space = build_empty_room()
-
-    def fail(*args: Any, **options: Any) -> None:
-        raise MemoryError
-
-    with monkeypatch.context() as patched:
-        patched.setattr(dilation, "collide", fail)
-        with pytest.raises(MemoryError):
-            space.update(OBSTACLE, (18, 13))
-    assert not space.workspace.outer.any()
-    np.testing.assert_array_equal(space.cell_states, build_empty_room().cell_states)
-    assert space.update(OBSTACLE, (18, 13)).occupied == 16
 
 
 # ---- threads -------------------------------------------------------------------------------------

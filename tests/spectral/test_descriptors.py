@@ -161,15 +161,6 @@ def test_indicator_of_a_hollow_mesh_includes_its_boundary(spacing):
     np.testing.assert_array_equal(result, in_box & ~in_hole)
 
 
-def test_descriptors_copy_their_values():
-    values = np.ones((2, 3))
-    result = place_on_grid(values)
-    values[0, 0] = 5.0
-    assert result.values[0, 0] == 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        result.values[0, 0] = 2.0
-
-
 PLANE = place_on_grid(np.ones((3, 3)))
 DISC = BallDescriptor([[0.0, 0.0]], 1.0)
 SPACE = Grid((0, 0, 0), 1.0, (2, 2, 2))
@@ -178,9 +169,7 @@ SPACE = Grid((0, 0, 0), 1.0, (2, 2, 2))
 @refusals(
     "ask, message",
     (lambda: place_on_grid(np.full((2, 2), math.nan)), "must be finite"),
-    (lambda: Descriptor(PLANE.grid, np.ones((3, 2))), "values has shape"),
     (lambda: union(PLANE, place_on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
-    (lambda: intersection(PLANE, place_on_grid(np.ones((3, 3)), spacing=0.6)), "sample all on it"),
     (lambda: union(DISC, BallDescriptor([[0.0, 0.0]], 1.0, Bump(3.0))), "they must agree"),
     (lambda: union(PLANE, DISC), "sampled on a grid"),
     (lambda: minkowski_sum(PLANE, place_on_grid(np.ones((3, 3, 3)))), "they must agree"),
@@ -190,7 +179,6 @@ SPACE = Grid((0, 0, 0), 1.0, (2, 2, 2))
     (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
     (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
     (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
-    (lambda: DISC.sample(SPACE), "set of balls has 2 dimensions"),
 )
 def test_descriptors_refuse_invalid_arguments(ask, message):
     with pytest.raises(InputError, match=message):

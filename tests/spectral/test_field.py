@@ -1,14 +1,12 @@
 """Overlap fields on maps and in plans."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 import planners
-from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
+from cspace import InputError, Robot, Rotations, Workspace, build
 from cspace.spectral import FourierOverlap, OverlapField
 from tests.helpers.planning import make_state
 from tests.helpers.refusals import refusals
@@ -17,7 +15,7 @@ pytest.importorskip("finufft")
 
 OBSTACLE = np.array([[1.0, 0.32, 0.5]]), 0.3
 """Center and radius of the ball in the way."""
-ROTATIONS: dict[str, Any] = {
+ROTATIONS = {
     "plane": None,
     "turning": 5,
     "shared slices": 12,
@@ -26,7 +24,7 @@ ROTATIONS: dict[str, Any] = {
 }
 
 
-def build_scene(kind: str) -> tuple[CSpace, FourierOverlap]:
+def build_scene(kind):
     """Build a map around a ball for a robot of balls, and their overlap."""
     dim = 3 if kind in ("space", "tumbling") else 2
     offsets = {"plane": [0.0], "shared slices": [-0.15, 0.15]}.get(kind, [0.0, 0.15])
@@ -39,7 +37,7 @@ def build_scene(kind: str) -> tuple[CSpace, FourierOverlap]:
     return space, FourierOverlap.of_shapes((centers, 0.12), obstacle, swell=0.2)
 
 
-def draw_configurations(space: CSpace, rng: np.random.Generator, number: int) -> Any:
+def draw_configurations(space, rng, number):
     """Draw positions near the grid, its border included, and yaws if the robot turns."""
     lower = np.array(space.grid.lower)
     upper = np.array(space.grid.upper)
@@ -53,7 +51,7 @@ def draw_configurations(space: CSpace, rng: np.random.Generator, number: int) ->
 
 
 @pytest.mark.parametrize("kind", ROTATIONS)
-def test_field_has_the_overlap_at_cell_centers(kind: str) -> None:
+def test_field_has_the_overlap_at_cell_centers(kind):
     space, overlap = build_scene(kind)
     field = OverlapField.of(space, overlap)
     rng = np.random.default_rng(0)
@@ -73,7 +71,7 @@ def test_field_has_the_overlap_at_cell_centers(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["plane", "turning", "space"])
-def test_fields_are_linear_between_cell_centers_also_in_objectives(kind: str) -> None:
+def test_fields_are_linear_between_cell_centers_also_in_objectives(kind):
     """Draw the values of a field, some of them below zero."""
     space, _ = build_scene(kind)
     rng = np.random.default_rng(1)
@@ -112,17 +110,17 @@ def test_fields_are_linear_between_cell_centers_also_in_objectives(kind: str) ->
         assert objective.motionCostHeuristic(*motion).value() == pytest.approx(length)
 
 
-def test_overlap_objective_keeps_paths_farther_from_obstacles() -> None:
+def test_overlap_objective_keeps_paths_farther_from_obstacles():
     """Compare with the straight line, which costs least without weight."""
     space, overlap = build_scene("plane")
     field = OverlapField.of(space, overlap)
     distances = []
     for weight in (0.0, 100.0):
 
-        def make_objective(si: Any, weight: float = weight) -> Any:
+        def make_objective(si, weight=weight):
             return planners.OverlapObjective(si, space, field, weight=weight)
 
-        options: dict[str, Any] = {"planner": "RRTstar", "iterations": 200, "seed": 1}
+        options = {"planner": "RRTstar", "iterations": 200, "seed": 1}
         plan = planners.plan(
             space, (0.43, 0.88), (1.57, 0.88), objective=make_objective, time_limit=120.0, **options
         )
@@ -133,7 +131,7 @@ def test_overlap_objective_keeps_paths_farther_from_obstacles() -> None:
     assert distances[1] > distances[0] + 0.03
 
 
-def test_field_stands_beside_the_map() -> None:
+def test_field_stands_beside_the_map():
     space, overlap = build_scene("plane")
     field = OverlapField.of(space, overlap)
     before = field.values.copy()
@@ -145,7 +143,7 @@ def test_field_stands_beside_the_map() -> None:
 
 
 @pytest.fixture(scope="module")
-def small() -> CSpace:
+def small():
     return build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
 
 
@@ -153,7 +151,7 @@ FAR = FourierOverlap(([[0.0, 0.0]], 0.05), ([[9.0, 9.0]], 0.1), band=20.0)
 BALL = ([[0.0, 0.0, 0.0]], 0.2)
 
 
-def make_objective(space: CSpace, field: Any, **options: Any) -> Any:
+def make_objective(space, field, **options):
     """Make an overlap objective on a map."""
     si = planners.simple_setup(space).getSpaceInformation()
     return planners.OverlapObjective(si, space, field, **options)
@@ -176,14 +174,12 @@ def make_objective(space: CSpace, field: Any, **options: Any) -> Any:
         "saturation is 0",
     ),
 )
-def test_fields_and_objectives_refuse_invalid_arguments(
-    small: CSpace, ask: Any, message: str
-) -> None:
+def test_fields_and_objectives_refuse_invalid_arguments(small, ask, message):
     with pytest.raises(InputError, match=message):
         ask(small)
 
 
-def test_field_refuses_to_exceed_the_memory(small: CSpace, monkeypatch: Any) -> None:
+def test_field_refuses_to_exceed_the_memory(small, monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 8 * small.grid.size)
     with pytest.raises(InputError, match=r"the overlap field has 3 x 2 cells .* may be used"):
         OverlapField.of(small, FAR)
