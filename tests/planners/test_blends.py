@@ -4,6 +4,7 @@ Oracles: shapely places the robot among the occupied cells, positions are differ
 configurations are tested one by one.
 """
 
+import dataclasses
 import math
 import pickle
 from pathlib import Path
@@ -18,7 +19,16 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
-from planners.blends import Segments, place_along, prove_blends
+from cspace.interface import rotations_of
+from planners.blends import (
+    DrivingTurns,
+    LimitRates,
+    MotionBounds,
+    Segments,
+    place_along,
+    prove_blends,
+    round_corners,
+)
 from tests.helpers.urdfs import planar, post
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
@@ -242,3 +252,53 @@ def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(turns: boo
     assert 20 < np.count_nonzero(proven) < 130
     collides = [count_collisions(3, curve[::10]) > 0 for curve in curves[~proven]]
     assert np.mean(collides) > 0.3
+
+
+def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
+    # Blends that shrank to nothing had curvatures of 1e11 per metre, next to which every jump of
+    # the velocity seemed to be rounding.
+    trajectory = build_plan(18, "differential", 36).trajectory(**LIMITS, **TURNING_LIMITS)
+    t = np.linspace(0.0, trajectory.duration, 20001)
+    velocities = trajectory.sample(t)[1]
+    largest = np.linalg.norm(np.diff(velocities[:, :2], axis=0), axis=1).max() / t[1]
+    assert largest <= SLACK * 0.8
+
+
+@pytest.mark.parametrize("count", [8, 10])
+def test_corners_without_a_proven_blend_stay_where_they_were(count: int) -> None:
+    # A corner that moved stayed there although its blend no longer fitted, and the turns at the
+    # last place but one had a corner that does not exist.
+    places = [(1.64, 3.82), (2.69, 4.158), (2.892, 4.228), (2.789, 4.229), (3.325, 3.5)]
+    yaws = [(0.35, 0.309), (0.309, 0.341), (0.341, -2.319, 3.133), (3.133, 2.206), (2.206, 2.0)]
+    rows = [(*xy, yaw) for xy, turns in zip(places, yaws, strict=True) for yaw in turns]
+    velocity = LimitRates(np.array(1.2), 0.5, 2)
+    acceleration = LimitRates(np.array(5.0), 30.0, 2)
+    far = np.full(2, 99.0)
+    bounds = MotionBounds(velocity, acceleration, 0.5, -far, far, 0.02)
+    corners = DrivingTurns(np.array(rows[:count]), rotations_of(("x", "y", "yaw")), bounds)
+
+    def prove(segments: Segments) -> np.ndarray:
+        """Prove straight lines between the given places only."""
+        curved = segments.bends.any(axis=1) | (segments.curvatures != 0.0)
+        ends = np.stack([segments.starts, segments.ends])[:, :, np.newaxis, :2]
+        given = (np.abs(ends - np.array(places)) < 1e-9).all(axis=-1).any(axis=-1)
+        return ~curved & given.all(axis=0)
+
+    layout, proven = round_corners(corners, prove)
+    assert not layout.sizes.any()
+    assert proven.all()
+
+
+def test_quaternions_beside_blends_never_jump_to_their_negative() -> None:
+    occupied = np.zeros((20, 20, 20), dtype=bool)
+    occupied[8:12, 8:12, :14] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    rotations = cspace.Rotations.quaternions(2)
+    space = cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), rotations=rotations)
+    ends = (0.5, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0), (1.5, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0)
+    plan = planners.plan(space, *ends, seed=1, time_limit=5.0)
+    waypoints = plan.waypoints.copy()
+    waypoints[1::2, 3:] *= -1.0  # the same rotations
+    plan = dataclasses.replace(plan, waypoints=waypoints)
+    trajectory = plan.trajectory(**LIMITS, **TURNING_LIMITS)
+    assert np.abs(np.diff(trajectory.positions[:, 3:], axis=0)).max() < 0.1
