@@ -292,7 +292,8 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         float
-            Metres; infinite without obstacles, and zero if a configuration is not proven free.
+            Metres; infinite without obstacles, and zero if a configuration or a piece is not proven
+            free.
 
         Raises
         ------
@@ -305,7 +306,10 @@ class CSpace(ConfigurationMap, MapExport):
         row_turns = _spread_spans(turns, "turns", points.shape[:-1])
         if not np.all(self.is_free(points, exact=True)):
             return 0.0
-        return self._exact.distance(rows, row_lengths, row_turns)
+        distance = self._exact.distance(rows, row_lengths, row_turns)
+        # The centers are proven free, margin included; a piece is not, if nothing is left for it.
+        extends = bool(row_lengths.any() or row_turns.any())
+        return 0.0 if extends and distance <= self.margin else distance
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
         try:

@@ -289,7 +289,8 @@ class LocalPlanner:
             step = 0.5 * self.space.resolution
             pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
             try:
-                distance = self.cells.obstacle_distance(*pieces)
+                # Proven edges keep the margin free, even if a piece has nothing left.
+                distance = max(self.cells.margin, self.cells.obstacle_distance(*pieces))
             except InputError:  # the map has no geometry
                 return math.nan
         else:

@@ -1,12 +1,8 @@
-"""Independence of tests from other packages' warnings and from chance."""
+"""Independence of tests from other packages' warnings."""
 
-import importlib.util
-import sys
 import warnings
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 
 @pytest.mark.parametrize(
@@ -30,27 +26,3 @@ def test_warnings_of_other_packages_fail_no_test(category, module):
 def test_warnings_in_our_code_fail_a_test(category, module):
     with pytest.raises(category):
         warnings.warn_explicit("a test of warnings", category, "file.py", 1, module=module)
-
-
-def draw_examples():
-    """Run a test with hypothesis; return its examples."""
-    drawn = []
-
-    @settings(max_examples=300)
-    @given(st.integers(), st.floats())
-    def collect(integer, number):
-        drawn.append((integer, number))
-
-    collect()
-    return drawn
-
-
-def test_examples_do_not_depend_on_earlier_imports(tmp_path, monkeypatch):
-    before = draw_examples()
-    file = tmp_path / "constants.py"
-    file.write_text("\n".join(f"C{i} = {1_000_003 + i}, {i}.12345" for i in range(50)))
-    spec = importlib.util.spec_from_file_location("constants", file)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    monkeypatch.setitem(sys.modules, "constants", module)
-    assert repr(draw_examples()) == repr(before)

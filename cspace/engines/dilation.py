@@ -329,23 +329,18 @@ def dilate(
             step = min(lengths[run] - length, length)
             jump = np.uint64(step // WORD_BITS)
             shift = np.uint64(step % WORD_BITS)
-            # The last word is out of date from here on, but all runs end before it.
+            # The last word is out of date from here on, but all runs end before it. The other
+            # word is shifted twice, because a shift by 64 bits is undefined.
             for k in range(np.uint64(source.size) - jump - _ONE):
-                wider[k] = wide[k] | read_word(wide, k + jump, shift)
+                low = wide[k + jump] >> shift
+                high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
+                wider[k] = wide[k] | low | high
             wide, wider = wider, wide
             length += step
         jump = np.uint64(distances[run] // WORD_BITS)
         shift = np.uint64(distances[run] % WORD_BITS)
         for k in range(np.uint64(result.size)):
-            result[k] |= read_word(wide, k + jump, shift)
+            low = wide[k + jump] >> shift
+            high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
+            result[k] |= low | high
     return True
-
-
-@kernel
-def read_word(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
-    """Return 64 bits of a string, from ``shift`` bits after word k."""
-    low = words[k] >> shift
-    # Two shifts, because a shift by 64 bits is undefined.
-    high = (words[k + _ONE] << _ONE) << (_LAST_BIT - shift)
-    word: np.uint64 = low | high
-    return word

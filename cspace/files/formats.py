@@ -124,22 +124,6 @@ def find_constructor(path: StrPath) -> str:
     return WORKSPACE_FORMATS[suffix].method
 
 
-def read_dimension(path: StrPath) -> int:
-    """Return the dimension of a workspace file, reading at most its header.
-
-    Raises InputError or FileError as :func:`find_constructor`.
-    """
-    method = find_constructor(path)
-    suffix = Path(path).suffix.lower()
-    dimension = WORKSPACE_FORMATS[suffix].dimension
-    if dimension is not None:
-        return dimension
-    if method == "from_points":
-        return 3
-    array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
-    return int(array.ndim)
-
-
 def read_npy(path: StrPath) -> NDArray[Any]:
     """Map the array of a ``.npy`` file into memory, read-only.
 

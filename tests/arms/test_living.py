@@ -194,7 +194,7 @@ def assert_equal_answers(space: ArmSpace, new: ArmSpace) -> None:
 
 
 @given(seed=st.integers(0, 2), steps=STEPS)
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_changed_scenes_answer_as_new_ones(tmp_path: Path, seed: int, steps: Any) -> None:
     """A refused change is one that a new scene refuses, or has a wrong name; it changes nothing."""
     arm = Arm.from_urdf(random_arm(tmp_path, seed))

@@ -18,7 +18,6 @@ ALIGNED_CELL_SIDE = 0.15
 """Side of the cells that some solid robots are aligned with, in metres."""
 
 
-
 def bitmaps(side=12):
     """Draw plane bitmaps up to ``side`` cells across."""
     return hnp.arrays(np.bool_, st.tuples(st.integers(1, side), st.integers(1, side)))

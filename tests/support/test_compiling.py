@@ -1,6 +1,5 @@
 """Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
 
-import ast
 import os
 import pickle
 import shutil
@@ -15,10 +14,7 @@ from typing import Any
 import pytest
 
 import cspace
-import planners
-from benchmarks.first_process import DEMO
-from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
-from cspace.support.compiling import FILES_WITHOUT_KERNELS, clock, is_private, kernel
+from cspace.support.compiling import clock, is_private, kernel
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -91,12 +87,6 @@ def test_a_long_wait_is_told_once_unless_silenced(
     assert line.startswith("cspace: ") and silence.split("; ")[1] in line
 
 
-def test_the_demo_compiles_few_functions(tmp_path: Path) -> None:
-    assert (
-        0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
-    )
-
-
 def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Path) -> None:
     def folder() -> str:
         return run(
@@ -120,67 +110,6 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Pat
             opened.write("\nMORE = 1\n")
         seen.append(folder())
         assert (seen[-1] != seen[-2]) is is_compiled, file
-
-
-def constants_in(code: ast.AST) -> set[str]:
-    """Return the constants that a piece of code reads."""
-    return {
-        node.id
-        for node in ast.walk(code)
-        if isinstance(node, ast.Name) and node.id.strip("_").isupper()
-    }
-
-
-def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
-    """Return where each name of a module is imported or assigned."""
-    found = dict[str, ast.AST]()
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom):
-            found |= {each.asname or each.name: node for each in node.names}
-        elif isinstance(node, ast.AnnAssign) and node.value is not None:
-            found[ast.unparse(node.target)] = node.value
-        elif isinstance(node, ast.Assign):
-            found |= {name: node.value for target in node.targets for name in constants_in(target)}
-    return found
-
-
-def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
-    # Otherwise a kernel would keep the old value of a constant.
-    decorators = {"kernel", "inlined", "allocating"}
-    modules, pending, known = (
-        dict[str, ast.Module](),
-        list[tuple[str, str]](),
-        set(FILES_WITHOUT_KERNELS),
-    )
-    for file in [
-        file
-        for package in (cspace, planners)
-        for file in Path(package.__file__).parent.rglob("*.py")
-    ]:
-        name = file.relative_to(ROOT).as_posix()
-        modules[name] = ast.parse(file.read_text(encoding="utf-8"))
-        for node in ast.walk(modules[name]):
-            if decorators & set(map(ast.unparse, getattr(node, "decorator_list", ()))):
-                known.add(name)
-                pending += [(name, constant) for constant in constants_in(node)]
-    seen = set[tuple[str, str]]()
-    while pending:
-        name, constant = pending.pop()
-        place = definitions_in(modules[name]).get(constant)
-        if (name, constant) in seen or place is None:
-            continue
-        seen.add((name, constant))
-        assert name in known, f"{constant} of {name} is compiled into a kernel"
-        if isinstance(place, ast.ImportFrom):
-            path = str(place.module).replace(".", "/")
-            pending += [
-                (file, constant)
-                for file in (f"{path}.py", f"{path}/__init__.py")
-                if file in modules
-            ]
-        else:
-            pending += [(name, each) for each in constants_in(place)]
-    assert len(seen) > 100
 
 
 # ---- privacy -------------------------------------------------------------------------------------
