@@ -34,8 +34,12 @@ from cspace.rotations.base import wrapped
 from cspace.support.arrays import Bools, Floats, Ints
 from planners.local_planner import LocalPlanner
 
-MAX_HALVINGS: Final = 8
-"""Halvings of a blend, after which its corner stops the robot."""
+MIN_SHARE: Final = 1e-3
+"""Smallest size of a parabola, relative to its edges or to what full speed needs; at corners of
+smaller ones the robot stops."""
+
+MIN_REACH_CELLS: Final = 0.01
+"""Smallest distance in cells from the start of a turn while driving to its corner."""
 
 BOX_CELLS: Final = 0.5
 """Half sides of the largest boxes that prove a blend on a map, in cells."""
@@ -60,7 +64,7 @@ MIN_LENGTH: Final = 1e-12
 """Smallest length of a straight line, metres, radians or seconds; shorter ones are left out."""
 
 MAX_BLEND_STEP: Final = 1e-8
-"""Largest jump of the rates between a blend and a line, relative to the largest, for rounding."""
+"""Largest jump of the rates between a blend and a line, relative to these, for rounding."""
 
 MAX_EDGE_TURN: Final = 3.0
 """Largest turn of an edge that is proven as a whole, radians; at pi rounding decides its side."""
@@ -105,6 +109,19 @@ class LimitRates(NamedTuple):
         with np.errstate(divide="ignore"):
             largest: Floats = (self.linear / moved).min(axis=1)
             return largest if self.angular is None else np.minimum(largest, self.angular / turned)
+
+
+def align_quaternions(rows: Floats, rotations: Rotations) -> Floats:
+    """Return configurations whose quaternions continue the ones before, for any rotations."""
+    if "qw" not in rotations.names:
+        return rows
+    # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
+    aligned = rows.copy()
+    quaternions = aligned[:, -4:]
+    cosines = (quaternions[:-1] * quaternions[1:]).sum(axis=1)
+    signs = np.where(cosines < 0.0, -1.0, 1.0)
+    quaternions[1:] *= np.cumprod(signs)[:, np.newaxis]
+    return aligned
 
 
 def place_along(
@@ -173,6 +190,8 @@ class MotionBounds:
         Bounds that moved corners keep.
     gap : float
         Distance by which the middle of a blend passes outside its corner.
+    min_reach : float
+        Smallest distance from the start of a turn while driving to its corner.
     """
 
     velocity: LimitRates
@@ -181,6 +200,7 @@ class MotionBounds:
     lower: Floats
     upper: Floats
     gap: float
+    min_reach: float
 
     @property
     def turning_acceleration(self) -> float:
@@ -202,7 +222,7 @@ class Parabolas:
     """
 
     def __init__(self, rows: Floats, rotations: Rotations, bounds: MotionBounds) -> None:
-        self.rows = rows
+        self.rows = align_quaternions(rows, rotations)
         self.rotations = rotations
         self.bounds = bounds
         self.largest = np.full(max(len(rows) - 2, 0), np.inf)
@@ -215,9 +235,15 @@ class Parabolas:
     def lay_out(self, largest: Floats) -> Layout:
         """Lay out blends of at most the ``largest`` sizes, shape (n - 2,)."""
         bounds = self.bounds
-        _, rates, sizes = self._fit(self.rows, largest)
-        rows = self._move_corners(rates, sizes)
-        times, rates, sizes = self._fit(rows, np.where(sizes > 0.0, largest, 0.0))
+        while True:
+            _, rates, sizes = self._fit(self.rows, largest)
+            is_moved = sizes > 0.0
+            rows = self._move_corners(rates, sizes)
+            times, rates, sizes = self._fit(rows, np.where(is_moved, largest, 0.0))
+            if (sizes[is_moved] > 0.0).all():
+                break
+            # Corners without a blend stay where they were.
+            largest = np.where(sizes > 0.0, largest, 0.0)
         before = np.concatenate([[0.0], sizes])
         after = np.concatenate([sizes, [0.0]])
         starts = self.rotations.add_steps(rows[:-1], rates * before[:, np.newaxis])
@@ -257,8 +283,10 @@ class Parabolas:
         turns = np.diff(rates, axis=0)
         needs = 0.5 / self.bounds.acceleration.largest(turns)
         needs[np.abs(turns).max(axis=1, initial=0.0) <= MIN_TURN] = 0.0
-        needs = np.minimum(np.minimum(needs, largest), self.largest)
-        return times, rates, needs * _shares(needs, times)
+        smallest = MIN_SHARE * np.minimum(needs, np.minimum(times[:-1], times[1:]))
+        sizes = np.minimum(np.minimum(needs, largest), self.largest)
+        sizes *= _shares(sizes, times)
+        return times, rates, np.where(sizes > smallest, sizes, 0.0)
 
     def _move_corners(self, rates: Floats, sizes: Floats) -> Floats:
         """Return the rows, corners moved outward so that blends pass outside them."""
@@ -311,9 +339,15 @@ class DrivingTurns:
 
     def lay_out(self, largest: Floats) -> Layout:
         """Lay out blends of at most the ``largest`` speeds, shape (n - 2,)."""
-        drives, sizes = self._fit(self.places, largest)
-        places = self._move_corners(drives, sizes)
-        drives, sizes = self._fit(places, np.where(sizes > 0.0, largest, 0.0))
+        while True:
+            drives, sizes = self._fit(self.places, largest)
+            is_moved = sizes > 0.0
+            places = self._move_corners(drives, sizes)
+            drives, sizes = self._fit(places, np.where(is_moved, largest, 0.0))
+            if (sizes[is_moved] > 0.0).all():
+                break
+            # Corners without a blend stay where they were.
+            largest = np.where(sizes > 0.0, largest, 0.0)
         turns = _measure_turns(drives.angles, sizes, self.bounds)
         blends = self._lay_blends(places, drives, sizes, turns)
         lines = self._lay_lines(places, drives, sizes, turns)
@@ -339,7 +373,7 @@ class DrivingTurns:
         # A slower turn is shorter at least in proportion, so that rounding alone is left.
         sizes[_shares(reaches, metres) < 1.0] *= 1.0 - 1e-9
         reaches = _measure_turns(angles, sizes, self.bounds).reaches
-        sizes[_shares(reaches, metres) < 1.0] = 0.0
+        sizes[(_shares(reaches, metres) < 1.0) | (reaches < self.bounds.min_reach)] = 0.0
         return drives, sizes
 
     def _move_corners(self, drives: Drives, sizes: Floats) -> Floats:
@@ -409,7 +443,7 @@ class DrivingTurns:
                 turn = float(wrapped(np.array(last - first)))
                 if abs(turn) > MIN_LENGTH:
                     left = math.copysign(1.0, turn)
-                    corners = place - 2, place if place <= len(sizes) else -1
+                    corners = place - 2, place if place < len(sizes) else -1
                     rates = (0.0, 0.0, left)
                     ends = (x, y, first, x, y, last)
                     rows.append((2 * place, *corners, *ends, *rates, abs(turn)))
@@ -490,7 +524,7 @@ def _measure_turns(angles: Floats, speeds: Floats, bounds: MotionBounds) -> Turn
     """Return the fastest turns by angles, at constant speeds, shapes (n,)."""
     turned = np.abs(angles)
     acceleration = bounds.turning_acceleration
-    speed = np.maximum(speeds, np.finfo(float).tiny)
+    speed = np.where(speeds > 0.0, speeds, 1.0)  # any, as a turn on the spot has no reach
     peaks = np.minimum(float(bounds.velocity.angular or math.inf), bounds.lateral / speed)
     ramps = np.minimum(np.sqrt(turned / acceleration), peaks / acceleration)
     at_peak = np.maximum(turned - acceleration * ramps**2, 0.0)
@@ -553,7 +587,6 @@ def round_corners(
     ``prove`` returns whether segments are proven free.
     """
     largest = np.full(len(corners.largest), np.inf)
-    halvings = np.zeros(len(largest), dtype=np.int64)
     known: dict[bytes, bool] = {}
     while True:
         layout = _shrink_slow_blends(corners, largest)
@@ -563,9 +596,7 @@ def round_corners(
         failed = failed[layout.sizes[failed] > 0.0]
         if not len(failed):
             return layout, proven
-        halvings[failed] += 1
-        smaller = 0.5 * layout.sizes[failed]
-        largest[failed] = np.where(halvings[failed] > MAX_HALVINGS, 0.0, smaller)
+        largest[failed] = 0.5 * layout.sizes[failed]
 
 
 def _shrink_slow_blends(corners: Parabolas | DrivingTurns, largest: Floats) -> Layout:
@@ -574,16 +605,14 @@ def _shrink_slow_blends(corners: Parabolas | DrivingTurns, largest: Floats) -> L
     A blend has one speed, so a large one would slow the robot down beside a small one.
     """
     largest = largest.copy()
-    layout = corners.lay_out(largest)
-    for _ in range(MAX_HALVINGS):
+    while True:
+        layout = corners.lay_out(largest)
         squares = find_squares(layout, corners.rotations)
         is_slow = (layout.accelerations == 0.0) & (squares[:-1] < 0.5 * layout.speeds**2)
         slow = np.unique(layout.corners[is_slow, 0])
         if not len(slow):
-            break
+            return layout
         largest[slow] = 0.5 * layout.sizes[slow]
-        layout = corners.lay_out(largest)
-    return layout
 
 
 def find_squares(layout: Layout, rotations: Rotations) -> Floats:
@@ -604,7 +633,8 @@ def find_passes(segments: Segments, rotations: Rotations) -> Bools:
     """Return whether the rates continue from each segment to the next, shape (m - 1,)."""
     ends = place_along(segments, rotations, segments.lengths)[1]
     jumps = np.abs(ends[:-1] - segments.rates[1:]).max(axis=1, initial=0.0)
-    return np.asarray(jumps <= MAX_BLEND_STEP * float(np.abs(segments.rates).max()))
+    largest = np.maximum(np.abs(ends[:-1]), np.abs(segments.rates[1:])).max(axis=1, initial=0.0)
+    return np.asarray(jumps <= MAX_BLEND_STEP * largest)
 
 
 def _prove_new(

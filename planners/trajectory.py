@@ -24,12 +24,14 @@ from cspace.support.words import Drive
 from planners.blends import (
     CORNER_SHIFT_CELLS,
     MIN_LENGTH,
+    MIN_REACH_CELLS,
     DrivingTurns,
     Layout,
     LimitRates,
     MotionBounds,
     Parabolas,
     Segments,
+    align_quaternions,
     can_prove_blends,
     find_passes,
     place_along,
@@ -513,6 +515,7 @@ def _round_path(
     if not path.blend or path.drive in CURVES or space is None or not can_prove_blends(space):
         return None
     lower, upper = space.check_bounds()
+    cell = 2.0 * space.resolution if space.has_cells else 0.0
     is_periodic = np.array(space.periodic_axes)[: space.dim]
     bounds = MotionBounds(
         velocity=velocity,
@@ -520,7 +523,8 @@ def _round_path(
         lateral=lateral,
         lower=np.where(is_periodic, -np.inf, lower),
         upper=np.where(is_periodic, np.inf, upper),
-        gap=2.0 * CORNER_SHIFT_CELLS * space.resolution if space.has_cells else 0.0,
+        gap=CORNER_SHIFT_CELLS * cell,
+        min_reach=MIN_REACH_CELLS * cell,
     )
     rows = path.waypoints
     corners: Parabolas | DrivingTurns
@@ -532,8 +536,8 @@ def _round_path(
         corners = Parabolas(rows[is_kept], rotations, bounds)
     if not len(corners.largest):
         return None
-    layout, _ = round_corners(corners, lambda parts: prove_segments(space, path.exact, parts))
-    return layout if layout.sizes.any() else None
+    layout, proven = round_corners(corners, lambda parts: prove_segments(space, path.exact, parts))
+    return layout if layout.sizes.any() and proven.all() else None
 
 
 def _check_limits(
@@ -584,13 +588,7 @@ def _check_option(
 
 def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
-    starts = waypoints.copy()
-    if "qw" in rotations.names:
-        # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
-        quaternions = starts[:, -4:]
-        cosines = (quaternions[:-1] * quaternions[1:]).sum(axis=1)
-        signs = np.where(cosines < 0.0, -1.0, 1.0)
-        quaternions[1:] *= np.cumprod(signs)[:, np.newaxis]
+    starts = align_quaternions(waypoints, rotations)
     steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 

@@ -274,7 +274,7 @@ def test_corners_without_a_proven_blend_stay_where_they_were(count: int) -> None
     velocity = LimitRates(np.array(1.2), 0.5, 2)
     acceleration = LimitRates(np.array(5.0), 30.0, 2)
     far = np.full(2, 99.0)
-    bounds = MotionBounds(velocity, acceleration, 0.5, -far, far, 0.02)
+    bounds = MotionBounds(velocity, acceleration, 0.5, -far, far, 0.02, 0.001)
     corners = DrivingTurns(np.array(rows[:count]), rotations_of(("x", "y", "yaw")), bounds)
 
     def prove(segments: Segments) -> np.ndarray:
