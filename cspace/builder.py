@@ -194,9 +194,7 @@ def build(
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
-            raise InputError(
-                "counts", "is True with a store", "a store has no counts", hint, value=counts
-            )
+            raise InputError("counts", "is True with a store", "a store has no counts", hint)
         folder = build_tiles(
             workspace,
             robot,
@@ -215,9 +213,7 @@ def build(
         return TiledCSpace(folder)
     if client is not None:
         hint = "pass store='map.zarr'"
-        raise InputError(
-            "client", "is given without a store", "its workers make tiles", hint, value=client
-        )
+        raise InputError("client", "is given without a store", "its workers make tiles", hint)
     contents, rasters = build_contents(
         load_workspace(workspace),
         robot,
@@ -281,10 +277,10 @@ def _check_types(workspace: object, robot: object) -> None:
         if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
             hint = f"read the file first: Workspace.open({os.fspath(workspace)!r})"
         problem = f"is a {type(workspace).__name__}"
-        raise InputError("workspace", problem, "it must be a Workspace", hint, value=workspace)
+        raise InputError("workspace", problem, "it must be a Workspace", hint)
     if isinstance(robot, Workspace):
         hint = "call build(workspace, robot), e.g. with Robot.parse('disc:0.3') second"
-        raise InputError("robot", "is a Workspace", "it must be a Robot", hint, value=robot)
+        raise InputError("robot", "is a Workspace", "it must be a Robot", hint)
 
 
 def _check(
@@ -302,7 +298,7 @@ def _check(
         hint = "use a robot in space, or a workspace in the plane"
         if robot.dim == 3:
             hint = "use robot.footprint()"
-        raise InputError("robot", problem, "they must agree", hint, value=robot)
+        raise InputError("robot", problem, "they must agree", hint)
     rotations.check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
@@ -310,7 +306,7 @@ def _check(
     if counts and method != "auto" and not ENGINES[method].COUNTS:
         problem = f"is {method!r} and counts is True"
         hint = "use method='fft' or method='auto'"
-        raise InputError("method", problem, "only transforms give counts", hint, value=method)
+        raise InputError("method", problem, "only transforms give counts", hint)
     check_word(outside, "outside", OUTSIDES)
 
 

@@ -33,12 +33,10 @@ class CspaceError(Exception):
         ``"it must be above zero"``.
     hint : str
         ``"pass it in metres, e.g. 0.05"``.
-    value : object
-        The offending value itself, for programs.
 
     Examples
     --------
-    >>> raise InputError("spacing", "is -1", "it must be above zero", "pass it in metres", value=-1)
+    >>> raise InputError("spacing", "is -1", "it must be above zero", "pass it in metres")
     Traceback (most recent call last):
     cspace.errors.InputError: spacing is -1; it must be above zero; pass it in metres
     """
@@ -51,8 +49,6 @@ class CspaceError(Exception):
         problem: str | None = None,
         rule: str = "",
         hint: str = "",
-        *,
-        value: object = None,
     ) -> None:
         message = argument
         if problem is not None:
@@ -66,7 +62,6 @@ class CspaceError(Exception):
         self.problem = problem
         self.rule = rule
         self.hint = hint
-        self.value = value
 
 
 class InputError(CspaceError, ValueError):
@@ -137,8 +132,6 @@ class ConfigurationError(InputError):
         with the nearest pose reached.
     """
 
-    def __init__(
-        self, *parts: str, value: object = None, nearest: tuple[float, ...] | None = None
-    ) -> None:
-        super().__init__(*parts, value=value)
+    def __init__(self, *parts: str, nearest: tuple[float, ...] | None = None) -> None:
+        super().__init__(*parts)
         self.nearest = nearest

@@ -33,7 +33,7 @@ def check_reach(far: float, name: str, origin: str, hint: str) -> None:
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
-        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint, value=far)
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Grid:
         corner = check_finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
-            raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)", value=lower)
+            raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)")
         dim = len(corner)
         side = check_positive(spacing, "spacing")
         counts = np.asarray(shape)
@@ -98,7 +98,7 @@ class Grid:
             problem = f"is {tuple(np.atleast_1d(counts).tolist())}"
             rule = f"it must have {dim} whole numbers above zero, as many as lower"
             hint = "pass the number of cells along each axis"
-            raise InputError("shape", problem, rule, hint, value=shape)
+            raise InputError("shape", problem, rule, hint)
         corners = np.stack([corner, corner + side * counts])
         hint = "use a larger spacing, or move the frame's origin nearer to the map"
         check_reach(float(np.abs(corners).max() / side), "grid", "the origin", hint)
@@ -106,10 +106,10 @@ class Grid:
         unit_names = ("m",) * dim if units is None else tuple(units)
         rule = f"there must be {dim}, and axes must differ"
         if len(set(names)) != dim or len(names) != dim:
-            raise InputError("axes", f"are {', '.join(names)}", rule, "leave them out", value=names)
+            raise InputError("axes", f"are {', '.join(names)}", rule, "leave them out")
         if len(unit_names) != dim:
             problem = f"are {', '.join(unit_names)}"
-            raise InputError("units", problem, rule, "leave them out", value=unit_names)
+            raise InputError("units", problem, rule, "leave them out")
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
         object.__setattr__(self, "shape", tuple(counts.tolist()))

@@ -169,7 +169,6 @@ class Space(ABC):
                 f"are {self.bounds!r}",
                 f"they must be two rows of {self.dim} numbers, the lower ones first",
                 f"give one for each of {', '.join(self.axes[: self.dim])}",
-                value=self.bounds,
             )
         return lower, upper
 
@@ -285,7 +284,7 @@ class Space(ABC):
         else:
             return point
         problem = f"{format_configuration(point)} {problem}"
-        raise ConfigurationError(name, problem, rule, "choose another", value=q)
+        raise ConfigurationError(name, problem, rule, "choose another")
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
@@ -297,7 +296,7 @@ class Space(ABC):
         if isinstance(goal, Goal):
             problem = f"is a {type(goal).__name__}"
             rule = "the space of an arm is needed for that"
-            raise InputError("goal", problem, rule, "pass a configuration", value=goal)
+            raise InputError("goal", problem, rule, "pass a configuration")
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
@@ -306,7 +305,7 @@ class Space(ABC):
         if point.shape != (self.size,):
             rule = f"it must be one configuration of {self.size} numbers"
             hint = f"pass ({', '.join(self.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
+            raise InputError(name, f"has shape {point.shape}", rule, hint)
         return point
 
 
@@ -503,7 +502,7 @@ class ConfigurationSpace(SpaceView, Space):
             problem = f"has shape {points.shape}"
             rule = "a path has at least one configuration"
             hint = f"pass an array of shape (n, {self.size})"
-            raise InputError("path", problem, rule, hint, value=path)
+            raise InputError("path", problem, rule, hint)
         starts = points[..., :-1, :]
         ends = points[..., 1:, :]
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)

@@ -142,7 +142,7 @@ def check_bytes(
     # A caller may have raised one limit above the other; the lower one applies.
     lower_limit = min("max_bytes", limit, key=lambda name: getattr(limits, name))
     limit_text = bytes_text(getattr(limits, lower_limit))
-    _check_limit(path, problem, size, lower_limit, limit_text, size)
+    _check_limit(path, problem, size, lower_limit, limit_text)
     check_file_memory(path, problem, memory * size)
 
 
@@ -156,7 +156,7 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
     sides = [f"{n}" if n < 2**53 else f"{n:.4g}" for n in shape]
     declared = f"declares {' x '.join(sides)} cells"
     limit = f"{_LIMITS.get().max_cells:.4g}"
-    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit, tuple(shape))
+    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit)
     check_file_memory(path, declared, memory * count)
 
 
@@ -171,7 +171,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
     if needed > MAX_MEMORY_FRACTION * free:
         problem, rule = _memory_parts(declared, needed, free)
         hint = "take a machine with more memory, or a smaller or coarser file"
-        raise FileError(os.fspath(path), problem, rule, hint, value=needed)
+        raise FileError(os.fspath(path), problem, rule, hint)
 
 
 class PlannedGrid(NamedTuple):
@@ -215,7 +215,7 @@ def check_memory(
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
     description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
     problem, rule = _memory_parts(description, needed, free)
-    raise InputError(what, problem, rule, hint, value=needed)
+    raise InputError(what, problem, rule, hint)
 
 
 def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
@@ -254,11 +254,9 @@ def _container_bytes() -> float:
     return max(0, limit - used + int(values.get("inactive_file", 0)))
 
 
-def _check_limit(
-    path: StrPath, problem: str, size: int, limit: str, limit_text: str, value: object
-) -> None:
-    """Raise FileError if a value exceeds a limit of files."""
+def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str) -> None:
+    """Raise FileError if a size exceeds a limit of files."""
     if size > getattr(_LIMITS.get(), limit):
         hint = f"raise it with cspace.raised_limits({limit}={size}), if the file may be so large"
         rule = f"at most {limit_text} are read"
-        raise FileError(os.fspath(path), problem, rule, hint, value=value)
+        raise FileError(os.fspath(path), problem, rule, hint)

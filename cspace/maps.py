@@ -377,7 +377,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         if state == MIXED and not exact and not self.rotations.preserve(self.robot.shape):
             hint = f"build the map with more rotations; {hint}"
         problem = f"{format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, hint, value=point, nearest=nearest)
+        return ConfigurationError(name, problem, rule, hint, nearest=nearest)
 
     # ---- what differs ----------------------------------------------------------------------------
 

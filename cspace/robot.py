@@ -199,7 +199,7 @@ class Robot:
         if smallest <= 0.0:
             problem = f"contains {smallest:g}"
             hint = "drop balls without volume"
-            raise InputError("radii", problem, "each must be above zero", hint, value=smallest)
+            raise InputError("radii", problem, "each must be above zero", hint)
         count = len(balls.radii)
         name = f"{balls.noun} {smallest:g} m" if count == 1 else f"{count} {balls.noun}s"
         return cls(name, balls)
@@ -440,7 +440,7 @@ class Robot:
         except (KeyError, TypeError, ValueError) as error:
             problem = f"is {str(spec)[:80]}"
             rule = f"it must be a value of Robot.spec: {error}"
-            raise InputError("spec", problem, rule, "write it again", value=spec) from error
+            raise InputError("spec", problem, rule, "write it again") from error
         robot.shape.check_origin()
         return robot
 
@@ -469,7 +469,7 @@ class Robot:
         if not isinstance(text, str) or not primitives.is_short_text(text):
             rule = "it must be a short text such as 'ball:0.3'"
             hint = f"pass {primitives.SHORT_TEXT_FORMS}; Robot.open reads files"
-            raise InputError("robot", f"is {text!r}", rule, hint, value=text)
+            raise InputError("robot", f"is {text!r}", rule, hint)
         return cls(*primitives.parse_short_text(text, "robot"))
 
     @classmethod
@@ -505,7 +505,7 @@ class Robot:
 
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
-            raise InputError("robot", f"is {path!r}", "it must be a file", hint, value=path)
+            raise InputError("robot", f"is {path!r}", "it must be a file", hint)
         file, part = _split_part(path, ROBOT_FORMATS)
         short_texts = primitives.SHORT_TEXT_FORMS
         rule = f"it must be a file that describes a robot; Robot.parse takes {short_texts}"
@@ -519,7 +519,7 @@ class Robot:
                 ]
                 problem = f"is {value!r} for {path}"
                 rule = f"it applies to {', '.join(known)}"
-                raise InputError(option, problem, rule, "leave it out", value=value)
+                raise InputError(option, problem, rule, "leave it out")
         return _read_robot(reader.method, Path(file), part, options)
 
     @property

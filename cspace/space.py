@@ -838,7 +838,7 @@ class CSpace(ConfigurationMap, MapExport):
         if point.ndim != 1:
             rule = f"it must be one configuration, shape ({self.size},)"
             raise InputError(
-                "q", f"has shape {point.shape}", rule, "pass one configuration at a time", value=q
+                "q", f"has shape {point.shape}", rule, "pass one configuration at a time"
             )
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
@@ -981,7 +981,7 @@ class CSpace(ConfigurationMap, MapExport):
             place = "the plane" if self.grid.dim == 2 else "space"
             problem = f"is in {obstacle.place}"
             rule = f"it must be in {place}, as the map is"
-            raise InputError("shape", problem, rule, "pass another shape", value=shape)
+            raise InputError("shape", problem, rule, "pass another shape")
         with self.lock:
             return self._updates.set_obstacle(name, obstacle)
 
@@ -1008,7 +1008,7 @@ class CSpace(ConfigurationMap, MapExport):
                 if named:
                     rule = f"it must be one of {', '.join(map(repr, named))}"
                 hint = "see space.obstacles for the names"
-                raise InputError("name", f"is {name!r}", rule, hint, value=name)
+                raise InputError("name", f"is {name!r}", rule, hint)
             return self._updates.set_obstacle(name, None)
 
     @property
@@ -1268,7 +1268,7 @@ class CSpace(ConfigurationMap, MapExport):
             hint = "ask nearest_free for one"
         if not is_valid:
             rule = f"it must be one {required} in the grid"
-            raise ConfigurationError(name, f"is {q!r}", rule, hint, value=q)
+            raise ConfigurationError(name, f"is {q!r}", rule, hint)
         return point
 
 
@@ -1277,5 +1277,5 @@ def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Float
     spans = check_finite(values, name)
     if spans.shape not in ((), shape) or (spans < 0.0).any():
         hint = "pass one number, or one per configuration"
-        raise InputError(name, f"is {values!r}", "it must be zero or above", hint, value=values)
+        raise InputError(name, f"is {values!r}", "it must be zero or above", hint)
     return np.full(shape, spans).ravel()

@@ -123,13 +123,13 @@ class Workspace(WorkspacePlot):
             if cells is not None and cells.shape != self.grid.shape:
                 problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
                 hint = "pass one entry per cell"
-                raise InputError(name, problem, "they must be equal", hint, value=cells)
+                raise InputError(name, problem, "they must be equal", hint)
         if inner is not outer:
             lost = np.argwhere(inner > outer)
             if len(lost):
                 problem = f"has cell {tuple(lost[0].tolist())}, which is not in outer"
                 rule = "it must be a subset of outer"
-                raise InputError("inner", problem, rule, "add it to outer", value=self.inner)
+                raise InputError("inner", problem, rule, "add it to outer")
             if np.array_equal(inner, outer):
                 inner = outer
         if unknown is not None and not unknown.any():
@@ -441,19 +441,19 @@ class Workspace(WorkspacePlot):
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             problem = f"is a {type(shapes).__name__}"
             hint = "pass a list; name shapes with space.add_obstacle(name, shape)"
-            raise InputError("shapes", problem, "it must be a list of shapes", hint, value=shapes)
+            raise InputError("shapes", problem, "it must be a list of shapes", hint)
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
             rule = "at least one shape is needed"
             hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
-            raise InputError("shapes", "is empty", rule, hint, value=shapes)
+            raise InputError("shapes", "is empty", rule, hint)
         place = made[0].place
         for index, shape in enumerate(made):
             shape.outer.boundary()  # raises the errors of later exact queries now
             if shape.place != place:
                 problem = f"is in {shape.place}"
                 rule = f"all must be in {place}, as shapes[0] is"
-                raise InputError(f"shapes[{index}]", problem, rule, "leave it out", value=shape)
+                raise InputError(f"shapes[{index}]", problem, rule, "leave it out")
         source = "1 shape" if len(made) == 1 else f"{len(made)} shapes"
         return cls._of(made, spacing, bounds, source, "set of shapes")
 
@@ -572,7 +572,7 @@ class Workspace(WorkspacePlot):
             problem = "is True with solid='fill'"
             rule = "filling needs all cells at once"
             hint = "close the mesh and pass solid='auto'"
-            raise InputError("lazy", problem, rule, hint, value=lazy)
+            raise InputError("lazy", problem, rule, hint)
         workspace = cls._of([shape], spacing, bounds, source, "mesh")
         # The filled cells depend on the spacing, so the mesh does not stand for them.
         return replace(workspace, shapes=None)
@@ -844,9 +844,7 @@ def _naming_file(path: StrPath) -> Iterator[None]:
         yield
     except InputError as error:
         problem = f"{error.argument} {error.problem}"
-        raise FileError(
-            os.fspath(path), problem, error.rule, error.hint, value=error.value
-        ) from error
+        raise FileError(os.fspath(path), problem, error.rule, error.hint) from error
 
 
 def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:

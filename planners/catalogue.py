@@ -134,7 +134,6 @@ def planner_named(
             f"is {name!r}",
             f"it must be a geometric planner of the installed OMPL, {', '.join(choices)}",
             hint,
-            value=name,
         )
     planner = cast(PlannerName, known[name.lower()])
     problem = f"is {planner!r}"
@@ -148,7 +147,6 @@ def planner_named(
             problem,
             f"{planner} {reason}",
             "choose another planner, e.g. planner='RRT' or 'RRTstar'",
-            value=name,
         )
     return planner
 

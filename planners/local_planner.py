@@ -564,7 +564,6 @@ def _check_drive(
             f"is {drive!r} and the axes are ({', '.join(space.axes)})",
             "it is for the axes (x, y, yaw) of a map",
             "build a map of a plane with rotations=72, or leave drive out",
-            value=drive,
         )
     if drive not in CURVES:
         if turning_radius is not None:
@@ -573,7 +572,6 @@ def _check_drive(
                 f"is {turning_radius!r} and drive is {drive!r}",
                 "a radius is for curves",
                 "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
-                value=turning_radius,
             )
         return None
     if turning_radius is None:
@@ -590,7 +588,6 @@ def _check_drive(
             f"is True and drive is {drive!r}",
             "curves are proven by FREE cells alone",
             "leave exact out, or build the map with a finer spacing or more rotations",
-            value=exact,
         )
     spacing = 2.0 * space.resolution
     lowest = MIN_RADIUS_CELLS * spacing
@@ -601,7 +598,6 @@ def _check_drive(
             f"is {radius!r}",
             f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
             "for a robot that turns on the spot, use drive='differential'",
-            value=radius,
         )
     return radius
 

@@ -211,7 +211,6 @@ class OverlapObjective(WeightedLength):
                 "is no overlap field of this map",
                 "field and objective must share a map",
                 "pass OverlapField.of(space, overlap)",
-                value=field,
             )
         if saturation is None:
             states = space.kernel_map.states
@@ -266,5 +265,4 @@ def check_has_cells(space: Space) -> None:
             f"is for maps, and space is {space!r}",
             "it weighs cells",
             "use the length, or a function that returns an objective",
-            value=space,
         )

@@ -356,7 +356,6 @@ def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
             f"has {len(goals)} configurations and planner is {name!r}",
             f"{name} {_WHY_ONE_GOAL[name]}",
             "pass one configuration or choose another planner",
-            value=goal,
         )
     return replace(task, endpoints=(checked, *goals))
 
@@ -374,7 +373,6 @@ def _choose_planner(task: Task) -> PlannerName:
             "is a function and no planner is named",
             "the default planners minimise the length",
             "name a planner that optimises: planner='RRTstar'",
-            value=objective,
         )
     if not edges.space.has_cells:
         searches = _list_searches(edges.space)
@@ -397,7 +395,6 @@ def _check_planner(task: Task) -> None:
             f"is {name!r} and space is {edges.space!r}",
             f"its built-in searches are {', '.join(searches) or 'none'}",
             "leave planner out",
-            value=name,
         )
     if name == LATTICE and edges.drive == HOLONOMIC:
         raise InputError(
@@ -405,7 +402,6 @@ def _check_planner(task: Task) -> None:
             f"is {name!r} and drive is {HOLONOMIC!r}",
             f"{name} is for all other drives",
             "use planner='Grid', or pass drive='differential'",
-            value=name,
         )
 
 
@@ -420,7 +416,6 @@ def _check_options(task: Task) -> None:
             f"is {objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
             "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
-            value=objective,
         )
     for option, (is_refused, rule) in _list_refusals(task).items():
         if is_refused:
@@ -466,7 +461,6 @@ def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
         f"is {value!r} and planner is {name!r}{chosen}",
         f"{name} {rule}",
         f"leave {option} out, or use planner={other!r}",
-        value=value,
     )
 
 

@@ -318,7 +318,6 @@ class Plan:
                 f"has the axes {', '.join(space.axes)}",
                 f"the plan has {', '.join(self.axes)}",
                 "pass a map of the same robot",
-                value=space,
             )
         return self._edges_on(space).edges_are_free(self.waypoints)
 

@@ -108,7 +108,6 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
             f"spans {extent:.3g} {unit}",
             f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}",
             "use a larger unit, or leave planner out of planners.plan",
-            value=space,
         )
 
 
@@ -227,7 +226,6 @@ def _choose_sampler(
                 f"is given and {other}",
                 "it is for FreeStateSampler",
                 "leave one of the two out",
-                value=rng,
             )
     if sampler is None:
         if space.has_cells and space.in_memory and not exact:
@@ -240,7 +238,6 @@ def _choose_sampler(
             "makes an ObstacleBasedValidStateSampler",
             "it needs the last valid state of a motion, which OMPL's Python bindings cannot return",
             "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler",
-            value=made,
         )
     return sampler
 
@@ -256,6 +253,5 @@ def _make_checked(
             f"returned {made!r}",
             f"it must return an ompl.base.{kind.__name__}",
             "pass a function that takes the space information",
-            value=made,
         )
     return made

@@ -104,7 +104,6 @@ def find_state_kind(space: Space) -> StateKind:
             f"has the axes {' '.join(space.axes)}",
             f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
             "add its states to planners/states.py, or search with space.find_path",
-            value=space,
         )
     return kind._replace(periodic_axes=space.periodic_axes)
 
@@ -117,7 +116,6 @@ def check_information(si: object, space: object) -> None:
             f"is a {type(si).__name__}",
             "it must be an ompl.base.SpaceInformation",
             "pass e.g. setup.getSpaceInformation()",
-            value=si,
         )
     check_space(space)
 
@@ -130,7 +128,6 @@ def check_space(space: object) -> None:
             f"is a {type(space).__name__}",
             "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
             "check the order of arguments",
-            value=space,
         )
 
 

@@ -186,7 +186,6 @@ class Trajectory:
                 f"is {space!r}",
                 "it must be the space of an arm",
                 "use plan.trajectory() on a map",
-                value=space,
             )
         if not getattr(path, "certified", True):
             raise InputError(
@@ -194,7 +193,6 @@ class Trajectory:
                 f"is not certified: {getattr(path, 'status', '')}",
                 "a trajectory follows the whole line",
                 "check motion.certified first",
-                value=path,
             )
         rows: Any = path
         waypoints = check_finite(getattr(path, "waypoints", rows), "path")
@@ -204,7 +202,6 @@ class Trajectory:
                 f"has shape {waypoints.shape}",
                 "it must be rows of configurations",
                 "pass e.g. motion.waypoints",
-                value=path,
             )
         free = np.asarray(space.certify_path(waypoints))
         if not free.all():
@@ -213,7 +210,6 @@ class Trajectory:
                 f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free",
                 "a trajectory follows proven motions",
                 "plan again",
-                value=path,
             )
         driven = DrivenPath(
             space=space,
@@ -557,16 +553,15 @@ def _check_limits(
                 f"lacks {', '.join(missing)}",
                 rule,
                 f"pass {name}=1.0, or a mapping",
-                value=value,
             )
         value = [given[axis] for axis in axes]
     limits = check_finite(value, name)
     if limits.shape not in ((), (dim,)):
-        raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0", value=value)
+        raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0")
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
     if path.drive in CURVES and limits.ndim:
-        raise InputError(name, "differs by axis", "a car turns", "pass one number", value=value)
+        raise InputError(name, "differs by axis", "a car turns", "pass one number")
     return np.broadcast_to(limits, dim) if path.moves_joints else limits
 
 
@@ -580,9 +575,7 @@ def _check_option(
             name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
         )
     if value is not None and not is_allowed:
-        raise InputError(
-            name, f"is {value!r}", "the robot does not turn so", "leave it out", value=value
-        )
+        raise InputError(name, f"is {value!r}", "the robot does not turn so", "leave it out")
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
@@ -686,7 +679,6 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
             f"is {duration!r}",
             f"the limits need {total:.6g} s",
             "raise it, or the limits",
-            value=duration,
         )
     return Phases(
         phases.times * factor,
@@ -707,7 +699,6 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
             f"is {time_step:g}",
             f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             "raise it, or the limits",
-            value=time_step,
         )
     spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
     rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]

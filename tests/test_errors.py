@@ -160,9 +160,10 @@ def test_invalid_arguments_are_refused_in_one_line_and_change_nothing(call, mess
         (lambda: planners.plan(build_space(), (1, 1), (2, 2), planner="A"), "planner", "A"),
     ],
 )
-def test_errors_carry_the_value_the_rule_and_the_hint(call, argument, value):
+def test_errors_name_the_value_the_rule_and_the_hint(call, argument, value):
     with pytest.raises(InputError) as caught:
         call()
     error = caught.value
-    assert (error.argument, error.value) == (argument, value)
-    assert error.problem and error.rule and error.hint
+    assert error.argument == argument
+    assert str(value) in error.problem
+    assert error.rule and error.hint

@@ -149,7 +149,6 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
             f"is {tolerance!r}",
             "it must be two numbers above zero, metres and radians, of which one may be infinite",
             f"pass e.g. {DEFAULT_TOLERANCE}",
-            value=tolerance,
         )
     return pair
 

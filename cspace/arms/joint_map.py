@@ -194,7 +194,6 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
                 f"name {name!r}",
                 f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}",
                 "rename the joint in the URDF",
-                value=name,
             )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         raise InputError(
@@ -202,7 +201,6 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
             f"are {', '.join(names)}",
             "a map has two or three different joints",
             "name them, and pass held_joints= for the others",
-            value=names,
         )
     return names
 
@@ -370,7 +368,6 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
             "has no geometry of an arm",
             "maps from files and maps with changed cells have none",
             "pass the map that build_joint_map made",
-            value=joint_map,
         )
     return counts
 
@@ -411,7 +408,6 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
             f"has shape {held.shape}",
             "it must be one configuration of the arm",
             "pass one",
-            value=held_joints,
         )
     held[joint_indices] = arm.clamp(held)[joint_indices]
     arm.check_limits(held, "held_joints")
@@ -433,7 +429,6 @@ def _find_range(
                 f"are {limits[name]}",
                 f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
                 "correct them",
-                value=limits[name],
             )
         return float(given[0]), float(given[1])
     if low == high:
@@ -442,7 +437,6 @@ def _find_range(
             f"name {name!r}, which stays at {low:g}",
             "a map is of what moves",
             "name the other joints; held_joints= says where it is held",
-            value=name,
         )
     if math.isfinite(low):
         return low, high
@@ -452,7 +446,6 @@ def _find_range(
             f"are missing for {name!r}, which is continuous and moves others by another angle",
             "a turn does not restore the arm",
             f"pass limits={{{name!r}: (-3.14, 3.14)}}",
-            value=limits,
         )
     return -math.pi, math.pi
 
@@ -497,7 +490,6 @@ def _refuse_held_contact(
             f"has {link} touch {other!r}, or come nearer than the margin",
             f"{', '.join(names)} do not move them apart",
             "hold the other joints elsewhere",
-            value=held,
         )
 
 

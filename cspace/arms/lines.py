@@ -257,14 +257,14 @@ def check_corners(poses: ArrayLike) -> Floats:
     if not has_matrices or not len(given):
         rule = "it must be one pose, shape (4, 4), or several"
         hint = "pass e.g. [first, second]"
-        raise InputError("poses", f"has shape {given.shape}", rule, hint, value=poses)
+        raise InputError("poses", f"has shape {given.shape}", rule, hint)
     rows = given.reshape(-1, 4, 4)
     corners = np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(rows)])
     largest = float(np.abs(corners[:, :3, 3]).max())
     if largest > MAX_LINE_COORDINATE:
         problem = f"has the coordinate {largest:g} m"
         rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-        raise InputError("poses", problem, rule, "check its unit", value=poses)
+        raise InputError("poses", problem, rule, "check its unit")
     return corners
 
 
@@ -286,9 +286,7 @@ def make_lines(corners: Floats) -> list[Line]:
             before = f"poses[{number - 1}]" if number else "the pose at q0"
             problem = f"is half a turn from {before}"
             rule = "both ways round are as short"
-            raise InputError(
-                f"poses[{number}]", problem, rule, "pass a pose between them", value=last
-            )
+            raise InputError(f"poses[{number}]", problem, rule, "pass a pose between them")
         lines.append(Line(first[:3, 3], last[:3, 3] - first[:3, 3], first[:3, :3], vector))
     return lines
 
@@ -318,7 +316,7 @@ def follow_lines(
     if (tolerance < rounding).any():
         rule = f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad"
         hint = "pass a larger tolerance, or nearer poses"
-        raise InputError("tolerance", f"is {given}", rule, hint, value=given)
+        raise InputError("tolerance", f"is {given}", rule, hint)
     waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * np.array([size, 1.0]))]
     fraction = 1.0
     stopped_by = ""

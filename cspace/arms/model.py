@@ -255,7 +255,6 @@ class Arm:
                 "is given with tip",
                 "both say which joints move",
                 "leave one out",
-                value=joints,
             )
         tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
         read = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
@@ -412,7 +411,6 @@ class Arm:
                 f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away",
                 f"it must be within {within}",
                 "move the pose, or pass a larger tolerance",
-                value=goal.pose,
                 nearest=tuple(q.tolist()),
             )
         solutions = np.tile(q, (len(found.joints), 1))
@@ -429,7 +427,6 @@ class Arm:
                 f"is {frame!r}",
                 "no joint of the arm moves it",
                 "name a frame beyond a joint",
-                value=frame,
             )
         return branch_to(self.chain, body), tool
 
@@ -513,7 +510,6 @@ class Arm:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                     "pass these values as held_joints= to Arm.from_urdf",
-                    value=value,
                 )
         missing = [joint for joint in self.joints if joint not in checked]
         if missing and all_joints:
@@ -522,7 +518,6 @@ class Arm:
                 f"lack {', '.join(missing)}",
                 "they are values of all joints of a robot",
                 "pass base= with the others",
-                value=values,
             )
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
@@ -544,7 +539,6 @@ class Arm:
                 f"is {name!r}",
                 "the arm has none",
                 "pass srdf= to Arm.from_urdf, or values by joint",
-                value=name,
             )
         full_names = []
         for key, state in self._states.items():
@@ -591,15 +585,11 @@ class Arm:
         """
         given = as_shape(shape)
         if given.dim != 3:
-            raise InputError(
-                "shape", "is in the plane", "arms are in space", "pass a solid", value=shape
-            )
+            raise InputError("shape", "is in the plane", "arms are in space", "pass a solid")
         check_text(name, "name", "tool")
         touching = [link, *check_names(touch_links, "touch_links")]
         if name in self.placements:
-            raise InputError(
-                "name", f"is {name!r}", "a link has it", "choose another one", value=name
-            )
+            raise InputError("name", f"is {name!r}", "a link has it", "choose another one")
         for other in touching:
             check_known(other, "link", self.placements)
         body, pose_on_body = self.placements[link]
@@ -632,7 +622,6 @@ class Arm:
                     f"is {name!r}",
                     f"it carries {other!r}",
                     f"detach {other!r} first",
-                    value=name,
                 )
         return replace(
             self,
@@ -705,7 +694,6 @@ class Arm:
                 f"has {self.joints[number]} at {value:.12g}",
                 f"its limits are {self.lower[number]:.12g} and {self.upper[number]:.12g}",
                 f"stay within them; up to {LIMIT_SLACK:g} beyond is accepted",
-                value=value,
             )
 
     def clamp(self, q: Floats) -> Floats:
@@ -727,7 +715,6 @@ class Arm:
                 f"has shape {array.shape}",
                 f"the last axis must hold one number for each of {', '.join(self.joints)}",
                 f"pass {self.dof} numbers",
-                value=q,
             )
         return array
 
@@ -740,7 +727,6 @@ class Arm:
                 "is missing" if q is None else f"has shape {point.shape}",
                 "it must be one configuration",
                 f"pass ({', '.join(self.joints)})",
-                value=q,
             )
         self.check_limits(point, name)
         return point
@@ -762,7 +748,6 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
             f"is {values!r}",
             "it must map names of joints to numbers",
             f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}",
-            value=values,
         )
     checked = {}
     for joint, value in values.items():
@@ -775,7 +760,6 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
                 f"has shape {number.shape}",
                 "a joint has one number",
                 "pass a float",
-                value=value,
             )
         checked[joint] = float(number)
     return checked
@@ -795,7 +779,6 @@ def _choose_joints(
                 f"is {joints!r}",
                 "no SRDF gives groups",
                 "pass srdf=, or a list of joints",
-                value=joints,
             )
         return groups[check_known(joints, "joints", groups)]
     names = check_names(joints, "joints")
@@ -859,7 +842,6 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
             f"are {lower:.12g} and {upper:.12g}",
             "the lower one must not be above the upper one",
             "exchange them",
-            value=(lower, upper),
         )
     return lower, upper
 
@@ -910,7 +892,6 @@ class _Assembly:
                 f"mimics {leader.name!r}",
                 "a prismatic joint would slide without end",
                 "correct it",
-                value=joint.leader,
             )
 
     def _is_moved(self, joint: Joint) -> bool:
@@ -937,7 +918,6 @@ class _Assembly:
                     f"has {name} at {value:.12g}",
                     f"its limits are {joint.lower:.12g} and {joint.upper:.12g}",
                     "stay within them",
-                    value=value,
                 )
 
     def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
@@ -962,7 +942,6 @@ class _Assembly:
                 f"has {len(parents)} bodies that move against each other",
                 f"at most {MAX_BODIES} are allowed",
                 "name a base or a tip",
-                value=len(parents),
             )
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
@@ -1108,7 +1087,7 @@ def _list_links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
     while link != base:
         if link not in above:
             raise InputError(
-                "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is", value=tip
+                "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is"
             )
         links.add(link)
         link = above[link].parent

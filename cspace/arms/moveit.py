@@ -152,7 +152,6 @@ class PlanningScene:
                     f"has the object {name!r}",
                     "the arm has a frame of that name",
                     "rename the object",
-                    value=name,
                 )
         for joint, held in arm.held_joints.items():
             value = self.robot_state.get(joint, held)
@@ -162,7 +161,6 @@ class PlanningScene:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                     "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
-                    value=value,
                 )
 
     def _pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
@@ -192,7 +190,7 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     if frame in arm.frames:
         body, pose = arm.placements[frame]
         if body:
-            raise InputError(source, problem, "a joint of the arm moves it", hint, value=frame)
+            raise InputError(source, problem, "a joint of the arm moves it", hint)
         return np.linalg.inv(pose).astype(np.float64)
     # MoveIt takes the root for the world.
     if frame != WORLD or not arm.base_is_root:
@@ -201,7 +199,6 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
             problem,
             f"the arm has no such frame; its base is {arm.frames[0]!r}",
             hint,
-            value=frame,
         )
     return np.eye(4)
 
@@ -371,7 +368,6 @@ class MotionPlanRequest:
                         f"has {joint} at {value:.12g}",
                         f"the arm holds it at {held:.12g}",
                         "pass other joints= to Arm.from_urdf",
-                        value=value,
                     )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))

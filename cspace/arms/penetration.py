@@ -50,9 +50,7 @@ class ArmPenetration:
         tolerance: float = 0.01,
     ) -> None:
         if not links:
-            raise InputError(
-                "links", "is empty", "there must be one", "pass e.g. {'hand': balls}", value=links
-            )
+            raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")
         kind = common_bump(bump, obstacles, *links.values())
         bodies = []
         points = []

@@ -261,7 +261,6 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         f"has shape {matrix.shape}",
         "it must be a rigid motion, shape (4, 4)",
         "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R",
-        value=pose,
     )
 
 
@@ -280,7 +279,6 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
             f"is a {type(obstacles).__name__}",
             "it must be a workspace or a mapping",
             "pass e.g. {'table': shape}",
-            value=obstacles,
         )
     return named
 
@@ -309,7 +307,6 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
             f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}",
             error.rule,
             error.hint,
-            value=obstacle,
         ) from error
     return place_shape(shape, name, base)
 
@@ -322,7 +319,6 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
             f"hold {name!r}, a shape of the plane",
             "arms are in space",
             "pass a solid",
-            value=shape,
         )
     return PosedShape(shape, check_rigid(pose, name))
 
@@ -336,7 +332,6 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
             f"hold {name!r}, a map of the plane",
             "arms are in space",
             "pass a map in space",
-            value=obstacle,
         )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)

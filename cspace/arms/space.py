@@ -246,7 +246,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     f"is given with a {type(shape).__name__}",
                     "only points have a radius",
                     "leave it out",
-                    value=radius,
                 )
             placed = place_obstacle(shape, name, at)
         else:
@@ -261,7 +260,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     f"is {name!r}",
                     "a link or an attached object has it",
                     "choose another name, or detach it",
-                    value=name,
                 )
             pairs = now.allowed | _pair_with_links(name, touch_links, links)
             obstacles = {**now.obstacles, name: placed}
@@ -332,7 +330,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                         "is given for an obstacle",
                         "the obstacle is where it is",
                         "leave it out, or pass a shape",
-                        value=pose,
                     )
                 filled = self.obstacles
                 placed = filled[check_known(name, "name", filled)]
@@ -346,7 +343,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     "is given for a new object",
                     "only an obstacle is picked up at q",
                     "leave out q, or the shape",
-                    value=q,
                 )
             elif name in obstacles:
                 raise InputError(
@@ -354,7 +350,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     f"is {name!r}",
                     "an obstacle has it",
                     "leave out the shape to attach the obstacle, or choose another name",
-                    value=name,
                 )
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
             padding_now = _set_entry(now.padding, name, extra)
@@ -402,7 +397,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     "are given without q",
                     "they are those of the obstacle",
                     "pass q, or leave them out",
-                    value=touch_links,
                 )
             else:
                 allowed = _drop_name(allowed, name)
@@ -468,7 +462,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     f"hold {pair}",
                     "only allowed pairs are taken back",
                     "see space.allowed_collisions",
-                    value=pair,
                 )
             self._replace(now, now.obstacles, now.allowed - given, now.padding)
 
@@ -644,7 +637,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 f"has {len(alternatives)} alternatives, none of them proven free",
                 "a path must end in FREE",
                 str(errors[0]),
-                value=goal,
                 nearest=errors[0].nearest,
             )
         lengths = self.distance(np.array(start), np.array(goals))
@@ -673,7 +665,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             problem,
             "a path must end in FREE",
             hint,
-            value=goal,
             nearest=tuple(points[0].tolist()),
         )
 
@@ -818,7 +809,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 f"has shape {goals.shape}",
                 f"it must be one configuration of {self.size} numbers or rows of them",
                 f"pass ({', '.join(self.axes)})",
-                value=q1,
             )
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
@@ -946,7 +936,6 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 f"{turn} from row {first} to row {last}",
                 "a joint turns by at most half a turn, so that the edge is the shorter way",
                 "add whole turns to the rows (numpy.unwrap), or rows between them",
-                value=(first, last),
             )
 
     def certify_path(
@@ -1082,9 +1071,7 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    return ConfigurationError(
-        name, f"{point} {problem}", "a path must start and end in FREE", hint, value=q
-    )
+    return ConfigurationError(name, f"{point} {problem}", "a path must start and end in FREE", hint)
 
 
 def build_arm_space(
@@ -1151,7 +1138,6 @@ def build_arm_space(
                 f"name one {name!r}",
                 "a link has that name",
                 "choose another name",
-                value=name,
             )
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
@@ -1177,7 +1163,6 @@ def _check_allowed(
             f"is {pairs!r}",
             "it must hold pairs of names",
             "pass e.g. [('hand', 'table')]",
-            value=pairs,
         ) from error
     for name in chain.from_iterable(given):
         check_known(name, argument, known, "names")

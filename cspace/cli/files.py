@@ -27,14 +27,14 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
             problem = f"ends in {path.suffix!r}"
             rule = "the suffix says what to write"
             hint = f"use one of {', '.join(filter(None, suffixes))}"
-            raise InputError(str(path), problem, rule, hint, value=path)
+            raise InputError(str(path), problem, rule, hint)
         check_output(path, overwrite)
         if suffix in (".yaml", ".yml"):
             check_output(path.with_suffix(".pgm"), overwrite)
     if len({path.resolve() for path in outputs}) < len(outputs):
         names = ", ".join(map(str, outputs))
         hint = "choose another name"
-        raise InputError(names, "name a file twice", "they must differ", hint, value=paths)
+        raise InputError(names, "name a file twice", "they must differ", hint)
 
 
 def check_folder(folder: Path) -> None:
@@ -122,7 +122,7 @@ def select_window(space: Any, box: Sequence[float] | None) -> Any:
     if space.in_memory != (box is None):
         problem = "is missing" if box is None else "is given"
         rule = "export writes parts of tiled maps, and whole maps in memory"
-        raise InputError("window", problem, rule, value=box)
+        raise InputError("window", problem, rule)
     if box is None:
         return space
     dim = len(box) // 2

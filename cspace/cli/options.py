@@ -92,7 +92,7 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
         return Robot.open(text, **options)
     for name, value in options.items():
         rule = "it is for meshes, such as .stl, and .urdf" if name == "solid" else "it is for .urdf"
-        raise InputError(name, f"is {value!r} for {text}", rule, "leave it out", value=value)
+        raise InputError(name, f"is {value!r} for {text}", rule, "leave it out")
     return Robot.parse(text)
 
 
@@ -112,9 +112,9 @@ def read_arm(
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
     """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
-    for name, value in options.items():
+    for name in options:
         if name not in taken:
-            raise InputError(name, f"is given, but {about}", hint="omit it", value=value)
+            raise InputError(name, f"is given, but {about}", hint="omit it")
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
@@ -130,7 +130,7 @@ def parse_rotation_cells(text: str | None) -> Rotations:
         rule = "it must be a count above zero, or a kind and a count"
         examples = " or ".join(f"{kind}:8" for kind in kinds)
         hint = f"write e.g. 72, {examples}"
-        raise InputError("rotations", f"is {text!r}", rule, hint, value=text)
+        raise InputError("rotations", f"is {text!r}", rule, hint)
     return makers[name](int(count))
 
 
@@ -167,7 +167,7 @@ def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[f
     units = space.units[space.dim :]
     if not axes:
         hint = "omit it, or build the map with --rotations 72"
-        raise InputError(argument, f"is {text!r}", "the map has no rotations", hint, value=text)
+        raise InputError(argument, f"is {text!r}", "the map has no rotations", hint)
     return _parse_numbers(text, argument, axes, units, f"it must be {','.join(axes)}")
 
 
@@ -187,7 +187,7 @@ def _parse_numbers(
     except ValueError:
         example = ",".join("90deg" if unit == "rad" else "0.5" for unit in units)
         hint = f"write e.g. {argument}={example}"
-        raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
+        raise InputError(argument, f"is {text!r}", rule, hint) from None
     return tuple(numbers)
 
 
@@ -203,7 +203,7 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
         hint = f"write e.g. {argument}=-1,-1,0,4,3,2.5"
-        raise InputError(argument, f"is {text!r}", rule, hint, value=text) from None
+        raise InputError(argument, f"is {text!r}", rule, hint) from None
     check_bounds(values, 2 if len(values) <= 4 else 3)
     return values
 
@@ -222,11 +222,11 @@ def parse_angle(text: str, argument: str, name: str) -> float:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or radians"
-        raise InputError(argument, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
+        raise InputError(argument, problem, rule, "write e.g. 90deg or 1.57") from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
         hint = f"write {number}deg for degrees, or {number}rad for radians"
-        raise InputError(argument, problem, rule, hint, value=text)
+        raise InputError(argument, problem, rule, hint)
     return math.radians(value) if unit == "deg" else value
 
 

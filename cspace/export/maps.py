@@ -185,11 +185,11 @@ def export(
         scope = "of the plane" if form.dimension == 2 else "in space"
         rule = f"{suffix} holds maps {scope} only"
         hint = "write another format, e.g. .vti"
-        raise InputError("path", f"is {Path(path)}", rule, hint, value=path)
+        raise InputError("path", f"is {Path(path)}", rule, hint)
     if form.rotations == "all":
         if rotation is not None:
             rule = f"a {suffix or 'Zarr'} map holds every slice"
-            raise InputError("rotation", f"is {rotation!r}", rule, "omit it", value=rotation)
+            raise InputError("rotation", f"is {rotation!r}", rule, "omit it")
         form.write(contents, path, overwrite)
         return
     cells: Sequence[int] = range(len(contents.rotations))

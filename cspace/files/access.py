@@ -137,7 +137,7 @@ def check_name(path: StrPath) -> Path:
     """
     if not isinstance(path, str | os.PathLike) or "\0" in str(path):
         hint = "pass a string or a pathlib.Path"
-        raise InputError("path", f"is {path!r}", "it must be a file name", hint, value=path)
+        raise InputError("path", f"is {path!r}", "it must be a file name", hint)
     return Path(path)
 
 
@@ -189,7 +189,7 @@ def check_suffix(path: StrPath, known: Iterable[str], rule: str, argument: str =
     suffix = file.suffix.lower()
     if suffix not in known:
         hint = suggest_file(file, f"use one of {', '.join(filter(None, known))}")
-        raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
+        raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint)
     return suffix
 
 

@@ -82,7 +82,7 @@ def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") ->
     level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
-        raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)
+        raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
     check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image")
     dark_levels = image.shades < level

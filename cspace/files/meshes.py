@@ -737,9 +737,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
         parts = [(shape, np.eye(4))]
     else:
         hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
-        raise InputError(
-            name, f"is a {type(shape).__name__}", "a mesh is needed", hint, value=shape
-        )
+        raise InputError(name, f"is a {type(shape).__name__}", "a mesh is needed", hint)
     surfaces = []
     for part, transform in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
@@ -750,7 +748,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
                 raise _make_empty_error(name, content)
             problem = f"has a {content} among its meshes"
             hint = "remove it, or pass the meshes alone"
-            raise GeometryError(name, problem, "it would be lost", hint, value=part)
+            raise GeometryError(name, problem, "it would be lost", hint)
         points = check_finite(part.vertices, f"vertices of {name}")
         surface = points, np.asarray(part.faces, dtype=np.int64)
         surfaces.append(transform_surface(surface, transform))

@@ -389,14 +389,14 @@ def read_occupancy_grid(
         problem = f"is {low:g} and occupied_thresh is {high:g}"
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
         hint = "pass e.g. 0.25 and 0.65"
-        raise InputError("free_thresh", problem, rule, hint, value=free_thresh)
+        raise InputError("free_thresh", problem, rule, hint)
     width = check_count(_get_field(msg, "info.width"), "msg.info.width", 1)
     height = check_count(_get_field(msg, "info.height"), "msg.info.height", 1)
     values = check_real(_get_field(msg, "data"), "msg.data")
     if values.shape != (width * height,) or values.dtype.kind not in "iu":
         problem = f"has shape {values.shape} and type {values.dtype}"
         rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
-        raise InputError("msg.data", problem, rule, "pass the whole message", value=values)
+        raise InputError("msg.data", problem, rule, "pass the whole message")
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free = known & (percent / 100.0 < low)
@@ -447,7 +447,7 @@ def _parse_yaw(msg: object) -> float:
     if max(abs(x), abs(y)) > _MAX_TILT * norm:
         rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
-        raise InputError(f"msg.{place}", problem, rule, "set x and y to 0", value=(x, y, z, w))
+        raise InputError(f"msg.{place}", problem, rule, "set x and y to 0")
     return 2.0 * math.atan2(z, w)
 
 
@@ -488,9 +488,9 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
         rows = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = check_finite(rows, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise GeometryError(name, problem, rule, hint, value=footprint) from error
+        raise GeometryError(name, problem, rule, hint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise GeometryError(name, problem, rule, hint, value=footprint)
+        raise GeometryError(name, problem, rule, hint)
     return corners
 
 

@@ -344,7 +344,6 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
             f"is {package_dirs!r}",
             "it must be a folder, or a list of folders",
             "pass paths",
-            value=package_dirs,
         ) from error
     for folder in folders:
         if not os.path.isdir(folder):  # noqa: PTH112 - Path.is_dir raises OSError for some names
@@ -353,7 +352,6 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
                 f"names {folder}",
                 "each must be an existing folder that holds the folders of packages",
                 "correct its name",
-                value=folder,
             )
     return folders
 

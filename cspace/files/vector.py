@@ -59,7 +59,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     if not shapes:
         hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
         raise GeometryError(
-            "polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source
+            "polygons", "holds no geometry", "obstacles must cover some ground", hint
         )
     check_shapes(shapes, names)
     return shapes
@@ -86,7 +86,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
         hint = "pass e.g. shapely.box(0, 0, 1, 1)"
-        raise InputError(name, f"is {source!r:.60}", rule, hint, value=source)
+        raise InputError(name, f"is {source!r:.60}", rule, hint)
 
 
 def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -105,7 +105,7 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
         yield name, _parse_wkt(source, name)
     else:
         rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
-        raise InputError(name, f"is {file[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
+        raise InputError(name, f"is {file[:60]!r}", rule, "pass e.g. 'POINT (1 2)'")
 
 
 def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -134,7 +134,7 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
     hint = f"correct {text[:60]!r}"
     if "\0" in text:  # the parser would stop there silently
         problem = "is not WKT: it holds a NUL character"
-        raise GeometryError(name, problem, "it must be text", hint, value=text)
+        raise GeometryError(name, problem, "it must be text", hint)
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
@@ -142,7 +142,7 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
         problem = f"is not WKT: {' '.join(str(error).split())}"
-        raise GeometryError(name, problem, "it must be whole", hint, value=text) from error
+        raise GeometryError(name, problem, "it must be whole", hint) from error
 
 
 def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -152,13 +152,13 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
     if not isinstance(document, Mapping):
         problem = f"has geometry {document!r:.60}"
         hint = "remove or correct the feature"
-        raise GeometryError(name, problem, "an obstacle needs one", hint, value=document)
+        raise GeometryError(name, problem, "an obstacle needs one", hint)
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
         if not isinstance(features, list):
             problem = f"has features {features!r:.60}"
-            raise GeometryError(name, problem, "they must be a list", "correct it", value=features)
+            raise GeometryError(name, problem, "they must be a list", "correct it")
         for index, feature in enumerate(features):
             yield from _parse_geojson(feature, f"{name}, feature {index}")
         return
@@ -171,7 +171,7 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
     except Exception as error:  # shapely may raise anything for coordinates that are not numbers
         problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
         rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
-        raise GeometryError(name, problem, rule, "correct it", value=document) from error
+        raise GeometryError(name, problem, rule, "correct it") from error
     yield name, geometry
 
 
@@ -205,7 +205,7 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
         problem = f"has a vertex at ({x}, {y})"
         rule = "NaN and infinities are refused"
         hint = "drop or replace it"
-        raise GeometryError(names[index], problem, rule, hint, value=shapes[index])
+        raise GeometryError(names[index], problem, rule, hint)
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])
     flat = "drop them with shapely.force_2d if height does not matter"
@@ -221,4 +221,4 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     ):
         if refused.any():
             index = int(refused.argmax())
-            raise GeometryError(names[index], problem, rule, hint, value=shapes[index])
+            raise GeometryError(names[index], problem, rule, hint)

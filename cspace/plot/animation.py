@@ -117,7 +117,7 @@ def animate(
     points = check_path(space, path)
     if not len(points):
         hint = "pass one that was found"
-        raise InputError("path", "is empty", "an animation needs a path", hint, value=path)
+        raise InputError("path", "is empty", "an animation needs a path", hint)
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
         duration = 0.0 if motion is None else motion.duration
@@ -155,12 +155,12 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     frequency = check_positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
         rule = "it must be at most 50 frames per second"
-        raise InputError("rate", f"is {rate!r}", rule, "lower it", value=rate)
+        raise InputError("rate", f"is {rate!r}", rule, "lower it")
     count = round(duration * frequency) + 1
     if count > _MAX_FRAMES:
         problem = f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}"
         rule = f"at most {_MAX_FRAMES} are possible"
-        raise InputError("seconds", problem, rule, "lower it or the rate", value=seconds)
+        raise InputError("seconds", problem, rule, "lower it or the rate")
     return 10 * max(2, round(100.0 / frequency)), max(count, 2)
 
 
@@ -172,7 +172,7 @@ def _draw_map(
     if dim == 2 and camera is not None:
         problem = "is given for a plane map"
         rule = "it needs a map in space"
-        raise InputError("camera", problem, rule, "omit it", value=camera)
+        raise InputError("camera", problem, rule, "omit it")
     scene = make_scene(space, path=points)
     no_stations = np.empty((0, points.shape[1]))
     scene = replace(scene, rotation=points[0, dim:], stations=no_stations)

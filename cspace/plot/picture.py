@@ -155,7 +155,7 @@ def plot(
     if argument is not None and not isinstance(argument, Axes):
         problem = f"is a {type(argument).__name__}"
         hint = "pass figure.add_subplot()"
-        raise InputError("ax", problem, "it must be matplotlib axes", hint, value=ax)
+        raise InputError("ax", problem, "it must be matplotlib axes", hint)
     drawn: Any = space
     if isinstance(space, Workspace):
         drawn = WorkspaceView(space)
@@ -206,23 +206,23 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
         axes = ", ".join(space.axes)
         rule = f"it must be {' or '.join(views)}, because configurations are ({axes})"
         hint = "or omit it; loop over plot(rotation=) for several slices"
-        raise InputError("view", f"is {view!r}", rule, hint, value=view)
+        raise InputError("view", f"is {view!r}", rule, hint)
     for name, kinds in VIEW_OPTIONS.items():
         value = options[name]
         if value is not None and kind not in kinds:
             rule = f"it needs view {' or '.join(kinds)}"
-            raise InputError(name, f"is given with view {kind}", rule, "omit it", value=value)
+            raise InputError(name, f"is given with view {kind}", rule, "omit it")
     zoom = options["zoom"]
     center = options["center"]
     if zoom is not None:
         check_positive(zoom, "zoom", "the map's longest side over that of the picture")
         if zoom < 1.0:
             rule = "it must be at least 1 (the whole map)"
-            raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8", value=zoom)
+            raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8")
     elif center is not None and kind != "sections":
         problem = "is given without zoom"
         rule = "the whole map is drawn"
-        raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it", value=center)
+        raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it")
     return kind
 
 
@@ -272,7 +272,7 @@ def save_plot(
     if "ax" in options:
         rule = "save_plot draws a new figure"
         hint = "use plot and ax.figure.savefig instead"
-        raise InputError("ax", "is given", rule, hint, value=options["ax"])
+        raise InputError("ax", "is given", rule, hint)
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 
@@ -290,7 +290,7 @@ def save_figure(
     dots = check_positive(dpi, "dpi", "pixels per inch")
     if dots > _MAX_DPI:
         rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across
-        raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300", value=dpi)
+        raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300")
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()
         figure.canvas.print_figure(temporary, dpi=dots)

@@ -278,7 +278,7 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
         problem = f"has shape {points.shape}"
         hint = f"pass ({', '.join(axes)})"
-        raise InputError(name, problem, f"it must be {shape}", hint, value=values)
+        raise InputError(name, problem, f"it must be {shape}", hint)
     return points
 
 
@@ -360,7 +360,7 @@ def _choose_center(
         lower, upper = (np.round(corner, 9).tolist() for corner in (grid.lower, grid.upper))
         problem = f"is {point.tolist()}"
         rule = f"the grid is from {lower} to {upper}"
-        raise InputError("center", problem, rule, "pass a point in it", value=center)
+        raise InputError("center", problem, rule, "pass a point in it")
     return point
 
 

@@ -71,7 +71,7 @@ class Painting:
     ) -> None:
         if getattr(ax, "name", "3d") != "3d":
             hint = 'use figure.add_subplot(projection="3d")'
-            raise InputError("ax", "has two dimensions", "it must have three", hint, value=ax)
+            raise InputError("ax", "has two dimensions", "it must have three", hint)
         angles = check_camera(camera)
         if ax is None:
             figure = artists.new_figure(*_FIGURE_INCHES, layout=None)
@@ -138,7 +138,7 @@ def check_camera(camera: ArrayLike | None) -> Floats:
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
         rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
         hint = f"pass e.g. {DEFAULT_CAMERA}"
-        raise InputError("camera", f"is {camera!r}", rule, hint, value=camera)
+        raise InputError("camera", f"is {camera!r}", rule, hint)
     return angles
 
 

@@ -99,7 +99,7 @@ def evaluate_edges(
     except ValueError as error:
         problem = f"has shape {starts.shape} and q1 {ends.shape}"
         hint = "pass batches of equal shape"
-        raise InputError("q0", problem, "they must broadcast", hint, value=q0) from error
+        raise InputError("q0", problem, "they must broadcast", hint) from error
     first = as_contiguous(np.broadcast_to(starts, shape).reshape(-1, size))
     second = as_contiguous(np.broadcast_to(ends, shape).reshape(-1, size))
     out = evaluate_rows(first, second, write)
@@ -155,4 +155,4 @@ def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
     numbers = tuple(values.astype(np.float64).tolist())
     problem = f"number {index} is {numbers}"
     hint = "correct or remove such configurations first"
-    return InputError(name, problem, Rotations.all_limits(), hint, value=numbers)
+    return InputError(name, problem, Rotations.all_limits(), hint)

@@ -101,24 +101,24 @@ class Patch:
         hint = "pass one entry per cell of the box"
         if outer.ndim != grid.dim:
             problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
-            raise InputError("cells", problem, "they must agree", hint, value=cells)
+            raise InputError("cells", problem, "they must agree", hint)
         stop = np.add(first, outer.shape)
         if min(first) < 0 or (stop > grid.shape).any():
             problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape}"
             rule = "the box must lie in the grid"
-            raise InputError("cells", f"{problem} cells", rule, "clip it to the grid", value=cells)
+            raise InputError("cells", f"{problem} cells", rule, "clip it to the grid")
         if inner is None:
             return cls(first, outer, outer)
         inside = _copy_cells(inner, "inner")
         if inside.shape != outer.shape:
             problem = f"has shape {inside.shape} but cells has {outer.shape}"
-            raise InputError("inner", problem, "they must be equal", hint, value=inner)
+            raise InputError("inner", problem, "they must be equal", hint)
         lost = np.argwhere(inside & ~outer)
         if len(lost):
             entry = tuple(lost[0].tolist())
             problem = f"has entry {entry}, which is not in cells"
             rule = "it must be a subset of cells"
-            raise InputError("inner", problem, rule, "add it to cells", value=entry)
+            raise InputError("inner", problem, rule, "add it to cells")
         return cls(first, outer, inside)
 
 
@@ -136,7 +136,7 @@ def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     if len(first) != dim:
         rule = f"it must be {dim} integers, the index of the first cell"
         hint = "convert metres with space.grid.cell_of"
-        raise InputError("lower", f"is {lower!r}", rule, hint, value=lower)
+        raise InputError("lower", f"is {lower!r}", rule, hint)
     return first
 
 

@@ -121,7 +121,7 @@ class QuaternionRotations(Rotations):
             worst = float(norms.reshape(-1)[np.argmax(errors)])
             hint = "divide it by its norm; the order is qx, qy, qz, qw"
             problem = f"has a quaternion of norm {worst:.9g}"
-            raise InputError(name, problem, "it must be 1", hint, value=worst)
+            raise InputError(name, problem, "it must be 1", hint)
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
     def rotation_between(self, first: Floats, second: Floats) -> Floats:
@@ -191,7 +191,7 @@ class QuaternionRotations(Rotations):
         if dim == 2:
             rule = "a robot in the plane turns by its yaw"
             hint = "pass e.g. rotations=72"
-            raise InputError("rotations", f"are {self}", rule, hint, value=self)
+            raise InputError("rotations", f"are {self}", rule, hint)
 
     def preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.

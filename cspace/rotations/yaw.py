@@ -263,7 +263,7 @@ def _check_borders(value: ArrayLike) -> Floats:
         problem = f"has shape {np.shape(value)}"
         rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
         hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
-        raise InputError("rotations", problem, rule, hint, value=value)
+        raise InputError("rotations", problem, rule, hint)
     angles = check_finite(value, "rotations")
     ascends = (np.diff(angles) > 0).all()
     is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
@@ -271,7 +271,7 @@ def _check_borders(value: ArrayLike) -> Floats:
         problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
         rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
         hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
-        raise InputError("rotations", problem, rule, hint, value=value)
+        raise InputError("rotations", problem, rule, hint)
     return angles
 
 
@@ -280,9 +280,7 @@ def check_wrappable(yaws: Floats, name: str) -> None:
     largest = float(np.abs(yaws).max(initial=0.0))
     if largest > MAX_ANGLE:
         rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-        raise InputError(
-            name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest
-        )
+        raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first")
 
 
 def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | None:

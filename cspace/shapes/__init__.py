@@ -104,7 +104,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         "their radius"
     )
     problem = f"is a {type(given).__name__}"
-    raise InputError(name, problem, "a polygon or a mesh is needed", hint, value=source)
+    raise InputError(name, problem, "a polygon or a mesh is needed", hint)
 
 
 def _convert_sequence(given: Any, name: str) -> Shape:
@@ -119,7 +119,7 @@ def _convert_sequence(given: Any, name: str) -> Shape:
     if getattr(given, "dtype", None) == np.bool_:
         rule = "their size must be given"
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError(name, "is an array of cells", rule, hint, value=given)
+        raise InputError(name, "is an array of cells", rule, hint)
     first: Any = next(iter(given), {})
     if isinstance(first, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
@@ -131,7 +131,7 @@ def _convert_sequence(given: Any, name: str) -> Shape:
         hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
         if row_shape == (2,) or len(given) == 2:
             hint += ", or at least 3 corners of a polygon"
-        raise InputError(name, "is points", "points need a radius", hint, value=given)
+        raise InputError(name, "is points", "points need a radius", hint)
     return _make_mesh(given)
 
 
@@ -164,4 +164,4 @@ def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
     rule = f"it must be a short text, WKT, or a file that ends in {suffixes}"
     forms = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
     hint = suggest_file(Path(source), forms)
-    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)
+    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint)

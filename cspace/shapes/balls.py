@@ -255,7 +255,7 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
         if radii is not None:
             problem = "is given besides a decomposition"
             rule = "a decomposition has its own"
-            raise InputError("radii", problem, rule, "omit it", value=radii)
+            raise InputError("radii", problem, rule, "omit it")
         radii = centers.radii
         centers = centers.centers
     elif radii is None:
@@ -266,13 +266,13 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         problem = f"has shape {points.shape}"
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError("centers", problem, rule, "pass one row per ball", value=centers)
+        raise InputError("centers", problem, rule, "pass one row per ball")
     if sizes.shape not in {(), (len(points),)}:
         rule = f"it must be one number or ({len(points)},)"
         hint = "pass one number, or one per center"
-        raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
+        raise InputError("radii", f"has shape {sizes.shape}", rule, hint)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"
         hint = "pass lengths in metres"
-        raise InputError("radii", problem, "none may be below zero", hint, value=radii)
+        raise InputError("radii", problem, "none may be below zero", hint)
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

@@ -281,7 +281,7 @@ class Mesh(ExactShape):
         """Raise InputError if the inside depends on the spacing."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
-            raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
+            raise InputError(self.source, "has solid='fill'", rule, hint)
 
     @property
     def surface(self) -> Surface:
@@ -500,14 +500,12 @@ def _check_vertices(values: Any, source: str) -> Floats:
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         rule = "it must be (V, 3), in metres"
         hint = "pass x, y, z of each vertex"
-        raise GeometryError(
-            f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values
-        )
+        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint)
     largest = float(np.abs(vertices).max(initial=0.0))
     if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= _MAX_COORDINATE:
         problem = f"reach {largest:g}"
         rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {_MAX_COORDINATE:g}"
-        raise GeometryError(f"vertices of {source}", problem, rule, "check the units", value=values)
+        raise GeometryError(f"vertices of {source}", problem, rule, "check the units")
     is_tiny = np.abs(vertices) < _MIN_MESH_COORDINATE
     return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")
 
@@ -522,12 +520,12 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         problem = f"has shape {faces.shape} and dtype {faces.dtype}"
         rule = "it must be (F, 3), of whole numbers"
-        raise GeometryError(f"faces of {source}", problem, rule, hint, value=values)
+        raise GeometryError(f"faces of {source}", problem, rule, hint)
     for vertex in (faces.min(), faces.max()):
         if not 0 <= vertex < vertices:
             problem = f"name vertex {vertex}"
             rule = f"there are {vertices}, counted from 0"
-            raise GeometryError(f"faces of {source}", problem, rule, hint, value=values)
+            raise GeometryError(f"faces of {source}", problem, rule, hint)
     return np.array(faces, dtype=np.int64, order="C")
 
 

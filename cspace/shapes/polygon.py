@@ -63,7 +63,7 @@ class Polygons(ExactShape):
         parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
         if not parts:
             hint = "pass at least three vertices"
-            raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
+            raise GeometryError("polygon", "is empty", "it must have an area", hint)
         names = ["polygon"]
         if len(parts) > 1:
             names = [f"polygon[{number}]" for number in range(len(parts))]
@@ -72,11 +72,11 @@ class Polygons(ExactShape):
             if part.geom_type != "Polygon":
                 problem = f"is a {part.geom_type}"
                 rule = "each part must be a Polygon"
-                raise GeometryError(name, problem, rule, "remove other parts", value=part)
+                raise GeometryError(name, problem, rule, "remove other parts")
             if not part.area > 0.0:
                 problem = f"has area {part.area:g}"
                 rule = "it must be above zero"
-                raise GeometryError(name, problem, rule, "pass its whole boundary", value=part)
+                raise GeometryError(name, problem, rule, "pass its whole boundary")
         return cls(parts)
 
     @cached_property
@@ -227,7 +227,7 @@ def _as_geometries(
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
         rule = "it must be (n, 2) with n at least 3"
         hint = "pass its vertices in order"
-        raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
+        raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint)
     return [shapely.Polygon(vertices)]
 
 

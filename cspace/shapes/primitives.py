@@ -211,7 +211,7 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
             f"{kind.form} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
             "for a center"
         )
-        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}", value=text)
+        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}")
     return kind.make(*sizes, center) if at_sign else kind.make(*sizes)
 
 
@@ -227,7 +227,7 @@ def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
         f"write e.g. {SHORT_TEXTS['footprint'].example}, or use Robot.open(path).footprint() "
         "for a file"
     )
-    raise InputError(argument, f"is {text!r}", rule, hint, value=text)
+    raise InputError(argument, f"is {text!r}", rule, hint)
 
 
 def _parse_numbers(text: str, separator: str) -> list[float]:

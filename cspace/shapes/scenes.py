@@ -93,7 +93,7 @@ def read_urdf(
                 )
                 rule = "only a mesh can be a surface without an inside"
                 hint = "omit it, or name links with only meshes"
-                raise InputError("solid", problem, rule, hint, value="surface")
+                raise InputError("solid", problem, rule, hint)
             transform = pose @ _read_origin(collision, place)
             outer, inner = _make_bounds(collision.geometry, meshes, place)
             outer_surfaces.append(transform_surface(outer, transform))
@@ -119,7 +119,7 @@ def _check_shapes(
         hint = "add <collision>"
         if with_geometry:
             hint = f"name links that have: {', '.join(with_geometry)}"
-        raise InputError("link", problem, rule, hint, value=given)
+        raise InputError("link", problem, rule, hint)
     if given is None and omitted:
         problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
         hint = "name all links, which are placed with their joints at zero"
@@ -185,7 +185,7 @@ def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
     if not factors.all():
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
-        raise InputError(f"{place}: scale", problem, rule, "correct it", value=scale)
+        raise InputError(f"{place}: scale", problem, rule, "correct it")
     return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
 
 

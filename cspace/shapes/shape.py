@@ -343,7 +343,7 @@ class ExactShape(Shape):
         """Boxes along the axes that make up the shape, if :attr:`is_boxes`."""
         problem = "is not a union of boxes"
         rule = "only boxes and cells in space are"
-        raise GeometryError("shape", problem, rule, "ask for its boundary", value=self)
+        raise GeometryError("shape", problem, rule, "ask for its boundary")
 
     @property
     def regions(self) -> list[Floats]:
@@ -359,13 +359,13 @@ class ExactShape(Shape):
     def outline(self) -> BaseGeometry:
         """A plane shape as a shapely geometry, for drawing."""
         rule = "an outline needs a shape in the plane"
-        raise GeometryError("shape", "is in space", rule, "ask for its surface", value=self)
+        raise GeometryError("shape", "is in space", rule, "ask for its surface")
 
     @property
     def surface(self) -> Surface:
         """A shape in space as vertices and triangles, for drawing."""
         rule = "a surface needs a shape in space"
-        raise GeometryError("shape", "is in the plane", rule, "ask for its outline", value=self)
+        raise GeometryError("shape", "is in the plane", rule, "ask for its outline")
 
 
 @cache
@@ -554,7 +554,7 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
         problem = f"is {tuple(center.tolist())}"
         max_ratio = _MAX_ELLIPSE_SLACK * 2.0**50
         rule = f"it may be at most {max_ratio:.1g} times the radius along each axis"
-        raise InputError("center", problem, rule, "check the units (metres)", value=center)
+        raise InputError("center", problem, rule, "check the units (metres)")
     ring = _make_ring() * radii
     outer = center + _CORNER_RADIUS * (1.0 + slack) * ring
     inner = center + (1.0 - slack) * ring

@@ -175,7 +175,7 @@ class Voxels(ExactShape):
         if not bitmap.any():
             rule = "at least one cell must be occupied"
             hint = "set the cells that it fills"
-            raise GeometryError("occupied", "holds no True cell", rule, hint, value=occupied)
+            raise GeometryError("occupied", "holds no True cell", rule, hint)
         side = check_positive(spacing, "spacing")
         if lower is None:
             lower = np.zeros(bitmap.ndim)

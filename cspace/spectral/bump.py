@@ -96,9 +96,7 @@ class Bump:
         low, high = ALPHA_RANGE
         if not (low <= alpha <= high or alpha == math.inf):
             rule = f"it must be one number from {low:g} to {high:g}, or infinite"
-            raise InputError(
-                "alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha
-            )
+            raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf")
         object.__setattr__(self, "alpha", alpha)
 
     @property
@@ -175,9 +173,7 @@ def check_bump(bump: Any) -> Bump:
     if bump is None:
         return Bump()
     if not isinstance(bump, Bump):
-        raise InputError(
-            "bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump
-        )
+        raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)")
     return bump
 
 
@@ -186,7 +182,7 @@ def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> flo
     value = check_finite(tolerance, "tolerance")
     if value.ndim or not min_tolerance <= value <= 0.1:
         rule = f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value"
-        raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
+        raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9")
     return float(value)
 
 
@@ -196,9 +192,7 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
     for value in (k.min(initial=0.0), k.max(initial=0.0)):
         if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
             rule = f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}"
-            raise InputError(
-                name, f"holds {value:g} cycles per radius", rule, "check its units", value=frequency
-            )
+            raise InputError(name, f"holds {value:g} cycles per radius", rule, "check its units")
     return k
 
 
@@ -263,7 +257,7 @@ def _converged_integrals(
             return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + floors
         previous = values
     rule = "the integrals of two bumps must converge"
-    raise CspaceError("distance", f"is {distances}", rule, "please report it", value=distances)
+    raise CspaceError("distance", f"is {distances}", rule, "please report it")
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
@@ -323,7 +317,7 @@ class RadialTable:
         if k.size and not (k.min() >= 0.0 and k.max() <= highest):
             problem = f"reach from {k.min():g} to {k.max():g}"
             rule = f"the table ends at {self.max_frequency:g}"
-            raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
+            raise InputError("frequencies", problem, rule, "make a larger table")
         last = self._coefficients.shape[1] - 1
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), last)
         x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)  # from -1 to 1 in each interval

@@ -163,17 +163,17 @@ def decompose(
         problem = f"is {number!r} and tolerance is {tolerance!r}"
         rule = "exactly one of them chooses the balls"
         hint = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", problem, rule, hint, value=number)
+        raise InputError("number", problem, rule, hint)
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)
+        raise GeometryError("shape", "has no inside", "inner balls need one", hint)
     if count is not None and not 0.0 < region.size < np.inf:
         problem = f"is {number}, but the shape is {region.size:g} m across"
         rule = "its lattice needs a finite size"
-        raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
+        raise InputError("number", problem, rule, "pass a tolerance instead")
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
     if count:
         lattice = Lattice.for_count(region, count)
@@ -227,7 +227,7 @@ def _fill_shape(
         )
         rule = "parts thinner than the lattice have no balls"
         hint = "pass a larger tolerance, or kind='outer'"
-        raise InputError("tolerance", problem, rule, hint, value=tolerance)
+        raise InputError("tolerance", problem, rule, hint)
     return centers, radii, gap
 
 
@@ -250,7 +250,7 @@ def _cover_shape(
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         problem = f"is {value:g}, but no such balls that cover the shape were found"
         rule = "their union must contain the shape"
-        raise InputError(name, problem, rule, f"pass a larger {name}", value=value)
+        raise InputError(name, problem, rule, f"pass a larger {name}")
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
     # their cells and no ball sticks out too far.

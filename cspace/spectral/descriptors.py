@@ -74,9 +74,7 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
         parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
         problem = f"and first make {corners:,} sums of corners of their {parts}"
         hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError(
-            "second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second
-        )
+        raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint)
     # One row of sums of corners for each pair of parts.
     sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
     points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
@@ -93,7 +91,7 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     if not shapely.covers(outer, sums).all():
         problem = "has a sum that GEOS unites wrongly"
         hint = "round both with shapely.set_precision"
-        raise GeometryError("first", problem, "the union must cover its parts", hint, value=first)
+        raise GeometryError("first", problem, "the union must cover its parts", hint)
     return PolygonSum(inner, outer)
 
 
@@ -136,7 +134,7 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     if not triangles or _boundary(triangles) != _boundary(_open_rings(cleaned)):
         hint = "round it with shapely.set_precision"
         raise GeometryError(
-            "polygon", "is not cut into triangles exactly", "they must tile it", hint, value=polygon
+            "polygon", "is not cut into triangles exactly", "they must tile it", hint
         )
     return triangles
 
@@ -243,7 +241,7 @@ class Descriptor:
             problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
             rule = "the shapes must be equal"
             hint = "pass one value for each cell"
-            raise InputError("values", problem, rule, hint, value=self.values)
+            raise InputError("values", problem, rule, hint)
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -318,9 +316,7 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         hint = "drop balls that have no volume"
-        raise InputError(
-            "radii", f"holds {sizes.min():g}", "each must be above zero", hint, value=radii
-        )
+        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", hint)
     return points, sizes
 
 
@@ -329,7 +325,7 @@ def check_same_dim(name: str, dim: int, other: int) -> None:
     if dim != other:
         problem = f"has {dim} dimensions, its counterpart has {other}"
         rule = "they must agree"
-        raise InputError(name, problem, rule, "pass all in the plane or all in space", value=dim)
+        raise InputError(name, problem, rule, "pass all in the plane or all in space")
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
@@ -346,7 +342,7 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         problem = f"is a {type(source).__name__}"
         rule = "it must have centers and radii, or be a pair of them"
-        raise InputError(name, problem, rule, "decompose other shapes first", value=source)
+        raise InputError(name, problem, rule, "decompose other shapes first")
     return BallDescriptor(pair[0], pair[1], bump)
 
 
@@ -431,7 +427,7 @@ def check_sampled(descriptor: Any) -> Descriptor:
         problem = f"is a {type(descriptor).__name__}, no Descriptor"
         rule = "it must be sampled on a grid"
         hint = "make one with sample(grid) or indicator(shape, grid)"
-        raise InputError("descriptor", problem, rule, hint, value=descriptor)
+        raise InputError("descriptor", problem, rule, hint)
     return descriptor
 
 
@@ -461,7 +457,7 @@ def union(
         if balls.bump != bump or balls.dim != dim:
             problem = f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D"
             hint = "sample them on one grid first"
-            raise InputError("others", problem, "they must agree", hint, value=balls)
+            raise InputError("others", problem, "they must agree", hint)
     centers = np.concatenate([balls.centers for balls in ball_sets])
     radii = np.concatenate([balls.radii for balls in ball_sets])
     return BallDescriptor(centers, radii, bump)
@@ -491,7 +487,7 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     if level.ndim:
         problem = f"is {threshold!r}"
         rule = "it must be one number"
-        raise InputError("threshold", problem, rule, "pass e.g. 0.0", value=threshold)
+        raise InputError("threshold", problem, rule, "pass e.g. 0.0")
     return np.asarray(check_sampled(descriptor).values > level)
 
 
@@ -557,7 +553,7 @@ def minkowski_sum(
         problem = f"has {second_grid.dim} axes and a spacing of {second_grid.spacing:g} m, "
         problem += f"the first {grid.dim} and {grid.spacing:g} m"
         hint = "sample both on similar grids"
-        raise InputError("second", problem, "they must agree", hint, value=second)
+        raise InputError("second", problem, "they must agree", hint)
     sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:

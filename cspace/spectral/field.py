@@ -51,7 +51,7 @@ class OverlapField:
         if values.shape != shape or values.dtype != np.float64:
             problem = f"has shape {values.shape} and type {values.dtype}"
             rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError("values", problem, rule, "use OverlapField.of", value=values)
+            raise InputError("values", problem, rule, "use OverlapField.of")
         kept = check_finite(values, "values").view()
         kept.flags.writeable = False
         object.__setattr__(self, "values", kept)
@@ -73,7 +73,7 @@ class OverlapField:
             problem = f"is a {type(argument).__name__}"
             rule = "it must be a FourierOverlap"
             hint = "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", problem, rule, hint, value=argument)
+            raise InputError("overlap", problem, rule, hint)
         grid = space.grid
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape = _shape_on(space)

@@ -73,7 +73,7 @@ class Verdict(IntEnum):
         """Raise InputError, because UNDECIDED is neither true nor false."""
         rule = "a verdict is neither true nor false"
         hint = "compare it, e.g. verdict == Verdict.MISS"
-        raise InputError("verdict", f"is {self.name}", rule, hint, value=self)
+        raise InputError("verdict", f"is {self.name}", rule, hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ class FourierOverlap:
         if lengths.max() < 1e-100:
             problem = f"and a span only {lengths.max():g} m"
             rule = "squares would underflow"
-            raise InputError("b", problem, rule, "check the units", value=b)
+            raise InputError("b", problem, rule, "check the units")
         halves = _choose_halves(first, second, lengths, self.threshold, band, tolerance)
         trees = _build_trees(first, second, first.center, second.center)
         span = math.sqrt(first.dim) * (first.span + second.span)
@@ -227,7 +227,7 @@ class FourierOverlap:
             if kind in ("inner", "outer") and kind != needed_kind:
                 problem = f"is of kind {kind!r}"
                 hint = "decompose the shape with that kind"
-                raise InputError(name, problem, f"it must be {needed_kind!r}", hint, value=source)
+                raise InputError(name, problem, f"it must be {needed_kind!r}", hint)
         chosen = common_bump(bump, *given.values())
         more = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
@@ -539,7 +539,7 @@ def _choose_halves(
     if math.prod(counts) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
         problem = f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies"
         rule = f"at most {MAX_FREQUENCIES} are computed"
-        raise InputError("band", problem, rule, "pass a lower one", value=band)
+        raise InputError("band", problem, rule, "pass a lower one")
     return halves
 
 
@@ -686,4 +686,4 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     if dim == 2:
         form, example = "an angle in radians", "1.57"
     rule = f"it must be {form} or a rotation matrix of shape {dim, dim}"
-    raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
+    raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}")

@@ -337,9 +337,7 @@ class BallPenetration:
         count = len(self._fields.body.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             rule = f"the last axes must be {count} balls and {dim} coordinates"
-            raise InputError(
-                "centers", f"has shape {points.shape}", rule, "pass all balls", value=centers
-            )
+            raise InputError("centers", f"has shape {points.shape}", rule, "pass all balls")
         sums = self._fields.evaluate(points.reshape(-1, count, dim))
         sums = sums.reshape(*points.shape[:-1], 1 + dim)
         is_near = ((self._lower <= points) & (points <= self._upper)).all(axis=-1)
@@ -540,5 +538,5 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
         values = values.reshape(-1, *values.shape[-2:])
     if not len(values):
         hint = "pass e.g. Rotations.of(36)"
-        raise InputError("rotations", "is empty", "there must be one", hint, value=rotations)
+        raise InputError("rotations", "is empty", "there must be one", hint)
     return np.stack([rotation_matrix(value, dim) for value in values])

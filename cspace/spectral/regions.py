@@ -91,9 +91,7 @@ class ShapeBoundary:
         self.pieces, radii = exact.boundary()
         if radii.any():
             rule = "decompose() finds balls for other shapes"
-            raise InputError(
-                "shape", "consists of balls already", rule, "use these balls", value=shape
-            )
+            raise InputError("shape", "consists of balls already", rule, "use these balls")
         self.shape = shape
         self.dim = shape.dim
         corners = self.pieces.reshape(-1, self.dim)
@@ -238,9 +236,7 @@ class Lattice:
         if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
             problem = f"is {tolerance:g} m, but the shape is {region.size:g} m across"
             hint = f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m"
-            raise InputError(
-                "tolerance", problem, "its proof needs too many cells", hint, value=tolerance
-            )
+            raise InputError("tolerance", problem, "its proof needs too many cells", hint)
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 

@@ -38,17 +38,13 @@ def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(
-            name, f"is {values!r}", "it must be numeric", _FLOATS_HINT, value=values
-        ) from error
+        raise InputError(name, f"is {values!r}", "it must be numeric", _FLOATS_HINT) from error
     except OverflowError as error:
         raise InputError(
-            name, "has too large an integer", "it must fit a float", _FLOATS_HINT, value=values
+            name, "has too large an integer", "it must fit a float", _FLOATS_HINT
         ) from error
     if array.dtype.kind == "c":
-        raise InputError(
-            name, "has complex values", "it must be real", "pass array.real", value=values
-        )
+        raise InputError(name, "has complex values", "it must be real", "pass array.real")
     return array
 
 
@@ -66,7 +62,6 @@ def check_finite(values: ArrayLike, name: str) -> Floats:
             f"is {value}",
             "it must be finite",
             "drop or replace such values first",
-            value=value,
         )
     return array
 
@@ -89,7 +84,7 @@ def check_unmasked(values: Any, name: str) -> None:
     if count:
         problem = f"has {count} masked entries"
         hint = "fill them first, e.g. array.filled(True) for occupied cells"
-        raise InputError(name, problem, "each must have a value", hint, value=values)
+        raise InputError(name, problem, "each must have a value", hint)
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
@@ -102,10 +97,10 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
     if array.ndim or array <= 0.0:
         example = ", e.g. 0.05" if unit == "metres" else ""
         rule = "it must be one number above zero"
-        raise InputError(name, problem, rule, f"pass it in {unit}{example}", value=value)
+        raise InputError(name, problem, rule, f"pass it in {unit}{example}")
     if not 1e-100 < array < 1e100:
         rule = "it must be in [1e-100, 1e100]"
-        raise InputError(name, problem, rule, f"check its unit ({unit})", value=value)
+        raise InputError(name, problem, rule, f"check its unit ({unit})")
     return float(array)
 
 
@@ -117,7 +112,7 @@ def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -
     array = check_finite(value, name)
     if array.ndim or array < 0.0:
         rule = "it must be one number, zero or above"
-        raise InputError(name, f"is {value!r}", rule, hint, value=value)
+        raise InputError(name, f"is {value!r}", rule, hint)
     return float(array)
 
 
@@ -144,7 +139,7 @@ def check_count(
     else:
         span = f"from {minimum} on"
     rule = f"it must be a whole number {span}"
-    raise InputError(name, f"is {value!r}", rule, hint, value=value)
+    raise InputError(name, f"is {value!r}", rule, hint)
 
 
 def check_word(
@@ -157,7 +152,7 @@ def check_word(
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         rule = f"it must be {', '.join(others)} or {last}"
-        raise InputError(name, f"is {value!r}", rule, hint, value=value)
+        raise InputError(name, f"is {value!r}", rule, hint)
 
 
 def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
@@ -172,7 +167,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
         hint = "leave it out"
     elif similar:
         hint = f"did you mean {similar[0]!r}?"
-    raise InputError(name, f"{verb} {value!r}", rule, hint, value=value)
+    raise InputError(name, f"{verb} {value!r}", rule, hint)
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:
@@ -187,14 +182,14 @@ def check_names(values: Iterable[str], name: str) -> list[str]:
     except TypeError as error:
         problem = f"is {values!r}"
         rule = "it must be a list of names"
-        raise InputError(name, problem, rule, "pass a list of strings", value=values) from error
+        raise InputError(name, problem, rule, "pass a list of strings") from error
 
 
 def check_text(value: object, name: str, example: str) -> str:
     """Return a string that is not empty; raise InputError, with an example, otherwise."""
     if not isinstance(value, str) or not value:
         rule = "it must be a non-empty string"
-        raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}", value=value)
+        raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}")
     return value
 
 
@@ -202,7 +197,7 @@ def check_flag(value: object, name: str) -> None:
     """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
         rule = "it must be True or False"
-        raise InputError(name, f"is {value!r}", rule, "pass one of them", value=value)
+        raise InputError(name, f"is {value!r}", rule, "pass one of them")
 
 
 def check_rng(rng: object) -> np.random.Generator:
@@ -214,7 +209,7 @@ def check_rng(rng: object) -> np.random.Generator:
         return np.random.default_rng()
     if not isinstance(rng, np.random.Generator):
         rule = "it must be a numpy.random.Generator or None"
-        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)", value=rng)
+        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)")
     return rng
 
 
@@ -227,9 +222,7 @@ def check_rows(values: ArrayLike, name: str, length: int) -> NDArray[Any]:
     array = check_real(values, name)
     if array.ndim == 0 or array.shape[-1] != length:
         rule = f"its last axis must be {length} long, one entry for each coordinate"
-        raise InputError(
-            name, f"has shape {array.shape}", rule, "pass one or a batch", value=values
-        )
+        raise InputError(name, f"has shape {array.shape}", rule, "pass one or a batch")
     return array
 
 
@@ -250,7 +243,7 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     if point.shape != (dim,):
         rule = f"it must be {dim} numbers in metres"
         hint = f"pass e.g. {(0.5,) * dim}"
-        raise InputError(name, f"has shape {point.shape}", rule, hint, value=value)
+        raise InputError(name, f"has shape {point.shape}", rule, hint)
     return point.copy()
 
 
@@ -267,11 +260,11 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     if box.shape not in ((2 * dim,), (2, dim)):
         rule = f"it must have {'four' if dim == 2 else 'six'} numbers"
         hint = f"{hint}, or the lower and the upper corner"
-        raise InputError("bounds", f"is {bounds!r}", rule, hint, value=bounds)
+        raise InputError("bounds", f"is {bounds!r}", rule, hint)
     corners = box.reshape(2, dim)
     if (corners[1] <= corners[0]).any():
         rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
-        raise InputError("bounds", f"is {box.tolist()}", rule, hint, value=bounds)
+        raise InputError("bounds", f"is {box.tolist()}", rule, hint)
     return corners
 
 
@@ -289,14 +282,14 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
             f"{vertices.shape}"
         )
         rule = "each edge must be two whole numbers, and vertices a list of configurations"
-        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)", value=edges)
+        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)")
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():
         row = int(np.argwhere(wrong)[0, 0])
         pair = tuple(pairs[row].tolist())
         rule = f"there are {len(vertices)} vertices, counted from 0"
         hint = f"pass indices from 0 to {len(vertices) - 1}"
-        raise InputError("edge", f"number {row} is {pair}", rule, hint, value=pair)
+        raise InputError("edge", f"number {row} is {pair}", rule, hint)
     return pairs.astype(np.int64, copy=False)
 
 
@@ -308,9 +301,7 @@ def check_dims(array: Any, name: str) -> None:
     dims = getattr(array, "dims", None)
     if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be x, y (and z), in this order"
-        raise InputError(
-            name, f"has the dimensions {tuple(dims)}", rule, "rename or transpose it", value=array
-        )
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, "rename or transpose it")
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
@@ -326,17 +317,17 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     except ValueError as error:
         problem = f"is ragged: {error}"
         rule = "its rows must have one length"
-        raise InputError(name, problem, rule, "pad or cut them", value=values) from error
+        raise InputError(name, problem, rule, "pad or cut them") from error
     if array.ndim not in (2, 3) or array.size == 0:
         rule = "it must have two or three axes and at least one cell"
         hint = "pass an array indexed [x, y] or [x, y, z]"
-        raise InputError(name, f"has shape {array.shape}", rule, hint, value=values)
+        raise InputError(name, f"has shape {array.shape}", rule, hint)
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
         problem = f"has dtype {array.dtype}"
         hint = "compare with a threshold first, e.g. array > 0.5"
-        raise InputError(name, problem, "cells must be boolean", hint, value=values)
+        raise InputError(name, problem, "cells must be boolean", hint)
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
         _check_zeros_and_ones(array, name)
@@ -364,4 +355,4 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
             "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you pass "
             "unknown='free'"
         )
-    raise InputError(entry, problem, rule, hint, value=value)
+    raise InputError(entry, problem, rule, hint)

@@ -139,7 +139,7 @@ def resolve_tile(
     has_shape = cells.shape in ((), (len(shape),))
     if cells.dtype.kind not in "iu" or not has_shape or (cells < 1).any():
         rule = "it must be a positive integer, or one for each axis"
-        raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096", value=tile)
+        raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096")
     sides = np.minimum(cells, shape)
     while slices * math.prod(sides.tolist()) > MAX_TILE_STATES and sides.max() > 1:
         longest = np.argmax(sides)

@@ -316,7 +316,7 @@ class TiledCSpace(ConfigurationMap):
         if box.ndim != 2 or (box[0] > box[1]).any() or (cells[0] >= cells[1]).any():
             problem = f"is from {lower!r} to {upper!r}"
             rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
-            raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
+            raise InputError("window", problem, rule, "pass them in metres")
         reached = grow(cells, folder.reach)
         inside = folder.clip(reached)
         with self._at_one_moment():

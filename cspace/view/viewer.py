@@ -84,7 +84,7 @@ class Viewer:
         if frame is not None and not is_arm:
             problem = f"is {frame!r}"
             rule = "a map has no frames"
-            raise InputError("frame", problem, rule, "leave it out", value=frame)
+            raise InputError("frame", problem, rule, "leave it out")
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
@@ -260,7 +260,7 @@ def _free_port(host: str, port: int | None) -> int:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
             rule = "other programs use it"
             hint = "pass another port from 1024 on, or 0 for any"
-            raise InputError("port", f"is {port}", rule, hint, value=port) from error
+            raise InputError("port", f"is {port}", rule, hint) from error
         rule = "it must be an address of this machine"
         hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-        raise InputError("host", f"is {host!r}", rule, hint, value=host) from error
+        raise InputError("host", f"is {host!r}", rule, hint) from error

@@ -146,7 +146,7 @@ def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
     for name, endpoints in (("start", (bad, good)), ("goal", (good, bad))):
         with pytest.raises(ConfigurationError, match=f"^{name}.*{message}") as caught:
             planners.plan(space, *endpoints)
-        assert (caught.value.argument, caught.value.value) == (name, bad)
+        assert caught.value.argument == name
         assert caught.value.nearest[:2] == (nearest, 0.5)
         assert f"({nearest:g}, 0.5" in caught.value.hint
 
