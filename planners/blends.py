@@ -15,7 +15,8 @@ reaches the limit of the angular velocity or the lateral acceleration.
 So the corner is moved outward, such that the middle of its blend comes to lie where the corner was.
 
 *Proofs.* All blends, and the straight lines that are left, are proven together. Blends beside an
-unproven part become smaller by half, until all is proven; at last they are the corners again.
+unproven part become smaller by half, until all is proven; tiny ones are the corners again. If an
+edge without blends is unproven, the path keeps all its edges.
 """
 
 from __future__ import annotations
