@@ -264,7 +264,6 @@ class Trajectory:
                 f"has the axes {', '.join(space.axes)}",
                 f"the trajectory has {', '.join(self.axes)}",
                 "pass a map of the same robot",
-                value=space,
             )
         if route.blend:
             return prove_segments(space, route.exact, self._segments)
