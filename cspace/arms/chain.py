@@ -197,21 +197,21 @@ def motion_bounds(
     lengths = chain.lengths[a]
     count = len(chain.parents)
     # The order matters for curvature: from b towards the base to the common ancestor, then to a.
-    for towards_base in (True, False):
-        for step in range(count):
-            j = count - 1 - step if towards_base else step
-            if not between[j] or carries_b[j] != towards_base:
-                continue
-            index = chain.joint_indices[j]
-            rate = abs(chain.factors[j] * (q1[index] - q0[index]))
-            if chain.kinds[j] == REVOLUTE:
-                travel = rate * (lengths[j] + radius)
-                displacement += travel
-                curvature += (0.5 * rate + rotation) * travel
-                rotation += rate
-            elif chain.kinds[j] == PRISMATIC:
-                displacement += rate
-                curvature += rotation * rate
+    for step in range(2 * count):
+        towards_base = step < count
+        j = count - 1 - step if towards_base else step - count
+        if not between[j] or carries_b[j] != towards_base:
+            continue
+        index = chain.joint_indices[j]
+        rate = abs(chain.factors[j] * (q1[index] - q0[index]))
+        if chain.kinds[j] == REVOLUTE:
+            travel = rate * (lengths[j] + radius)
+            displacement += travel
+            curvature += (0.5 * rate + rotation) * travel
+            rotation += rate
+        elif chain.kinds[j] == PRISMATIC:
+            displacement += rate
+            curvature += rotation * rate
     return displacement, curvature, rotation
 
 

@@ -248,15 +248,16 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     if not required < np.inf:
         return False
     longest = bound_pairs(scene, q0, q1, scratch)
-    # Most colliding motions end in a collision, so the endpoint is tested first.
-    open_pairs[0, :] = True
+    for n in range(len(scene.pairs)):
+        open_pairs[0, n] = True
+        open_pairs[1, n] = True
+    # Most colliding motions end in a collision, so the endpoint is tested first, in row 1.
     forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
-    if test_part(scene, open_pairs[0], 0.0, required, scratch) != FREE:
+    if test_part(scene, open_pairs[1], 0.0, required, scratch) != FREE:
         return False
     if longest == 0.0:
         return True
     # The queue of unproven parts begins with the whole motion.
-    open_pairs[0, :] = True
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
     count = 1
