@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event
@@ -144,41 +144,23 @@ def _remove_unused(parent: Path) -> None:
                 shutil.rmtree(lock.parent)
 
 
-class _Stops(NamedTuple):
-    """State of a clock that stops; threads read it at once.
-
-    Attributes
-    ----------
-    depth : int
-        Number of nested compilations that run.
-    since : float
-        Start of the outermost one.
-    seconds : float
-        Time that all earlier ones took.
-    """
-
-    depth: int = 0
-    since: float = 0.0
-    seconds: float = 0.0
-
-
 class _Clock(event.Listener):
     """A clock in seconds that stops while functions are compiled, for time limits."""
 
-    _stops = _Stops()
+    # Number of nested compilations, start of the outermost one, and seconds that all earlier ones
+    # took. Threads read it at once.
+    _stops = 0, 0.0, 0.0
     _is_told = False
 
     def __call__(self) -> float:
         """Return the time in seconds without compilations."""
-        stops = self._stops
-        now = stops.since if stops.depth else time.perf_counter()
-        return now - stops.seconds
+        depth, since, seconds = self._stops
+        return (since if depth else time.perf_counter()) - seconds
 
     def on_start(self, event: Any) -> None:
         """Stop the clock, and tell the user once if it has stood for long."""
         depth, since, seconds = self._stops
-        start = since if depth else time.perf_counter()
-        self._stops = _Stops(depth + 1, start, seconds)
+        self._stops = depth + 1, since if depth else time.perf_counter(), seconds
         module = event.data["dispatcher"].py_func.__module__
         has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
@@ -191,7 +173,7 @@ class _Clock(event.Listener):
         depth, since, seconds = self._stops
         if depth == 1:
             seconds += time.perf_counter() - since
-        self._stops = _Stops(depth - 1, since, seconds)
+        self._stops = depth - 1, since, seconds
 
 
 class _SaveLock(event.Listener):
