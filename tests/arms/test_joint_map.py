@@ -21,9 +21,9 @@ from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
 from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals
+from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import joint, link, planar, posed_box, write_urdf
-from tests.soak.plane import place_polygon
 
 POSTS: Any = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 """Centers of square posts, and their sides, metres; the first stops the shoulder at zero."""

@@ -13,7 +13,6 @@ from numba.core.event import trigger_event
 from ompl import base as ob
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
@@ -21,6 +20,7 @@ from planners.car_curves import advance, find_shortest_words
 from planners.local_planner import CURVES, CarCurves
 from planners.states import find_state_kind
 from tests.helpers.handmade import fill_boxes, map_of
+from tests.helpers.placements import sample_edges, turn_between
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
 ENDPOINTS: dict[str, tuple[Any, Any]] = {
@@ -164,30 +164,6 @@ def sample_edge(
     """Return configurations at ``shares`` of an edge, and its rotation in radians."""
     points, angles = sample_edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
-
-
-def sample_edges(
-    space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
-    dim = space.grid.dim
-    positions = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
-    if "qw" in space.axes:
-        one, other = (Rotation.from_quat(np.array(rows[:, dim:])) for rows in (firsts, lasts))
-        turns = one.inv() * other
-        parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
-        turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
-        return np.concatenate(
-            [positions, turned.as_quat().reshape(*positions.shape[:2], 4)], axis=-1
-        ), turns.magnitude()
-    turn = turn_between(firsts[:, dim:], lasts[:, dim:])
-    turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
-    return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
-
-
-def turn_between(first: Any, second: Any) -> Any:
-    """Return the signed angle between yaws along the shorter arc."""
-    return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
 
 
 @cache

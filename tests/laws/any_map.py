@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Rotations, Workspace
 from cspace.support.arrays import Bools, Floats, Ints, States
 from tests.helpers.placements import draw_configurations
+from tests.helpers.regions import rotations_of
 
 SPACING = 0.1
 
@@ -111,27 +111,9 @@ class AnyMap(NamedTuple):
         shares = np.clip(rng.uniform(-1.0, 2.0, cells.shape), 0.0, 1.0)
         touched = np.array(self.space.grid.lower) + SPACING * (cells + shares)
         in_space = np.pad(points, [(0, 0), (0, 3 - self.dim)])
-        q[:, : self.dim] = touched - self.rotations_of(q).apply(in_space)[:, : self.dim]
+        moved = rotations_of(q, self.dim).apply(in_space)[:, : self.dim]
+        q[:, : self.dim] = touched - moved
         return q
-
-    def rotations_of(self, q: Floats) -> Rotation:
-        """Return the rotations of configurations."""
-        turns = q[:, self.dim :]
-        if turns.shape[1] == 4:
-            return Rotation.from_quat(turns)
-        yaw = turns if turns.shape[1] else np.zeros((len(q), 1))
-        return Rotation.from_rotvec(yaw * (0.0, 0.0, 1.0))
-
-    def move(self, q: Floats, steps: Floats, turns: Floats) -> Floats:
-        """Add steps, shape (n, d), and rotate by rotation vectors, shape (n, 3)."""
-        moved = q.copy()
-        moved[:, : self.dim] += steps
-        if len(self.space.rotations.names) == 4:
-            rotated = self.rotations_of(q) * Rotation.from_rotvec(turns)
-            moved[:, self.dim :] = rotated.as_quat()
-        else:
-            moved[:, self.dim :] += turns[:, 2:][:, : q.shape[1] - self.dim]
-        return moved
 
     def draw_moves(self, rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
         """Draw steps of a few cells, some along axes, and turns of up to a radian."""

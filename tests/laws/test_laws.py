@@ -16,7 +16,7 @@ from cspace import FREE, MIXED
 from cspace.support.arrays import Floats
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
-from tests.helpers.placements import draw_configurations
+from tests.helpers.placements import draw_configurations, move
 from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
@@ -71,7 +71,7 @@ def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
 
 def draw_near(any_map: AnyMap, q: Floats, rng: np.random.Generator) -> Floats:
     """Draw configurations a few cells away, rotated by up to a radian."""
-    return any_map.move(q, *any_map.draw_moves(rng, len(q)))
+    return move(any_map.memory, q, *any_map.draw_moves(rng, len(q)))
 
 
 def label(any_map: AnyMap, worst: int) -> Any:
@@ -95,10 +95,12 @@ def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: in
     assert not space.is_connected(q[:50], near[:50]).any()
     # The contact is halfway along a motion.
     steps, turns = any_map.draw_moves(rng, len(q))
-    start = any_map.move(q, -steps, -turns)
-    assert not space.motion_is_free(start, any_map.move(q, steps, turns)).any()
+    start = move(any_map.memory, q, -steps, -turns)
+    assert not space.motion_is_free(start, move(any_map.memory, q, steps, turns)).any()
     # The contact is in the corner of a box.
-    around = any_map.move(q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns)
+    around = move(
+        any_map.memory, q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns
+    )
     assert not space.is_free_around(around, 0.03 + NUDGE).any()
 
 
@@ -123,17 +125,19 @@ def test_everything_within_the_slack_of_a_free_motion_is_free(any_map: AnyMap, s
     rng, space = np.random.default_rng(seed), any_map.space
     q = draw_configurations(any_map.memory, rng, 500)
     steps, turns = any_map.draw_moves(rng, len(q))
-    is_free = space.motion_is_free(q, any_map.move(q, steps, turns))
+    is_free = space.motion_is_free(q, move(any_map.memory, q, steps, turns))
     assert is_free.any() and not is_free.all()
     q, steps, turns = q[is_free], steps[is_free], turns[is_free]
     grid, dim = space.grid, any_map.dim
-    stays = grid.contains(q[:, :dim]) & grid.contains(any_map.move(q, steps, turns)[:, :dim])
+    stays = grid.contains(q[:, :dim]) & grid.contains(
+        move(any_map.memory, q, steps, turns)[:, :dim]
+    )
     for share in np.linspace(0.0, 1.0, 15):
         nudges = rng.choice([-NUDGE, 0.0, NUDGE], (2, len(q), 3))
         if space.size == 7:  # borders of quaternion cells belong to one of them
             nudges[1] = 0.0
         nudged_steps = share * steps + nudges[0][:, :dim]
-        between = any_map.move(q, nudged_steps, share * turns + nudges[1])
+        between = move(any_map.memory, q, nudged_steps, share * turns + nudges[1])
         # A motion on the border of the grid touches no cell outside.
         between[stays, :dim] = np.clip(between[stays, :dim], grid.lower, grid.upper)
         assert space.is_free(between).all()
@@ -148,7 +152,9 @@ def test_everything_within_the_clearance_is_free(any_map: AnyMap, seed: int) -> 
     assert (clearance > 0.0).any()
     course = rng.normal(size=(len(q), any_map.dim))
     course /= np.linalg.norm(course, axis=1, keepdims=True)
-    moved = any_map.move(q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3)))
+    moved = move(
+        any_map.memory, q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3))
+    )
     assert space.is_free(moved[clearance > 0.0]).all()
 
 

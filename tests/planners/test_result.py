@@ -29,8 +29,8 @@ from tests.helpers.planning import (
     options_for,
     wrap_rotations,
 )
+from tests.helpers.regions import move_points
 from tests.helpers.strategies import seeds
-from tests.soak.plane import move_points
 
 
 def plan_in(name: str, curve: str | None) -> planners.Plan:

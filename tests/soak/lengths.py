@@ -15,7 +15,7 @@ import cspace
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
 from cspace.support.arrays import Bools, Floats
-from tests.soak.tally import Rng
+from tests.soak.scenes import Rng
 
 SLACK = 1e-7
 """Error of lengths, relative and in metres, and of distances from contact in the oracle."""
