@@ -1,17 +1,14 @@
 """Builds of maps: definition, independent geometry, laws, options and refusals."""
 
-import itertools
 import math
 
-import manifold3d
 import numpy as np
 import pyclipper
 import pytest
 import shapely
-from hypothesis import assume, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -113,70 +110,6 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     offsets = np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2), -1).reshape(-1, 2)
     offsets = offsets[shapely.contains_xy(shapely.Polygon(robot).buffer(-1e-6), *(h * offsets).T)]
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
-
-
-@settings(max_examples=15)
-@given(seeds, seeds)
-def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
-
-    rng = np.random.default_rng([first, second])
-    h = 0.25
-    robot, obstacle = (
-        rng.uniform(-1, 1, (int(rng.integers(4, 12)), 3)) * rng.uniform(0.4, 1.3, 3)
-        for _ in range(2)
-    )
-    hulls = [manifold3d.Manifold.hull_points(points) for points in (-robot, obstacle)]
-    made = [to_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
-    workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
-    space = cspace.build(workspace, Robot.from_mesh(made[0]), outside="free")
-    total = minkowski_sum(*hulls)
-    # A cell with lower corner p meets the sum if p lies in the Minkowski sum of it and the
-    # reflected cell.
-    reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
-    lower = (
-        np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h
-        + space.grid.lower
-    )
-    assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
-    corners = lower[space.cell_states == BLOCKED][:, None] + h * np.array(
-        list(itertools.product((0, 1), repeat=3))
-    )
-    assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
-    # MIXED cells form a thin band along the boundary of the sum.
-    middles = lower[space.cell_states == MIXED] + h / 2
-    assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(
-        3
-    ) * h + inscribed_radius(robot) + inscribed_radius(obstacle)
-
-
-def to_mesh(solid):
-    mesh = solid.to_mesh()
-    return np.asarray(mesh.vert_properties[:, :3], np.float64), np.asarray(mesh.tri_verts, np.int64)
-
-
-def minkowski_sum(first, second):
-    """Return the Minkowski sum of convex solids.
-
-    The volume by qhull detects errors of manifold3d 3.5, which depend on the order of the solids.
-    """
-    points = [to_mesh(solid)[0] for solid in (first, second)]
-    volume = ConvexHull((points[0][:, None] + points[1]).reshape(-1, 3)).volume
-    sums = [first.minkowski_sum(second), second.minkowski_sum(first)]
-    right = [solid for solid in sums if abs(solid.volume() - volume) < 1e-5 * volume]
-    assume(right)
-    return right[0]
-
-
-def depth(solid, points):
-    """Return the depth of points in a convex solid; negative outside."""
-    planes = ConvexHull(to_mesh(solid)[0]).equations
-    return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-
-
-def inscribed_radius(points):
-    """Return an upper bound of the inscribed radius of a convex hull."""
-    hull = ConvexHull(points)
-    return 3.0 * hull.volume / hull.area
 
 
 @settings(max_examples=30)

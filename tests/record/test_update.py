@@ -51,16 +51,6 @@ def test_a_stream_of_updates_equals_a_rebuild(world: World, queried: bool) -> No
         assert (changed >= update.lower).all() and (changed < update.upper).all()
 
 
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=20)
-@given(worlds())
-def test_existing_checkers_follow_updates(world: World) -> None:
-    space = world.build()
-    ours = checkers(space)
-    for fresh in world.stream(space, 3):
-        check_agreement(ours, checkers(fresh), world)
-
-
 # ---- other maps and shapes -----------------------------------------------------------------------
 
 

@@ -69,8 +69,9 @@ def kill_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
             writers = [context.Process(target=_save, args=(both, path)) for _ in range(2)]
             for writer in writers:
                 writer.start()
-            time.sleep(rng.uniform(0.0, 0.2))
-            counts[_try_open(path, both)] += 1
+            end = time.monotonic() + rng.uniform(0.0, 0.2)
+            while time.monotonic() < end:
+                counts[_try_open(path, both)] += 1
             for writer in writers:
                 os.kill(writer.pid or 0, signal.SIGKILL)
                 writer.join()
