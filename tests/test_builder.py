@@ -15,7 +15,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.strategies import exteriors, robots, seeds, solid_robots, stars
+from tests.helpers.strategies import exteriors, robots, seeds, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -27,7 +27,7 @@ def problems(draw, size=0.25, side=(9, 7)):
     dim = draw(st.integers(2, 3))
     shape = draw(st.tuples(*[st.integers(1, side[dim - 2])] * dim))
     outer, part = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
-    robot = draw(robots(size)) if dim == 2 else draw(solid_robots(size))[0]
+    robot = draw(robots(size, dim))
     return outer, outer & part, robot
 
 
@@ -142,16 +142,16 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=12)
 @given(
-    solid_robots(0.3),
+    robots(0.3, 3),
     st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]),
     seeds,
     exteriors,
 )
-def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
+def test_rotating_a_workspace_in_space_rotates_the_map(robot, rotations, seed, outside):
     # Yaw maps get quarter turns about z; maps with all rotations get half turns about each axis.
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
     space = cspace.build(
-        Workspace.from_array(occupied, CELL_SIDE), body[0], rotations=rotations, **options
+        Workspace.from_array(occupied, CELL_SIDE), robot, rotations=rotations, **options
     )
     cells, yaws = space.rotations, len(space.rotations.names) == 1
     for axis in (2,) if yaws else (0, 1, 2):
@@ -161,7 +161,7 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
         flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
         world, expected = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
         states = cspace.build(
-            Workspace.from_array(world, CELL_SIDE), body[0], rotations=rotations, **options
+            Workspace.from_array(world, CELL_SIDE), robot, rotations=rotations, **options
         ).cell_states
         images = (
             (np.arange(8) + 2) % 8

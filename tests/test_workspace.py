@@ -45,31 +45,14 @@ def test_a_read_only_array_of_the_caller_is_copied_too() -> None:
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
-    """Write a file for every reader, each with the obstacles of L_CELLS."""
+    """Write an image, a benchmark map and shapes, each with the obstacles of L_CELLS."""
     from PIL import Image
 
     pixels = np.where(np.array(L_CELLS, dtype=bool).T[::-1], 0, 255).astype(np.uint8)
-    for suffix in (".png", ".pgm", ".bmp"):
-        Image.fromarray(pixels).save(tmp_path / f"map{suffix}")
+    Image.fromarray(pixels).save(tmp_path / "map.png")
     (tmp_path / "map.map").write_text("type octile\nheight 3\nwidth 2\nmap\n..\n@@\n@.\n")
-    header = "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    (tmp_path / "map.yaml").write_text(header)
-    (tmp_path / "map.YML").write_text(header)
-    np.save(tmp_path / "map.npy", np.array(L_CELLS, dtype=bool))
     (tmp_path / "map.wkt").write_text("MULTIPOINT (0.5 0.5, 0.5 1.5, 1.5 1.5, 2 3)")
     return tmp_path
-
-
-@pytest.mark.parametrize(
-    "name", ["map.png", "map.pgm", "map.bmp", "map.npy", "map.map", "map.yaml", "map.YML"]
-)
-def test_open_chooses_the_reader_by_suffix(files: Path, name: str) -> None:
-    path = files / name
-    options = {} if path.suffix.lower() in (".map", ".yaml", ".yml") else {"spacing": 1.0}
-    workspace = Workspace.open(path, **options)
-    assert workspace.grid == Grid((0.0, 0.0), 1.0, (2, 3))
-    assert np.array_equal(workspace.outer, np.array(L_CELLS, dtype=bool))
-    assert workspace.source == str(path)
 
 
 def test_open_passes_options_on(files: Path) -> None:

@@ -90,26 +90,6 @@ def test_queries_refuse_shapes_that_depend_on_the_spacing():
         space.is_free([1.0, 1.0, 1.0], exact=True)
 
 
-def test_ztunnel_agrees_with_boxes(data):
-    """Test a real scene of boxes."""
-    folder = data / "solids" / "ZTunnel"
-    obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
-    boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
-    cube = trimesh.load(folder / "robot.obj", force="mesh").bounds
-    workspace = Workspace.from_mesh(folder / "obstacles.obj", 0.1)
-    space = cspace.build(workspace, Robot.from_mesh(folder / "robot.obj"))
-    rng = np.random.default_rng(0)
-    cells = np.argwhere(space.cell_states == cspace.MIXED)
-    q = space.grid.lower + 0.1 * (
-        cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3))
-    )
-    low = q[:, None] + cube[0]
-    high = q[:, None] + cube[1]
-    meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
-    walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)
-    np.testing.assert_array_equal(space.is_free(q, exact=True), ~(meets | walls))
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_obstacles_end_at_the_bounds_of_the_grid(dim):
     """Put a ball of the robot beyond a clipped obstacle."""

@@ -67,20 +67,6 @@ def test_thin_robot_never_jumps_over_a_thin_obstacle():
     assert not space.motion_is_free(high, low, exact=True).any()
 
 
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_obstacles_are_clipped_to_the_bounds(outside):
-    bar = trimesh.creation.box(bounds=[[2, 1, 1], [9, 3, 3]])
-    workspace = Workspace.from_mesh(bar, 0.25, (0, 0, 0, 4, 4, 4))
-    for robot in (Robot.ball(0.3), Robot.from_mesh(trimesh.creation.icosphere(3, 0.3))):
-        space = cspace.build(workspace, robot, outside=outside)
-        assert space.is_free([4.301, 2.0, 2.0], exact=True) == (outside == "free")
-        assert not space.is_free([4.29, 2.0, 2.0], exact=True)
-        assert not space.is_free([3.6, 2.0, 2.0], exact=True)
-        assert space.motion_is_free([4.301, 0.5, 2.0], [4.301, 3.5, 2.0], exact=True) == (
-            outside == "free"
-        )
-
-
 # ---- rotating robots -----------------------------------------------------------------------------
 
 TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}

@@ -20,7 +20,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
-from cspace.errors import FileError, InputError
+from cspace.errors import InputError
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.helpers.maps import MAP_BUILDERS
@@ -282,17 +282,3 @@ except cspace.MissingPackageError as error:
 """
     assert 'pip install "cspace[xarray]"' in output_without("xarray", code)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
-def test_an_existing_export_is_kept_without_overwrite(
-    tmp_path: Path, ball: cspace.CSpace, suffix: str
-) -> None:
-    space = MAP_BUILDERS["grid"]() if suffix in (".yaml", ".tif") else ball
-    path = tmp_path / f"map{suffix}"
-    path.write_text("years of work")
-    with pytest.raises(FileError, match="overwrite=True"):
-        space.export(path)
-    assert path.read_text() == "years of work"
-    space.export(path, overwrite=True)
-    assert path.read_bytes() != b"years of work"

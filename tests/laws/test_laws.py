@@ -346,6 +346,28 @@ def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: 
             np.testing.assert_array_equal(before[2], after[1])
 
 
+@pytest.mark.parametrize(
+    "any_map", [kind for kind in ALL_KINDS if "yaw" in kind[0]], indirect=True, ids="-".join
+)
+def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map: AnyMap) -> None:
+    # OMPL's bounds require this range. Endpoints are turned further by whole turns.
+    rng, space, memory = np.random.default_rng(17), any_map.space, any_map.memory
+    samples = memory.sample_free(60, rng)
+    ends = samples + 2.0 * np.pi * rng.integers(-3, 4, (60, 1)) * (
+        np.arange(memory.size) >= any_map.dim
+    )
+    yaws = [samples, space.rotations.centers, memory.slice_rotations]
+    yaws += [space.nearest_free(q)[np.newaxis] for q in ends[:20]]
+    for q0, q1 in itertools.pairwise(ends):
+        for straight in (True, False):
+            yaws.append(memory.find_path(q0, q1, straight=straight))
+            yaws.append(memory.find_widest_path(q0, q1, straight=straight))
+        if isinstance(space, cspace.TiledCSpace) and space.is_connected(q0, q1):
+            yaws += [np.array(part[1:]) for part in space.subproblems(q0, q1)]
+    returned = np.concatenate([rows[..., -1].ravel() for rows in yaws if len(rows)])
+    assert (returned >= -np.pi).all() and (returned < np.pi).all()
+
+
 # ---- batches -------------------------------------------------------------------------------------
 
 

@@ -20,7 +20,6 @@ import cspace.spectral
 import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
-from cspace.export.maps import EXPORT_FORMATS
 from cspace.files import points
 from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace.record.save import MAP_SUFFIXES
@@ -84,18 +83,6 @@ def test_every_reader_of_a_file_has_a_format() -> None:
     assert readers - {"from_moveit_scene"} <= methods  # scenes are YAML, as ROS maps are
 
 
-def test_every_format_is_tested() -> None:
-    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests/files").glob("*.py")]
-    suffixes = {*WORKSPACE_FORMATS, *ROBOT_FORMATS} - {*SAME_CONTENT}
-    assert [suffix for suffix in suffixes if not any(f'{suffix}"' in text for text in tests)] == []
-
-
-def test_every_format_has_its_constructor_and_writer() -> None:
-    assert all(hasattr(Workspace, known.method) for known in WORKSPACE_FORMATS.values())
-    assert all(hasattr(Robot, known.method) for known in ROBOT_FORMATS.values())
-    assert all(callable(known.write) for known in EXPORT_FORMATS.values())
-
-
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
     read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MAP_SUFFIXES}
@@ -139,14 +126,6 @@ def test_every_short_text_is_parsed_and_listed_in_messages(name: str) -> None:
     assert Robot.parse(kind.example).dim == kind.dimension
     assert f"{name}:{kind.form}" in robot_hint()
     assert f"{name}:{kind.form}" in run("map", "flat.geojson", "--robot", "help").stderr
-
-
-@pytest.mark.parametrize("name", SHORT_TEXTS)
-def test_every_short_text_has_a_method_and_tests(name: str) -> None:
-    method = {"rect": "rectangle", "footprint": "from_footprint"}.get(name, name)
-    assert hasattr(Robot, method)
-    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("*.py")]
-    assert any(f"Robot.{method}(" in text for text in tests)
 
 
 # ---- queries -------------------------------------------------------------------------------------
