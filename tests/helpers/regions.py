@@ -27,7 +27,7 @@ SIDES = np.array([*FRONT, *BACK])
 """Outward triangles of a box, as indices of its corners."""
 
 
-def rotations_of(q: Any, dim: int) -> Rotation:
+def rotations_of(q, dim):
     """Return the rotations of configurations."""
     turns = q[:, dim:]
     if turns.shape[1] == 4:
@@ -36,17 +36,17 @@ def rotations_of(q: Any, dim: int) -> Rotation:
     return Rotation.from_rotvec(yaws * (0.0, 0.0, 1.0))
 
 
-def move_points(points: Any, q: Any) -> Any:
+def move_points(points, q):
     """Move points (m, d) to configurations: shape (n, m, d)."""
     dim = points.shape[1]
     matrices = rotations_of(q, dim).as_matrix()[:, :dim, :dim]
     return np.einsum("nij,mj->nmi", matrices, points) + q[:, None, :dim]
 
 
-def place_polygon(polygon: Any, q: Any) -> Any:
+def place_polygon(polygon, q):
     """Copy a polygon to configurations."""
 
-    def place(ring: Any) -> Any:
+    def place(ring):
         return shapely.linearrings(move_points(shapely.get_coordinates(ring), q))
 
     holes = [place(ring) for ring in polygon.interiors]
@@ -55,7 +55,7 @@ def place_polygon(polygon: Any, q: Any) -> Any:
     )
 
 
-def cell_boxes(occupied: Any, lower: Any = 0.0, spacing: float = 1.0) -> Any:
+def cell_boxes(occupied, lower=0.0, spacing=1.0):
     """Merge rows of closed cells to boxes (low, high), shape (n, 2, d)."""
     steps = np.diff(np.pad(occupied, [*[(0, 0)] * (occupied.ndim - 1), (1, 1)]).astype(int))
     first, last = np.argwhere(steps > 0), np.argwhere(steps < 0)
@@ -79,18 +79,18 @@ class Region:
     vertices: Any
 
     @cached_property
-    def _corners(self) -> tuple[Any, Any]:
+    def _corners(self):
         """Vertices and centers, and the radius of the ball around each."""
         radii = np.append(np.zeros(len(self.vertices)), self.radii)
         return np.concatenate([self.vertices, self.centers]), radii
 
     @property
-    def reach(self) -> float:
+    def reach(self):
         """Largest distance from the reference point to the region."""
         corners, radii = self._corners
         return float((np.linalg.norm(corners, axis=1) + radii).max())
 
-    def leaves(self, q: Any, low: Any, high: Any, distance: Any) -> Any:
+    def leaves(self, q, low, high, distance):
         """Return True where the region comes within a distance of the outside of a box."""
         (corners, radii), hit = self._corners, np.zeros(len(q), dtype=np.bool_)
         for chunk in chunks(len(q), len(corners)):
@@ -108,28 +108,28 @@ class Flat(Region):
     centers: Any = field(default_factory=lambda: np.empty((0, 2)))
     radii: Any = field(default_factory=lambda: np.empty(0))
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         shapely.prepare(self.polygons)
 
     @classmethod
-    def boxes(cls, corners: Any) -> Flat:
+    def boxes(cls, corners):
         """Unite boxes, shape (n, 2, 2)."""
         boxes = shapely.box(*np.reshape(corners, (-1, 4)).T)
         return cls(list(shapely.get_parts(shapely.union_all(boxes))))
 
     @classmethod
-    def balls(cls, centers: Any, radii: Any) -> Flat:
+    def balls(cls, centers, radii):
         return cls([], centers, radii)
 
     @cached_property
-    def vertices(self) -> Any:
+    def vertices(self):
         return shapely.get_coordinates(self.polygons)
 
-    def translate(self, by: Any) -> Flat:
+    def translate(self, by):
         moved = [shapely.transform(each, lambda points: points + by) for each in self.polygons]
         return Flat(moved, self.centers + by, self.radii)
 
-    def within(self, others: Flat, q: Any, distance: Any) -> Any:
+    def within(self, others, q, distance):
         """Return True where the moved region comes within a distance of others."""
         hit = np.zeros(len(q), dtype=np.bool_)
         for other in others.polygons:
@@ -143,7 +143,7 @@ class Flat(Region):
                 hit |= (distance > 0.0) & shapely.dwithin(other, placed, distance)
         return hit
 
-    def sample(self, number: int, rng: np.random.Generator) -> Any:
+    def sample(self, number, rng):
         """Draw points of the boundary."""
         which = rng.integers(0, len(self.radii) + len(self.polygons), number)
         discs = shapely.points(self.centers).tolist()
@@ -171,40 +171,40 @@ class Body(Region):
     radii: Any = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def boxes(cls, corners: Any) -> Body:
+    def boxes(cls, corners):
         """Unite boxes, shape (n, 2, 3)."""
         low, high = np.reshape(corners, (-1, 2, 3)).swapaxes(0, 1)[:, :, None]
         return cls.join(list(np.where(CORNERS, high, low)[:, SIDES]))
 
     @classmethod
-    def balls(cls, centers: Any, radii: Any) -> Body:
+    def balls(cls, centers, radii):
         return cls(centers=centers, radii=radii)
 
     @classmethod
-    def join(cls, parts: list[Any]) -> Body:
+    def join(cls, parts):
         """Unite the solids inside the triangles of each part."""
         return cls(np.concatenate(parts), np.repeat(range(len(parts)), [len(p) for p in parts]))
 
     @cached_property
-    def vertices(self) -> Any:
+    def vertices(self):
         return np.unique(self.triangles.reshape(-1, 3), axis=0)
 
     @cached_property
-    def spots(self) -> Any:
+    def spots(self):
         """A corner of each solid and of each other triangle."""
         first = np.unique(self.solid, return_index=True)[1]
         return self.triangles[np.union1d(first, np.flatnonzero(self.solid < 0)), 0]
 
     @cached_property
-    def model(self) -> Any:
+    def model(self):
         """The triangles as an object of FCL."""
         faces = np.arange(3 * len(self.triangles)).reshape(-1, 3)
         return solids.surface(self.triangles.reshape(-1, 3), faces)
 
-    def translate(self, by: Any) -> Body:
+    def translate(self, by):
         return Body(self.triangles + by, self.solid, self.centers + by, self.radii)
 
-    def sample(self, number: int, rng: np.random.Generator) -> Any:
+    def sample(self, number, rng):
         """Draw points of the triangles, or of the balls if there are no triangles."""
         if len(self.triangles):
             shares = rng.dirichlet((0.5, 0.5, 0.5), number)
@@ -214,7 +214,7 @@ class Body(Region):
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         return self.centers[which] + self.radii[which, None] * away
 
-    def encloses(self, points: Any) -> Any:
+    def encloses(self, points):
         """Return True where points lie in a solid."""
         inside = np.zeros(len(points), dtype=np.bool_)
         for number in range(int(self.solid.max(initial=-1)) + 1):
@@ -224,7 +224,7 @@ class Body(Region):
             inside[boxed] = winds_around(points[boxed], triangles)
         return inside
 
-    def distances(self, points: Any) -> Any:
+    def distances(self, points):
         """Return the distance of each point, zero inside."""
         least = np.full(len(points), np.inf)
         for center, radius in zip(self.centers, self.radii, strict=True):
@@ -234,11 +234,11 @@ class Body(Region):
             least[self.encloses(points)] = 0.0
         return np.maximum(least, 0.0)
 
-    def gaps(self, others: Body, q: Any) -> Any:
+    def gaps(self, others, q):
         """Return the distance of the moved region from others, zero if they meet."""
         gaps, matrices = np.full(len(q), np.inf), rotations_of(q, 3).as_matrix()
 
-        def move_back(points: Any) -> Any:
+        def move_back(points):
             return np.einsum("nji,nmj->nmi", matrices, points - q[:, None, :3])
 
         if len(self.triangles) and len(others.triangles):
@@ -259,7 +259,7 @@ class Body(Region):
             gaps = np.minimum(gaps, apart.min(axis=1, initial=np.inf))
         return np.maximum(gaps, 0.0)
 
-    def within(self, others: Body, q: Any, distance: Any) -> Any:
+    def within(self, others, q, distance):
         """Return True where the moved region comes within a distance of others."""
         corners, radii = others._corners
         low, high = (corners.T - radii).min(axis=1), (corners.T + radii).max(axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace import FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace import FREE, MIXED, Robot, Rotations, Workspace
 from tests.helpers.handmade import ALL_FREE, map_of
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_quaternions
@@ -42,13 +42,6 @@ def test_compiled_queries_use_the_cells_of_the_definition(n):
     np.testing.assert_array_equal(
         space.classify(longer), space._seen[cells.cell_of(longer[:, 3:]), 0, 0, 0]
     )
-
-
-@pytest.mark.parametrize("name", ["is_free", "clearance", "nearest_free"])
-def test_queries_refuse_quaternions_without_norm_1(name):
-    space, _ = draw_map(np.random.default_rng(0), 1)
-    with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
-        getattr(space, name)([0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.00001])
 
 
 # ---- edges ---------------------------------------------------------------------------------------

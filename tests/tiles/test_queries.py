@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations
@@ -234,15 +234,6 @@ def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled, tmp
         distance = np.linalg.norm(walled.space.nearest_free(q) - q)
         assert np.linalg.norm(nearest - q) == pytest.approx(distance)
         assert walled.space.is_free(nearest)
-
-
-def test_errors_name_the_first_unusable_row(walled):
-    q = np.ones((3000, 2))
-    q[100, 0] = np.nan
-    with pytest.raises(InputError, match="number 100 is"):
-        walled.tiled.clearance(q)
-    with pytest.raises(InputError, match="number 100 is"):
-        walled.tiled.motion_is_free(np.ones(2), q)
 
 
 def test_geometry_needs_a_map_in_memory(walled):

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import io
 import shutil
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 import cspace
@@ -36,7 +33,7 @@ window.cancelAnimationFrame = clearTimeout;
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def browser(tmp_path_factory):
     """Start Debian's Chromium."""
     from selenium.webdriver.chrome.service import Service
 
@@ -57,28 +54,28 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     browser.quit()
 
 
-def wait_for_text(browser: Any, text: str, seconds: float = 20.0) -> None:
+def wait_for_text(browser, text, seconds=20.0):
     until(lambda: text in browser.execute_script("return document.body.innerText"), seconds)
 
 
-def take_screenshot(browser: Any) -> NDArray[np.int64]:
+def take_screenshot(browser):
     """Return a screenshot of the page, shape (height, width, 3)."""
     with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
         return np.asarray(picture.convert("RGB")).astype(np.int64)
 
 
-def shows_obstacles(browser: Any) -> bool:
+def shows_obstacles(browser):
     """Return True if the page has many pixels in the colour of C-obstacles."""
     away = np.abs(take_screenshot(browser) - rgb(CLASSES[COLLIDES][1])).max(axis=-1)
     return bool((away < 12).mean() > 0.01)
 
 
-def press(browser: Any, label: str) -> None:
+def press(browser, label):
     """Click a button."""
     browser.find_element("xpath", f"//button[.//text()='{label}']").click()
 
 
-def test_a_page_in_the_plane_draws_moves_plans_and_plays(browser: Any) -> None:
+def test_a_page_in_the_plane_draws_moves_plans_and_plays(browser):
     from selenium.webdriver.common.keys import Keys
 
     occupied = np.zeros((80, 60), dtype=bool)
