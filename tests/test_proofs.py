@@ -14,7 +14,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # tiny or
 def test_proofs_of_random_maps_agree_with_independent_geometry(name, seed):
     report = Report(quick=True)
     share = maps.SHARES.get(name, 1)
-    maps.check_maps(report, name, seed, 15_000 // share, 20 // share)
+    maps.check_maps(report, name, seed, 9_000 // share, 12 // share)
     assert not report.failures, report.notes
 
 
@@ -22,5 +22,5 @@ def test_proofs_of_random_maps_agree_with_independent_geometry(name, seed):
 @pytest.mark.parametrize("name", SPACES)
 def test_exact_queries_of_random_maps_agree_with_independent_geometry(name, seed):
     report = Report(quick=True)
-    maps.check_exact_maps(report, name, seed, 100 // maps.SHARES.get(name, 1))
+    maps.check_exact_maps(report, name, seed, 60 // maps.SHARES.get(name, 1))
     assert not report.failures, report.notes

@@ -132,12 +132,13 @@ class Flat(Region):
     def within(self, others, q, distance):
         """Return True where the moved region comes within a distance of others."""
         hit = np.zeros(len(q), dtype=np.bool_)
-        for other in others.polygons:
-            for center, radius in zip(self.centers, self.radii, strict=True):
-                points = shapely.points(move_points(center[None], q)[:, 0])
+        for center, radius in zip(self.centers, self.radii, strict=True):
+            points = shapely.points(move_points(center[None], q)[:, 0])
+            for other in others.polygons:
                 hit |= shapely.dwithin(other, points, radius + distance)
-            for polygon in self.polygons:
-                placed = place_polygon(polygon, q)
+        for polygon in self.polygons:
+            placed = place_polygon(polygon, q)
+            for other in others.polygons:
                 # dwithin of a prepared polygon misses some polygons crossing it (GEOS 3.14).
                 hit |= shapely.intersects(other, placed)
                 hit |= (distance > 0.0) & shapely.dwithin(other, placed, distance)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import cspace
 from cspace import FREE, Robot, Rotations, Workspace
 from tests.helpers.handmade import MAP_KINDS
-from tests.helpers.strategies import robots, seeds
+from tests.helpers.strategies import seeds
 
 SPACING = 0.5
 OBSTACLE = np.ones((4, 4), dtype=bool)
@@ -106,7 +106,14 @@ def worlds(draw, kinds=MAP_KINDS):
         "rotations": draw(st.sampled_from(turns)) if "turning" in kind else None,
     }
     size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 1.5 * most]))
-    return World(outer, inner, draw(robots(size, dim)), options, rng)
+    away = rng.uniform(-2.0, 2.0, dim) * rng.choice([0.0, size])
+    if dim == 3:
+        robots = [Robot.ball(size, away), Robot.box((size, 0.7 * size, 1.5 * size))]
+    else:
+        wedge = Robot.polygon([(0.0, 0.0), (2.0 * size, 0.0), (0.0, size)])
+        robots = [Robot.disc(size, away), Robot.rectangle(2.0 * size, size), wedge]
+        robots.append(Robot.rectangle(size, size))
+    return World(outer, inner, draw(st.sampled_from(robots)), options, rng)
 
 
 def check(space, fresh, world):

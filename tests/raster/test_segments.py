@@ -41,10 +41,11 @@ def test_rasters_of_rotated_robots_agree_with_shapely(robot, spacing, margin, ya
         gap = (shapely.distance(boxes, centers) - radii).min(axis=0)
         depth = (shapely.distance(points, centers) - radii).min(axis=0)
     else:
-        turned = shapely.transform(robot.geometry, lambda corners: corners @ matrix.T)
-        gap = shapely.distance(boxes, turned)
-        border = shapely.distance(points, turned.boundary)
-        depth = np.where(shapely.intersects(turned, points), -border, border)
+        parts = getattr(robot.shape, "geometries", [robot.geometry])
+        turned = shapely.transform(parts, lambda corners: corners @ matrix.T)[:, None, None]
+        gap = shapely.distance(boxes, turned).min(axis=0)
+        border = shapely.distance(points, shapely.boundary(turned))
+        depth = np.where(shapely.intersects(turned, points), -border, border).min(axis=0)
     for raster, must, may in (
         (outer, (gap == 0.0) | (gap <= margin - 1e-9), gap <= margin + ORACLE_BAND),
         (inner, depth < -ORACLE_BAND, depth <= 1e-9),

@@ -200,7 +200,9 @@ def draw_robot(rng: Rng, kind: str, size: float, scale: Scale, dim: int) -> tupl
         return Robot.from_balls(center + away, radii), exact.balls(center + away, radii)
     if kind == "box":
         sides = scale.lengths(rng.uniform(0.3, 1.2, dim) * size)
-        make: Any = Robot.box if dim == 3 else lambda sides, at: Robot.rectangle(*sides, at)
+        make: Any = (
+            Robot.box if dim == 3 else lambda sides, at: Robot.rectangle(sides[0], sides[1], at)
+        )
         robot = make(sides, center)
         return robot, exact.boxes([center - sides / 2, center + sides / 2])
     if kind == "bitmap":
