@@ -14,7 +14,14 @@ import numpy as np
 
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.parts import as_triangles, connected_parts, part_anchors
-from cspace.bodies.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
+from cspace.bodies.triangles import (
+    LEVER,
+    MAX_PENDING_PAIRS,
+    Motion,
+    Trees,
+    build_trees,
+    free_fraction,
+)
 from cspace.exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
 from cspace.grid import MAX_COORDINATE
 from cspace.queries.batches import as_contiguous
@@ -376,7 +383,7 @@ def _build_boundary_trees(
         trees=trees,
         robot=robot_root,
         others=(wall_root, obstacle_root),
-        max_lever=float(trees.boxes[0, 6]),  # of the robot's root
+        max_lever=float(trees.boxes[0, LEVER]),  # of the robot's root
         scale=scale,
         required=scale * required,
     )
