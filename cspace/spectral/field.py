@@ -52,9 +52,9 @@ class OverlapField:
             problem = f"has shape {values.shape} and type {values.dtype}"
             rule = f"it must have the map's shape {shape} and type float64"
             raise InputError("values", problem, rule, "use OverlapField.of")
-        kept = check_finite(values, "values").view()
-        kept.flags.writeable = False
-        object.__setattr__(self, "values", kept)
+        read_only_values = check_finite(values, "values").view()
+        read_only_values.flags.writeable = False
+        object.__setattr__(self, "values", read_only_values)
 
     @classmethod
     def of(cls, space: CSpace, overlap: FourierOverlap) -> OverlapField:
@@ -80,6 +80,7 @@ class OverlapField:
         check_memory(8.0 * math.prod(shape), "the overlap field", grid)
         axes = [grid.centers(axis) for axis in range(grid.dim)]
         centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        # Fill slice by slice, with the robot at the first rotation cell of each.
         values = np.empty(shape)
         slice_values = values.reshape(-1, *grid.shape)
         rotation_cells = space.rotations.make_shape_cells(grid.dim)
@@ -127,7 +128,8 @@ def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> flo
     """Interpolate a field at a configuration, for compiled callers.
 
     ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
-    ``position`` has three coordinates, metres.
+    ``position`` has three coordinates, metres. The weights are those of linear interpolation
+    between the eight cell centers around the position.
     """
     s = slice_of(map_, rotation)
     total = 0.0
@@ -135,6 +137,7 @@ def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> flo
         weight = 1.0
         cell = s
         for axis in range(3):
+            # Each bit of the corner selects the lower or the upper center along an axis.
             is_upper = (corner >> axis) & 1
             count = map_.states.shape[axis + 1]
             place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5

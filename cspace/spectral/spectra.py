@@ -184,7 +184,10 @@ class Term(NamedTuple):
 def radial_terms(
     lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
 ) -> Iterator[Term]:
-    """Return terms that describe balls of given radii around any centers."""
+    """Return terms that describe balls of given radii, shape (n,), around any centers.
+
+    Few radii have a term each; many share a basis.
+    """
     moduli = lattice.moduli
     dim = len(lattice.counts)
     radius_count = len(np.unique(radii))
@@ -199,7 +202,7 @@ def radial_terms(
 def _terms_by_radius(
     bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float
 ) -> Iterator[Term]:
-    """Yield one term for each radius."""
+    """Yield one term for each different radius, which has all balls of that radius."""
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     for radius in np.unique(radii).tolist():
         members = np.flatnonzero(radii == radius)
@@ -219,6 +222,7 @@ def radius_basis(
     leaves as many combinations as the tolerance needs. The strength of a ball in each combination
     depends on its radius.
     """
+    # Chebyshev nodes between the smallest and the largest radius.
     max_modulus = float(moduli.max())
     max_radius = float(radii.max())
     min_radius = float(radii.min())
@@ -241,6 +245,7 @@ def radius_basis(
     # Tables need unit band limit, so frequencies are in cycles per largest radius.
     points = table_points(highest, within / math.sqrt(count))
     values = spectrum(np.multiply.outer(nodes / max_radius, points))
+    # The share of each ball in each combination, from its radius.
     positions = np.clip((radii - center) / half, -1.0, 1.0)
     shares = np.polynomial.chebyshev.chebval(positions, chebyshev_coefficients(combinations))
     strengths = shares * radii**dim
@@ -269,7 +274,8 @@ def finufft_module() -> Any:
 def sum_terms(
     lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float
 ) -> Complexes:
-    """Return the spectrum of terms around points, shape ``lattice.counts``."""
+    """Compute the spectrum of terms around points (n, d), shape ``lattice.counts``."""
+    # Places as shares of a period, which repeat with it.
     shares = points / lattice.periods
     shares -= np.round(shares)
     total = np.zeros(lattice.counts, dtype=np.complex128)
@@ -286,7 +292,10 @@ def sum_terms(
 def _transform(
     lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
 ) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform."""
+    """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform.
+
+    ``shares``, shape (n, d), are the places of the points in a period.
+    """
     demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
     transform = getattr(finufft_module(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
@@ -300,7 +309,10 @@ def _transform(
 def _sum_products(
     lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
 ) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis."""
+    """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis.
+
+    ``shares``, shape (n, d), are the places of the points in a period. The tolerance is met anyway.
+    """
     # Factors have shape (frequencies, points); those of all axes but the first are merged.
     first, *others = (
         np.exp(-2j * math.pi * np.outer(frequency_indices(count), column))
@@ -326,7 +338,7 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
 
 
 def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
-    """Return the options of a transform; large ones take several threads."""
+    """Choose the options of a transform; large ones take several threads."""
     upsampling = 1.25
     if tolerance < 1e-8:  # with a coarser grid, errors exceeded the tolerance
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
