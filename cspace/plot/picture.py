@@ -156,16 +156,17 @@ def plot(
         problem = f"is a {type(argument).__name__}"
         hint = "pass figure.add_subplot()"
         raise InputError("ax", problem, "it must be matplotlib axes", hint)
-    drawn: Any = space
+    # A workspace is drawn as a map without a robot, a tiled map as an overview.
+    drawn_map: Any = space
     if isinstance(space, Workspace):
-        drawn = WorkspaceView(space)
+        drawn_map = WorkspaceView(space)
     elif isinstance(space, TiledCSpace):
-        drawn = space.overview()
+        drawn_map = space.overview()
     options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
     options |= {"ax": ax, "center": center, "zoom": zoom}
-    kind = _choose_view(drawn, view, options)
+    kind = _choose_view(drawn_map, view, options)
     scene = make_scene(
-        drawn,
+        drawn_map,
         rotation=rotation,
         path=path,
         start=start,
@@ -183,8 +184,8 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    rotation_text = drawn.rotations.describe(scene.rotation)
-    heading = "\n".join(filter(None, [title_of(drawn), rotation_text]))
+    rotation_text = drawn_map.rotations.describe(scene.rotation)
+    heading = "\n".join(filter(None, [title_of(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
@@ -195,7 +196,7 @@ def title_of(space: MapLike) -> str:
 
 
 def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -> str:
-    """Return the kind of picture of a map.
+    """Choose the kind of picture of a map, and check that the options fit it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
     view.
@@ -212,6 +213,7 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
         if value is not None and kind not in kinds:
             rule = f"it needs view {' or '.join(kinds)}"
             raise InputError(name, f"is given with view {kind}", rule, "omit it")
+    # Only a zoomed picture and sections have a center.
     zoom = options["zoom"]
     center = options["center"]
     if zoom is not None:
