@@ -92,8 +92,12 @@ def import_optional(package: str, use: str, extra: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        hint = f'run: pip install "cspace[{extra}]"'
-        raise MissingPackageError(package, "is not installed", use, hint) from error
+        raise MissingPackageError(
+            package,
+            "is not installed",
+            use,
+            f'run: pip install "cspace[{extra}]"',
+        ) from error
 
 
 class AngleWarning(UserWarning):

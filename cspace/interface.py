@@ -298,18 +298,24 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
-            problem = f"is a {type(goal).__name__}"
-            rule = "the space of an arm is needed for that"
-            raise InputError("goal", problem, rule, "pass a configuration")
+            raise InputError(
+                "goal",
+                f"is a {type(goal).__name__}",
+                "the space of an arm is needed for that",
+                "pass a configuration",
+            )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
-            rule = f"it must be one configuration of {self.size} numbers"
-            hint = f"pass ({', '.join(self.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, hint)
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+            )
         return point
 
 
@@ -495,10 +501,12 @@ class ConfigurationSpace(SpaceView, Space):
             first, second = check_pairs(edges, points).T
             return evaluate_rows(points[first], points[second], write)
         if points.ndim < 2 or points.shape[-2] == 0:
-            problem = f"has shape {points.shape}"
-            rule = "a path has at least one configuration"
-            hint = f"pass an array of shape (n, {self.size})"
-            raise InputError("path", problem, rule, hint)
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
+                "a path has at least one configuration",
+                f"pass an array of shape (n, {self.size})",
+            )
         starts = points[..., :-1, :]
         ends = points[..., 1:, :]
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
@@ -541,7 +549,7 @@ class ConfigurationSpace(SpaceView, Space):
 
     @abstractmethod
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows, shape (n, size), are proven free; return the first unusable, or -1."""
+        """Write whether rows, shape (n, size), are free; return the first unusable one, or -1."""
 
     @abstractmethod
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:

@@ -215,7 +215,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             if known is not None:
                 return known
         write = partial(self._write_connections, apart)
-        return evaluate_edges(q0, q1, self.size, write, self._angles)
+        with self._at_one_moment():
+            return evaluate_edges(q0, q1, self.size, write, self._angles)
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
@@ -228,14 +229,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write which pairs are proven connected, or with ``apart`` disconnected.
-
-        Returns the index of the first unusable pair, or -1.
-        """
-        with self._at_one_moment():
-            return self._find_connections(apart, starts, ends, out)
-
-    def _find_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write which pairs are connected, or with ``apart`` disconnected; the caller holds a lock.
 
         ``starts`` and ``ends`` have shape (n, size). Returns the first unusable pair, or -1.
         """

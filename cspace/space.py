@@ -886,9 +886,11 @@ class CSpace(ConfigurationMap, MapExport):
 
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
-            rule = f"it must be one configuration, shape ({self.size},)"
             raise InputError(
-                "q", f"has shape {point.shape}", rule, "pass one configuration at a time"
+                "q",
+                f"has shape {point.shape}",
+                f"it must be one configuration, shape ({self.size},)",
+                "pass one configuration at a time",
             )
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
@@ -1029,9 +1031,12 @@ class CSpace(ConfigurationMap, MapExport):
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
             place = "the plane" if self.grid.dim == 2 else "space"
-            problem = f"is in {obstacle.place}"
-            rule = f"it must be in {place}, as the map is"
-            raise InputError("shape", problem, rule, "pass another shape")
+            raise InputError(
+                "shape",
+                f"is in {obstacle.place}",
+                f"it must be in {place}, as the map is",
+                "pass another shape",
+            )
         with self.lock:
             return self._updates.set_obstacle(name, obstacle)
 
@@ -1057,8 +1062,12 @@ class CSpace(ConfigurationMap, MapExport):
                 rule = "there is no named obstacle"
                 if named:
                     rule = f"it must be one of {', '.join(map(repr, named))}"
-                hint = "see space.obstacles for the names"
-                raise InputError("name", f"is {name!r}", rule, hint)
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
+                    rule,
+                    "see space.obstacles for the names",
+                )
             return self._updates.set_obstacle(name, None)
 
     @property
@@ -1080,9 +1089,12 @@ class CSpace(ConfigurationMap, MapExport):
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
-            rule = "the cells around it matter too"
-            hint = "update the larger map and open the window again"
-            raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
+            raise ConfigurationError(
+                "the map",
+                "is a window of a larger one",
+                "the cells around it matter too",
+                "update the larger map and open the window again",
+            )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
@@ -1258,7 +1270,7 @@ class CSpace(ConfigurationMap, MapExport):
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions, shapes (n, size), are free; return the first unusable one, or -1."""
+        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
         from cspace.queries.edges import edges_are_free
 
         test_edges = self._exact.edges if exact else edges_are_free
@@ -1329,8 +1341,12 @@ class CSpace(ConfigurationMap, MapExport):
             required = "free configuration" if exact else "FREE configuration"
             hint = "ask nearest_free for one"
         if not is_valid:
-            rule = f"it must be one {required} in the grid"
-            raise ConfigurationError(name, f"is {q!r}", rule, hint)
+            raise ConfigurationError(
+                name,
+                f"is {q!r}",
+                f"it must be one {required} in the grid",
+                hint,
+            )
         return point
 
 
@@ -1341,6 +1357,10 @@ def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Float
     """
     spans = check_finite(values, name)
     if spans.shape not in ((), shape) or (spans < 0.0).any():
-        hint = "pass one number, or one per configuration"
-        raise InputError(name, f"is {values!r}", "it must be zero or above", hint)
+        raise InputError(
+            name,
+            f"is {values!r}",
+            "it must be zero or above",
+            "pass one number, or one per configuration",
+        )
     return np.full(shape, spans).ravel()

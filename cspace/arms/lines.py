@@ -257,16 +257,22 @@ def check_corners(poses: ArrayLike) -> Floats:
     matrices = check_finite(poses, "poses")
     are_poses = matrices.ndim in (2, 3) and matrices.shape[-2:] == (4, 4)
     if not are_poses or not len(matrices):
-        rule = "it must be one pose, shape (4, 4), or several"
-        hint = "pass e.g. [first, second]"
-        raise InputError("poses", f"has shape {matrices.shape}", rule, hint)
+        raise InputError(
+            "poses",
+            f"has shape {matrices.shape}",
+            "it must be one pose, shape (4, 4), or several",
+            "pass e.g. [first, second]",
+        )
     rows = matrices.reshape(-1, 4, 4)
     corners = np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(rows)])
     largest = float(np.abs(corners[:, :3, 3]).max())
     if largest > MAX_LINE_COORDINATE:
-        problem = f"has the coordinate {largest:g} m"
-        rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-        raise InputError("poses", problem, rule, "check its unit")
+        raise InputError(
+            "poses",
+            f"has the coordinate {largest:g} m",
+            f"the limit is {MAX_LINE_COORDINATE:g} m",
+            "check its unit",
+        )
     return corners
 
 
@@ -289,9 +295,12 @@ def make_lines(corners: Floats) -> list[Line]:
         if angle > math.pi - HALF_TURN_SLACK:
             # The first corner is no pose of the caller's.
             before = f"poses[{number - 1}]" if number else "the pose at q0"
-            problem = f"is half a turn from {before}"
-            rule = "both ways round are as short"
-            raise InputError(f"poses[{number}]", problem, rule, "pass a pose between them")
+            raise InputError(
+                f"poses[{number}]",
+                f"is half a turn from {before}",
+                "both ways round are as short",
+                "pass a pose between them",
+            )
         lines.append(Line(first_position, last[:3, 3] - first_position, first_rotation, turn))
     return lines
 
@@ -321,9 +330,12 @@ def follow_lines(
     rounding = LINE_ROUNDING * scale
     max_distance, max_angle = tolerance.tolist()
     if (tolerance < rounding).any():
-        rule = f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad"
-        hint = "pass a larger tolerance, or nearer poses"
-        raise InputError("tolerance", f"is {(max_distance, max_angle)}", rule, hint)
+        raise InputError(
+            "tolerance",
+            f"is {(max_distance, max_angle)}",
+            f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad",
+            "pass a larger tolerance, or nearer poses",
+        )
     waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * scale)]
     fraction = 1.0
     stopped_by = ""

@@ -116,8 +116,12 @@ def animate(
     check_suffix(target, (".gif",), "an animation is a GIF", "file")
     points = check_path(space, path)
     if not len(points):
-        hint = "pass one that was found"
-        raise InputError("path", "is empty", "an animation needs a path", hint)
+        raise InputError(
+            "path",
+            "is empty",
+            "an animation needs a path",
+            "pass one that was found",
+        )
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
         duration = 0.0 if motion is None else motion.duration
@@ -158,13 +162,20 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     duration = check_positive(seconds, "seconds", "seconds")
     frequency = check_positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
-        rule = "it must be at most 50 frames per second"
-        raise InputError("rate", f"is {rate!r}", rule, "lower it")
+        raise InputError(
+            "rate",
+            f"is {rate!r}",
+            "it must be at most 50 frames per second",
+            "lower it",
+        )
     count = round(duration * frequency) + 1
     if count > _MAX_FRAMES:
-        problem = f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}"
-        rule = f"at most {_MAX_FRAMES} are possible"
-        raise InputError("seconds", problem, rule, "lower it or the rate")
+        raise InputError(
+            "seconds",
+            f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}",
+            f"at most {_MAX_FRAMES} are possible",
+            "lower it or the rate",
+        )
     return 10 * max(2, round(100.0 / frequency)), max(count, 2)
 
 
@@ -177,9 +188,12 @@ def _draw_map(
     """
     dim = space.grid.dim
     if dim == 2 and camera is not None:
-        problem = "is given for a plane map"
-        rule = "it needs a map in space"
-        raise InputError("camera", problem, rule, "omit it")
+        raise InputError(
+            "camera",
+            "is given for a plane map",
+            "it needs a map in space",
+            "omit it",
+        )
     # Only the moving robot is drawn, over the slice of its first rotation.
     scene = make_scene(space, path=points)
     no_stations = np.empty((0, points.shape[1]))

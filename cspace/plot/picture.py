@@ -153,9 +153,12 @@ def plot(
 
     argument: object = ax
     if argument is not None and not isinstance(argument, Axes):
-        problem = f"is a {type(argument).__name__}"
-        hint = "pass figure.add_subplot()"
-        raise InputError("ax", problem, "it must be matplotlib axes", hint)
+        raise InputError(
+            "ax",
+            f"is a {type(argument).__name__}",
+            "it must be matplotlib axes",
+            "pass figure.add_subplot()",
+        )
     # A workspace is drawn as a map without a robot, a tiled map as an overview.
     drawn_map: Any = space
     if isinstance(space, Workspace):
@@ -205,26 +208,40 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
     kind = view or views[0]
     if kind not in views:
         axes = ", ".join(space.axes)
-        rule = f"it must be {' or '.join(views)}, because configurations are ({axes})"
-        hint = "or omit it; loop over plot(rotation=) for several slices"
-        raise InputError("view", f"is {view!r}", rule, hint)
+        raise InputError(
+            "view",
+            f"is {view!r}",
+            f"it must be {' or '.join(views)}, because configurations are ({axes})",
+            "or omit it; loop over plot(rotation=) for several slices",
+        )
     for name, kinds in VIEW_OPTIONS.items():
         value = options[name]
         if value is not None and kind not in kinds:
-            rule = f"it needs view {' or '.join(kinds)}"
-            raise InputError(name, f"is given with view {kind}", rule, "omit it")
+            raise InputError(
+                name,
+                f"is given with view {kind}",
+                f"it needs view {' or '.join(kinds)}",
+                "omit it",
+            )
     # Only a zoomed picture and sections have a center.
     zoom = options["zoom"]
     center = options["center"]
     if zoom is not None:
         check_positive(zoom, "zoom", "the map's longest side over that of the picture")
         if zoom < 1.0:
-            rule = "it must be at least 1 (the whole map)"
-            raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8")
+            raise InputError(
+                "zoom",
+                f"is {zoom!r}",
+                "it must be at least 1 (the whole map)",
+                "pass e.g. 8",
+            )
     elif center is not None and kind != "sections":
-        problem = "is given without zoom"
-        rule = "the whole map is drawn"
-        raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it")
+        raise InputError(
+            "center",
+            "is given without zoom",
+            "the whole map is drawn",
+            "add e.g. zoom=8, or omit it",
+        )
     return kind
 
 
@@ -272,9 +289,12 @@ def save_plot(
     'map.png'
     """
     if "ax" in options:
-        rule = "save_plot draws a new figure"
-        hint = "use plot and ax.figure.savefig instead"
-        raise InputError("ax", "is given", rule, hint)
+        raise InputError(
+            "ax",
+            "is given",
+            "save_plot draws a new figure",
+            "use plot and ax.figure.savefig instead",
+        )
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 

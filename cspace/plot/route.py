@@ -283,9 +283,12 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
     points = check_finite(values, name)
     if points.ndim != ndim or points.shape[-1] != len(axes):
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
-        problem = f"has shape {points.shape}"
-        hint = f"pass ({', '.join(axes)})"
-        raise InputError(name, problem, f"it must be {shape}", hint)
+        raise InputError(
+            name,
+            f"has shape {points.shape}",
+            f"it must be {shape}",
+            f"pass ({', '.join(axes)})",
+        )
     return points
 
 
@@ -369,9 +372,12 @@ def _choose_center(
     point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
         lower, upper = (np.round(corner, 9).tolist() for corner in (grid.lower, grid.upper))
-        problem = f"is {point.tolist()}"
-        rule = f"the grid is from {lower} to {upper}"
-        raise InputError("center", problem, rule, "pass a point in it")
+        raise InputError(
+            "center",
+            f"is {point.tolist()}",
+            f"the grid is from {lower} to {upper}",
+            "pass a point in it",
+        )
     return point
 
 

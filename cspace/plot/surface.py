@@ -71,8 +71,12 @@ class Painting:
     ) -> None:
         """Prepare axes that show a box, shape (2, 3), from a camera."""
         if getattr(ax, "name", "3d") != "3d":
-            hint = 'use figure.add_subplot(projection="3d")'
-            raise InputError("ax", "has two dimensions", "it must have three", hint)
+            raise InputError(
+                "ax",
+                "has two dimensions",
+                "it must have three",
+                'use figure.add_subplot(projection="3d")',
+            )
         angles = check_camera(camera)
         if ax is None:
             figure = artists.new_figure(*_FIGURE_INCHES, layout=None)
@@ -141,9 +145,12 @@ def check_camera(camera: ArrayLike | None) -> Floats:
         return np.array(DEFAULT_CAMERA)
     angles = check_finite(camera, "camera")
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
-        rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
-        hint = f"pass e.g. {DEFAULT_CAMERA}"
-        raise InputError("camera", f"is {camera!r}", rule, hint)
+        raise InputError(
+            "camera",
+            f"is {camera!r}",
+            "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90",
+            f"pass e.g. {DEFAULT_CAMERA}",
+        )
     return angles
 
 

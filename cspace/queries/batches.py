@@ -98,9 +98,12 @@ def evaluate_edges(
     try:
         shape = np.broadcast_shapes(starts.shape, ends.shape)
     except ValueError as error:
-        problem = f"has shape {starts.shape} and q1 {ends.shape}"
-        hint = "pass batches of equal shape"
-        raise InputError("q0", problem, "they must broadcast", hint) from error
+        raise InputError(
+            "q0",
+            f"has shape {starts.shape} and q1 {ends.shape}",
+            "they must broadcast",
+            "pass batches of equal shape",
+        ) from error
     first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
     second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
     out = evaluate_rows(first_rows, second_rows, write)

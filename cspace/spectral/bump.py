@@ -95,8 +95,12 @@ class Bump:
             alpha = math.nan
         low, high = ALPHA_RANGE
         if not (low <= alpha <= high or alpha == math.inf):
-            rule = f"it must be one number from {low:g} to {high:g}, or infinite"
-            raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf")
+            raise InputError(
+                "alpha",
+                f"is {self.alpha!r}",
+                f"it must be one number from {low:g} to {high:g}, or infinite",
+                "pass e.g. 2.0, or math.inf",
+            )
         object.__setattr__(self, "alpha", alpha)
 
     @property
@@ -181,8 +185,12 @@ def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> flo
     """Return a tolerance from ``min_tolerance`` to 0.1, or raise InputError."""
     value = check_finite(tolerance, "tolerance")
     if value.ndim or not min_tolerance <= value <= 0.1:
-        rule = f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value"
-        raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9")
+        raise InputError(
+            "tolerance",
+            f"is {tolerance!r}",
+            f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value",
+            "pass e.g. 1e-9",
+        )
     return float(value)
 
 
@@ -191,8 +199,12 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
     k = check_finite(frequency, name)
     for value in (k.min(initial=0.0), k.max(initial=0.0)):
         if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
-            rule = f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}"
-            raise InputError(name, f"holds {value:g} cycles per radius", rule, "check its units")
+            raise InputError(
+                name,
+                f"holds {value:g} cycles per radius",
+                f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}",
+                "check its units",
+            )
     return k
 
 
@@ -263,8 +275,12 @@ def _converged_integrals(
         if (np.abs(values - previous) <= tolerances).all():
             return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + floors
         previous = values
-    rule = "the integrals of two bumps must converge"
-    raise CspaceError("distance", f"is {distances}", rule, "please report it")
+    raise CspaceError(
+        "distance",
+        f"is {distances}",
+        "the integrals of two bumps must converge",
+        "please report it",
+    )
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
@@ -323,9 +339,12 @@ class RadialTable:
         k = np.asarray(frequencies, dtype=np.float64)
         highest = self.max_frequency * (1.0 + 1e-9) + 1e-9  # for rounding
         if k.size and not (k.min() >= 0.0 and k.max() <= highest):
-            problem = f"reach from {k.min():g} to {k.max():g}"
-            rule = f"the table ends at {self.max_frequency:g}"
-            raise InputError("frequencies", problem, rule, "make a larger table")
+            raise InputError(
+                "frequencies",
+                f"reach from {k.min():g} to {k.max():g}",
+                f"the table ends at {self.max_frequency:g}",
+                "make a larger table",
+            )
         # Find the interval of each frequency, and its place there, from -1 to 1.
         last = self._coefficients.shape[1] - 1
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), last)

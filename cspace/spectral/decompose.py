@@ -160,20 +160,29 @@ def decompose(
     """
     check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem = f"is {number!r} and tolerance is {tolerance!r}"
-        rule = "exactly one of them chooses the balls"
-        hint = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", problem, rule, hint)
+        raise InputError(
+            "number",
+            f"is {number!r} and tolerance is {tolerance!r}",
+            "exactly one of them chooses the balls",
+            "pass e.g. number=64, or tolerance=0.01 in metres",
+        )
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
-        hint = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls need one", hint)
+        raise GeometryError(
+            "shape",
+            "has no inside",
+            "inner balls need one",
+            "pass kind='outer', or a shape with an area or volume",
+        )
     if count is not None and not 0.0 < region.size < np.inf:
-        problem = f"is {number}, but the shape is {region.size:g} m across"
-        rule = "its lattice needs a finite size"
-        raise InputError("number", problem, rule, "pass a tolerance instead")
+        raise InputError(
+            "number",
+            f"is {number}, but the shape is {region.size:g} m across",
+            "its lattice needs a finite size",
+            "pass a tolerance instead",
+        )
     if count:
         lattice = Lattice.for_count(region, count)
     else:
@@ -213,9 +222,12 @@ def _fill_shape(
     centers = centers[is_inside]
     radii = radii[is_inside]
     if not len(radii):
-        problem = "is too thin for any ball that was found"
-        rule = "inner balls need an inside"
-        raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
+        raise InputError(
+            "shape",
+            "is too thin for any ball that was found",
+            "inner balls need an inside",
+            "pass kind='outer', or a thicker shape",
+        )
     low, high, _ = bound_shape_to_balls(lattice, centers, radii)
     if tolerance is not None and high > tolerance:
         # All cells may lie in the balls grown by less than the tolerance.
@@ -248,9 +260,12 @@ def _cover_shape(
         balls, is_whole = _cover_with(lattice, candidates, count, inside=False)
     if not is_whole:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        problem = f"is {value:g}, but no such balls that cover the shape were found"
-        rule = "their union must contain the shape"
-        raise InputError(name, problem, rule, f"pass a larger {name}")
+        raise InputError(
+            name,
+            f"is {value:g}, but no such balls that cover the shape were found",
+            "their union must contain the shape",
+            f"pass a larger {name}",
+        )
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
     # their cells and no ball sticks out too far.
@@ -452,11 +467,8 @@ class LatticeBalls(NamedTuple):
 
     def append(self, other: LatticeBalls) -> LatticeBalls:
         """Return these balls, followed by others."""
-        return LatticeBalls(
-            np.concatenate([self.centers, other.centers]),
-            np.concatenate([self.depths, other.depths]),
-            np.concatenate([self.reaches, other.reaches]),
-        )
+        columns = zip(self, other, strict=True)
+        return LatticeBalls(*map(np.concatenate, columns))
 
 
 class CellCounts(NamedTuple):

@@ -72,9 +72,12 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     corners = len(first_parts) * len(second_parts) * first_parts.shape[1] * second_parts.shape[1]
     if corners > MAX_SUM_CORNERS:
         parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
-        problem = f"and first make {corners:,} sums of corners of their {parts}"
-        hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint)
+        raise InputError(
+            "second",
+            f"and first make {corners:,} sums of corners of their {parts}",
+            f"at most {MAX_SUM_CORNERS:,} are united",
+            "simplify both, e.g. with shapely.simplify",
+        )
     # One row of sums of corners for each pair of parts.
     sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
     points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
@@ -89,9 +92,12 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     )
     shapely.prepare(outer)
     if not shapely.covers(outer, sums).all():
-        problem = "has a sum that GEOS unites wrongly"
-        hint = "round both with shapely.set_precision"
-        raise GeometryError("first", problem, "the union must cover its parts", hint)
+        raise GeometryError(
+            "first",
+            "has a sum that GEOS unites wrongly",
+            "the union must cover its parts",
+            "round both with shapely.set_precision",
+        )
     return PolygonSum(inner, outer)
 
 
@@ -134,9 +140,11 @@ def _cut_into_triangles(polygon: BaseGeometry) -> list[list[Corner]]:
         if orientation:
             triangles.append([a, b, c] if orientation > 0 else [a, c, b])
     if not triangles or _count_edges(triangles) != _count_edges(_list_rings(cleaned)):
-        hint = "round it with shapely.set_precision"
         raise GeometryError(
-            "polygon", "is not cut into triangles exactly", "they must tile it", hint
+            "polygon",
+            "is not cut into triangles exactly",
+            "they must tile it",
+            "round it with shapely.set_precision",
         )
     return triangles
 
@@ -245,10 +253,12 @@ class Descriptor:
         """Check and copy the values."""
         values = check_finite(self.values, "values")
         if values.shape != self.grid.shape:
-            problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            rule = "the shapes must be equal"
-            hint = "pass one value for each cell"
-            raise InputError("values", problem, rule, hint)
+            raise InputError(
+                "values",
+                f"has shape {values.shape} on a grid of {self.grid.shape}",
+                "the shapes must be equal",
+                "pass one value for each cell",
+            )
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -327,17 +337,24 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
     """
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
-        hint = "drop balls that have no volume"
-        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", hint)
+        raise InputError(
+            "radii",
+            f"holds {sizes.min():g}",
+            "each must be above zero",
+            "drop balls that have no volume",
+        )
     return points, sizes
 
 
 def check_same_dim(name: str, dim: int, other: int) -> None:
     """Raise InputError if two dimensions differ."""
     if dim != other:
-        problem = f"has {dim} dimensions, its counterpart has {other}"
-        rule = "they must agree"
-        raise InputError(name, problem, rule, "pass all in the plane or all in space")
+        raise InputError(
+            name,
+            f"has {dim} dimensions, its counterpart has {other}",
+            "they must agree",
+            "pass all in the plane or all in space",
+        )
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
@@ -352,9 +369,12 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
                 pair = (balls.centers, balls.radii)
                 break
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        problem = f"is a {type(source).__name__}"
-        rule = "it must have centers and radii, or be a pair of them"
-        raise InputError(name, problem, rule, "decompose other shapes first")
+        raise InputError(
+            name,
+            f"is a {type(source).__name__}",
+            "it must have centers and radii, or be a pair of them",
+            "decompose other shapes first",
+        )
     return BallDescriptor(pair[0], pair[1], bump)
 
 
@@ -367,8 +387,12 @@ def common_bump(bump: Bump | None, *sources: object) -> Bump:
         return check_bump(bump)
     bumps = {source.bump for source in sources if isinstance(source, BallDescriptor)}
     if len(bumps) > 1:
-        problem = f"is missing, but the descriptors have {bumps}"
-        raise InputError("bump", problem, "they must agree", "pass bump=")
+        raise InputError(
+            "bump",
+            f"is missing, but the descriptors have {bumps}",
+            "they must agree",
+            "pass bump=",
+        )
     return bumps.pop() if bumps else Bump()
 
 
@@ -398,9 +422,12 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
     known = as_shape(source)
     check_same_dim("shape", known.dim, grid.dim)
     if not isinstance(known, ExactShape):
-        problem = "is bounded by an outer and an inner shape"
-        rule = "it must be an exact shape"
-        raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
+        raise InputError(
+            "shape",
+            "is bounded by an outer and an inner shape",
+            "it must be an exact shape",
+            "pass shape.outer or shape.inner",
+        )
     centers = np.meshgrid(*map(grid.centers, range(grid.dim)), indexing="ij")
     is_inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
     if isinstance(known, Mesh):
@@ -437,10 +464,12 @@ def _measure_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tup
 def check_sampled(descriptor: Any) -> Descriptor:
     """Return a descriptor sampled on a grid; raise InputError otherwise."""
     if not isinstance(descriptor, Descriptor):
-        problem = f"is a {type(descriptor).__name__}, no Descriptor"
-        rule = "it must be sampled on a grid"
-        hint = "make one with sample(grid) or indicator(shape, grid)"
-        raise InputError("descriptor", problem, rule, hint)
+        raise InputError(
+            "descriptor",
+            f"is a {type(descriptor).__name__}, no Descriptor",
+            "it must be sampled on a grid",
+            "make one with sample(grid) or indicator(shape, grid)",
+        )
     return descriptor
 
 
@@ -470,9 +499,12 @@ def union(
     dim = ball_sets[0].dim
     for balls in ball_sets[1:]:
         if balls.bump != bump or balls.dim != dim:
-            problem = f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D"
-            hint = "sample them on one grid first"
-            raise InputError("others", problem, "they must agree", hint)
+            raise InputError(
+                "others",
+                f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D",
+                "they must agree",
+                "sample them on one grid first",
+            )
     centers = np.concatenate([balls.centers for balls in ball_sets])
     radii = np.concatenate([balls.radii for balls in ball_sets])
     return BallDescriptor(centers, radii, bump)
@@ -500,9 +532,12 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
-        problem = f"is {threshold!r}"
-        rule = "it must be one number"
-        raise InputError("threshold", problem, rule, "pass e.g. 0.0")
+        raise InputError(
+            "threshold",
+            f"is {threshold!r}",
+            "it must be one number",
+            "pass e.g. 0.0",
+        )
     return np.asarray(check_sampled(descriptor).values > level)
 
 
@@ -568,8 +603,12 @@ def minkowski_sum(
     if not _have_same_spacing(grid, second_grid):
         problem = f"has {second_grid.dim} axes and a spacing of {second_grid.spacing:g} m, "
         problem += f"the first {grid.dim} and {grid.spacing:g} m"
-        hint = "sample both on similar grids"
-        raise InputError("second", problem, "they must agree", hint)
+        raise InputError(
+            "second",
+            problem,
+            "they must agree",
+            "sample both on similar grids",
+        )
     sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
@@ -603,6 +642,10 @@ def _check_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
     for other in (descriptor.grid for descriptor in sampled[1:]):
         has_same_cells = grid.shape == other.shape and _have_same_spacing(grid, other)
         if not has_same_cells or not np.allclose(grid.lower, other.lower, rtol=0.0, atol=max_shift):
-            problem = f"holds one on {other}"
-            raise InputError("others", problem, f"all must be on {grid}", "sample all on it")
+            raise InputError(
+                "others",
+                f"holds one on {other}",
+                f"all must be on {grid}",
+                "sample all on it",
+            )
     return sampled

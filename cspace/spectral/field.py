@@ -49,9 +49,12 @@ class OverlapField:
         values = self.values
         shape = _shape_on(self.space)
         if values.shape != shape or values.dtype != np.float64:
-            problem = f"has shape {values.shape} and type {values.dtype}"
-            rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError("values", problem, rule, "use OverlapField.of")
+            raise InputError(
+                "values",
+                f"has shape {values.shape} and type {values.dtype}",
+                f"it must have the map's shape {shape} and type float64",
+                "use OverlapField.of",
+            )
         read_only_values = check_finite(values, "values").view()
         read_only_values.flags.writeable = False
         object.__setattr__(self, "values", read_only_values)
@@ -70,10 +73,12 @@ class OverlapField:
         """
         argument: object = overlap
         if not isinstance(argument, FourierOverlap):
-            problem = f"is a {type(argument).__name__}"
-            rule = "it must be a FourierOverlap"
-            hint = "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", problem, rule, hint)
+            raise InputError(
+                "overlap",
+                f"is a {type(argument).__name__}",
+                "it must be a FourierOverlap",
+                "make it with e.g. FourierOverlap.of_shapes",
+            )
         grid = space.grid
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape = _shape_on(space)

@@ -71,9 +71,12 @@ class Verdict(IntEnum):
 
     def __bool__(self) -> bool:
         """Raise InputError, because UNDECIDED is neither true nor false."""
-        rule = "a verdict is neither true nor false"
-        hint = "compare it, e.g. verdict == Verdict.MISS"
-        raise InputError("verdict", f"is {self.name}", rule, hint)
+        raise InputError(
+            "verdict",
+            f"is {self.name}",
+            "a verdict is neither true nor false",
+            "compare it, e.g. verdict == Verdict.MISS",
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,12 +173,19 @@ class FourierOverlap:
         if farthest > min(1e40, 1e6 * shortest):  # above 1e40, squares of volumes overflow
             problem = f"or a reaches {farthest:g} m from the origin of its frame, but both span "
             problem += f"only {shortest:g} m"
-            hint = "move the origin nearer, or check the units"
-            raise InputError("b", problem, "rounding would matter", hint)
+            raise InputError(
+                "b",
+                problem,
+                "rounding would matter",
+                "move the origin nearer, or check the units",
+            )
         if lengths.max() < 1e-100:
-            problem = f"and a span only {lengths.max():g} m"
-            rule = "squares would underflow"
-            raise InputError("b", problem, rule, "check the units")
+            raise InputError(
+                "b",
+                f"and a span only {lengths.max():g} m",
+                "squares would underflow",
+                "check the units",
+            )
         halves = _choose_halves(first, second, lengths, self.threshold, band, tolerance)
         trees = _build_trees(first, second, first.center, second.center)
         span = math.sqrt(first.dim) * (first.span + second.span)
@@ -228,9 +238,12 @@ class FourierOverlap:
             needed_kind, _, _ = name.partition("_")
             kind = getattr(source, "kind", needed_kind)
             if kind in ("inner", "outer") and kind != needed_kind:
-                problem = f"is of kind {kind!r}"
-                hint = "decompose the shape with that kind"
-                raise InputError(name, problem, f"it must be {needed_kind!r}", hint)
+                raise InputError(
+                    name,
+                    f"is of kind {kind!r}",
+                    f"it must be {needed_kind!r}",
+                    "decompose the shape with that kind",
+                )
         shared_bump = common_bump(bump, *given.values())
         growth = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
@@ -547,9 +560,12 @@ def _choose_halves(
     halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
     counts = [2 * half + 1 for half in halves]
     if math.prod(counts) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
-        problem = f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies"
-        rule = f"at most {MAX_FREQUENCIES} are computed"
-        raise InputError("band", problem, rule, "pass a lower one")
+        raise InputError(
+            "band",
+            f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies",
+            f"at most {MAX_FREQUENCIES} are computed",
+            "pass a lower one",
+        )
     return halves
 
 
@@ -698,5 +714,9 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     form, example = "a Rotation", "Rotation.identity()"
     if dim == 2:
         form, example = "an angle in radians", "1.57"
-    rule = f"it must be {form} or a rotation matrix of shape {dim, dim}"
-    raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}")
+    raise InputError(
+        "rotation",
+        f"is {rotation!r}",
+        f"it must be {form} or a rotation matrix of shape {dim, dim}",
+        f"pass e.g. {example}",
+    )

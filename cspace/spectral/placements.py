@@ -342,8 +342,12 @@ class BallPenetration:
         dim = len(self._lower)
         count = len(self._fields.body.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
-            rule = f"the last axes must be {count} balls and {dim} coordinates"
-            raise InputError("centers", f"has shape {points.shape}", rule, "pass all balls")
+            raise InputError(
+                "centers",
+                f"has shape {points.shape}",
+                f"the last axes must be {count} balls and {dim} coordinates",
+                "pass all balls",
+            )
         # The value of each ball, and its derivatives.
         sums = self._fields.evaluate(points.reshape(-1, count, dim))
         sums = sums.reshape(*points.shape[:-1], 1 + dim)
@@ -371,11 +375,8 @@ class _Poses(NamedTuple):
 
     def append(self, other: _Poses) -> _Poses:
         """Return these poses followed by others."""
-        return _Poses(
-            np.concatenate([self.scores, other.scores]),
-            np.concatenate([self.centers, other.centers]),
-            np.concatenate([self.rotations, other.rotations]),
-        )
+        columns = zip(self, other, strict=True)
+        return _Poses(*map(np.concatenate, columns))
 
     def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _Poses:
         """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
@@ -566,6 +567,10 @@ def _make_rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, d
     else:
         values = values.reshape(-1, *values.shape[-2:])
     if not len(values):
-        hint = "pass e.g. Rotations.of(36)"
-        raise InputError("rotations", "is empty", "there must be one", hint)
+        raise InputError(
+            "rotations",
+            "is empty",
+            "there must be one",
+            "pass e.g. Rotations.of(36)",
+        )
     return np.stack([rotation_matrix(value, dim) for value in values])

@@ -94,8 +94,12 @@ class ShapeBoundary:
             exact = Polygons([shape.outline])
         self.pieces, radii = exact.boundary()
         if radii.any():
-            rule = "decompose() finds balls for other shapes"
-            raise InputError("shape", "consists of balls already", rule, "use these balls")
+            raise InputError(
+                "shape",
+                "consists of balls already",
+                "decompose() finds balls for other shapes",
+                "use these balls",
+            )
         self.shape = shape
         self.dim = shape.dim
         corners = self.pieces.reshape(-1, self.dim)
@@ -246,9 +250,12 @@ class Lattice:
         usual = _find_cell_side(region, USUAL_LATTICE_CELLS[region.dim])
         finest = _find_cell_side(region, MAX_LATTICE_CELLS)
         if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
-            problem = f"is {tolerance:g} m, but the shape is {region.size:g} m across"
-            hint = f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m"
-            raise InputError("tolerance", problem, "its proof needs too many cells", hint)
+            raise InputError(
+                "tolerance",
+                f"is {tolerance:g} m, but the shape is {region.size:g} m across",
+                "its proof needs too many cells",
+                f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+            )
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 

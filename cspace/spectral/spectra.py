@@ -123,8 +123,12 @@ def ball_spectrum(
     lattice = FrequencyLattice(_check_lengths(lengths, dim), _check_counts(counts, dim))
     factors = np.ones_like(sizes) if weights is None else check_finite(weights, "weights")
     if factors.shape != sizes.shape:
-        rule = f"there must be one for each of {len(sizes)} balls"
-        raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers")
+        raise InputError(
+            "weights",
+            f"has shape {factors.shape}",
+            f"there must be one for each of {len(sizes)} balls",
+            "pass numbers",
+        )
     lower = (points - sizes[:, None]).min(axis=0)
     upper = (points + sizes[:, None]).max(axis=0)
     extent = upper - lower
@@ -132,9 +136,12 @@ def ball_spectrum(
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
         axis = int(np.argmax(extent / lattice.periods))
         length = f"{lattice.periods[axis]:g} m along {'xyz'[axis]}"
-        problem = f"holds {length}, but the balls extend over {extent[axis]:g} m"
-        rule = "they must fit into one period"
-        raise InputError("lengths", problem, rule, "pass a longer period")
+        raise InputError(
+            "lengths",
+            f"holds {length}, but the balls extend over {extent[axis]:g} m",
+            "they must fit into one period",
+            "pass a longer period",
+        )
     terms = [
         term._replace(strengths=term.strengths * factors[term.members])
         for term in radial_terms(lattice, kind, sizes, within)
@@ -358,8 +365,12 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     """Check period lengths and return one per axis, shape (dim,)."""
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
-        rule = f"it must be one number above zero or {dim} of them, in metres"
-        raise InputError("lengths", f"is {lengths!r}", rule, "pass the period along each axis")
+        raise InputError(
+            "lengths",
+            f"is {lengths!r}",
+            f"it must be one number above zero or {dim} of them, in metres",
+            "pass the period along each axis",
+        )
     return np.broadcast_to(periods, dim).copy()
 
 
@@ -371,10 +382,18 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     numbers = np.asarray(counts)
     is_whole = numbers.dtype.kind in "iu"
     if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
-        rule = f"it must be one whole number above zero or {dim} of them"
-        raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256")
+        raise InputError(
+            "counts",
+            f"is {counts!r}",
+            f"it must be one whole number above zero or {dim} of them",
+            "pass e.g. 256",
+        )
     shape = tuple(np.broadcast_to(numbers, dim).tolist())
     if math.prod(shape) > MAX_FREQUENCIES:
-        rule = f"at most {MAX_FREQUENCIES} frequencies are computed"
-        raise InputError("counts", f"is {counts!r}", rule, "pass smaller counts")
+        raise InputError(
+            "counts",
+            f"is {counts!r}",
+            f"at most {MAX_FREQUENCIES} frequencies are computed",
+            "pass smaller counts",
+        )
     return shape

@@ -83,9 +83,12 @@ class Viewer:
 
         is_arm = isinstance(space, ArmSpace)
         if frame is not None and not is_arm:
-            problem = f"is {frame!r}"
-            rule = "a map has no frames"
-            raise InputError("frame", problem, rule, "leave it out")
+            raise InputError(
+                "frame",
+                f"is {frame!r}",
+                "a map has no frames",
+                "leave it out",
+            )
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
@@ -261,9 +264,15 @@ def _find_free_port(host: str, port: int | None) -> int:
             return FIRST_PORT if port is None else int(trial.getsockname()[1])
     except OSError as error:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
-            rule = "other programs use it"
-            hint = "pass another port from 1024 on, or 0 for any"
-            raise InputError("port", f"is {port}", rule, hint) from error
-        rule = "it must be an address of this machine"
-        hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-        raise InputError("host", f"is {host!r}", rule, hint) from error
+            raise InputError(
+                "port",
+                f"is {port}",
+                "other programs use it",
+                "pass another port from 1024 on, or 0 for any",
+            ) from error
+        raise InputError(
+            "host",
+            f"is {host!r}",
+            "it must be an address of this machine",
+            'pass "127.0.0.1", or "0.0.0.0" for all addresses',
+        ) from error
