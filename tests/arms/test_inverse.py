@@ -77,34 +77,6 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path: Path)
     assert refused <= 2
 
 
-AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, -1), (0, 1, 0))
-ORIGINS = (
-    (0, 0, 0.089),
-    (0, 0.136, 0),
-    (0, -0.12, 0.425),
-    (0, 0, 0.392),
-    (0, 0.093, 0),
-    (0, 0, 0.095),
-)
-
-
-def test_nearly_all_branches_of_a_ur5_are_found(tmp_path: Path) -> None:
-    """Each pose has up to eight; that of the drawn configuration must be one of the solutions."""
-    names = [f"l{k}" for k in range(7)]
-    joints = [
-        joint(f"j{k}", names[k], names[k + 1], ORIGINS[k], AXES[k], limits=(-6.28, 6.28))
-        for k in range(6)
-    ]
-    links = [link(name, BOX) for name in names]
-    arm = Arm.from_urdf(write_urdf(tmp_path, *links, *joints))
-    missed = 0
-    for q in np.random.default_rng(1).uniform(-3.0, 3.0, (60, 6)):
-        steps = arm.inverse("l6", arm.pose(q, "l6")) - q
-        steps -= math.tau * np.rint(steps / math.tau)
-        missed += np.abs(steps).max(axis=1).min() > 0.05
-    assert missed <= 1
-
-
 def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
     arm = Arm.from_urdf(random_chain(tmp_path, 3, 8))
     pose = arm.pose(np.random.default_rng(3).uniform(*arm.ranges()), "tool0")
@@ -194,11 +166,8 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
 @refusals(
     "options, message",
     ({"frame": "tool9"}, "frame is 'tool9'; there are foot, upper, fore"),
-    ({"frame": "foot"}, "frame is 'foot'; no joint of the arm moves it"),
     ({"pose": 2 * np.eye(4)}, "pose has shape.*it must be a rigid motion"),
-    ({"pose": np.full((4, 4), np.nan)}, r"pose\[0, 0\] is nan"),
     ({"tolerance": (0.01, math.nan)}, r"tolerance is \(0.01, nan\); it must be two numbers"),
-    ({"tolerance": (math.inf, math.inf)}, "of which one may be infinite"),
     ({"near": np.zeros((2, 2))}, r"near has shape \(2, 2\); it must be one configuration"),
     ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),
     ({"max_solutions": 0}, "max_solutions is 0; it must be a whole number above zero"),

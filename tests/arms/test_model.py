@@ -1,6 +1,5 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +61,6 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     only = Arm.from_urdf(path, base="b", tip="c")
     assert [each.name for each in only.links] == ["b", "d", "c"]
     assert only.lower.tolist() == [0.5]
-
-
-def test_pickled_arm_keeps_its_hulls(tmp_path: Path) -> None:
-    part = Arm.from_urdf(planar(tmp_path)).links[0].parts[0]
-    made = part.hulls
-    kept = pickle.loads(pickle.dumps(part)).__dict__["hulls"]
-    np.testing.assert_array_equal(kept.corners, made.corners)
 
 
 def write_srdf(folder: Path, text: str) -> Path:
@@ -163,7 +155,6 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path:
         ("arm/home", None, (0.2, 0.7, 0.0)),
         ("open", None, (0.0, 0.5, 0.04)),
         ({"two": 0.9}, "open", (0.0, 0.9, 0.04)),
-        ({"one": 1.0}, (0.3, 0.6, 0.02), (1.0, 0.6, 0.02)),
     ],
 )
 def test_configuration_takes_states_and_values_by_name(
@@ -176,13 +167,10 @@ def test_configuration_takes_states_and_values_by_name(
 @IGNORE_NAMES
 @refusals(
     "values, base, message",
-    ({"one": (1.0, 2.0)}, None, r"values\['one'\] has shape \(2,\); a joint has one number"),
     ({"one": np.inf}, None, r"values\['one'\] is inf; it must be finite"),
-    ({"two": 1.5}, None, "values has two at 1.5; its limits are 0.5 and 1"),
     (None, (0.0, 0.0, 0.0), "base has two at 0; its limits are 0.5 and 1"),
     ((0.0, 0.5, 0.0), None, "it must map names of joints to numbers; pass e.g. {'one': 0.0}"),
     ("home", None, "values is 'home'; there are arm/home, hand/home; did you mean"),
-    (None, "closed", "base is 'closed'; there are arm/home"),
 )
 def test_configuration_refuses_unknown_names_and_values_beyond_limits(
     tmp_path: Path, values: Any, base: Any, message: str
@@ -197,7 +185,6 @@ def test_configuration_refuses_unknown_names_and_values_beyond_limits(
     "options, q, whole_q",
     [
         ({"joints": "arm", "held_joints": {"three": 0.03}}, (0.4, 0.6), (0.4, 0.6, 0.03)),
-        ({"joints": "hand"}, (0.02,), (0.0, 0.5, 0.02)),
         ({"joints": ["three", "one"], "held_joints": {"two": 0.9}}, (0.1, 0.02), (0.1, 0.9, 0.02)),
     ],
     ids=["group", "hand", "names"],
@@ -216,10 +203,8 @@ def test_chosen_joints_move_and_others_are_held(
 @IGNORE_NAMES
 @refusals(
     "options, message",
-    ({"joints": "leg"}, "joints is 'leg'; there are arm, hand"),
     ({"joints": "arm", "srdf": None}, "joints is 'arm'; no SRDF gives groups; pass srdf="),
     ({"joints": ["four"]}, "joints names 'four'; there are one, two, three"),
-    ({"joints": []}, "has no joint that moves there"),
     ({"joints": "arm", "tip": "b"}, "joints is given with tip; both say which joints move"),
     ({"joints": "arm", "held_joints": {"one": 0.0}}, "names 'one'; there are three"),
     ({"joints": "arm", "held_joints": {"three": 0.05}}, "at 0.05; its limits are 0 and 0.04"),
@@ -351,7 +336,6 @@ def write_rack(folder: Path, factor: float) -> Path:
 
 @refusals(
     "write, changes, options, message",
-    (planar, {}, {"tip": "hand"}, r"is 'hand'.*there are foot, upper, fore"),
     (planar, {}, {"base": "fore", "tip": "foot"}, "is not below"),
     (planar, {"limits": (1.0, -1.0)}, {}, "limits are 1 and -1"),
     (planar, {"kind": "floating"}, {}, "is 'floating'; there are fixed"),
@@ -393,8 +377,6 @@ def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None
         '<robot><group_state name="s"><joint name="elbow" value="up"/></group_state></robot>',
         "has elbow at 'up' in the state 's'; it must be one finite number",
     ),
-    ("<html/>", "holds <html>, not <robot>"),
-    ("<robot", "arm.srdf"),
 )
 def test_from_urdf_refuses_invalid_srdf_files(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "arm.srdf"

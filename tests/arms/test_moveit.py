@@ -129,7 +129,6 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path: Path) -> None:
     "objects, state, message",
     ([make_object("tool")], {}, "the arm has a frame of that name; rename the object"),
     ([], carry("tool", make_object("left", frame="tool")), "has the object 'left'; the arm has a"),
-    ([], carry("hand", make_object("mug", frame="hand")), "link_name of 'mug' is 'hand'"),
     ([], carry("old", make_object("mug", frame="old")), "link_name of 'mug' is 'old'"),
     ([make_object("a")], joint_state({"lift": 0.5}), "has lift at 0.5; the arm holds it at 0.25"),
     (
@@ -165,10 +164,6 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
 @refusals(
     "more, message",
     (
-        {"link_scale": [{"link_name": "fore", "scale": 1.1}]},
-        r"has 1.1 as link_scale\[0\].scale; it must be 1.0; remove it",
-    ),
-    (
         {"link_padding": [{"link_name": "fore", "padding": 0.1}]},
         r"has 0.1 as link_padding\[0\].padding; .*, and pass padding= to build_arm_space",
     ),
@@ -181,37 +176,21 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path: Path) ->
         "has 1 joints but 0 positions at robot_state",
     ),
     (
-        {"robot_state": {"joint_state": {"name": ["a"], "position": [".nan"]}}},
-        r"has '.nan' as robot_state.joint_state.position\[0\]; it must be one finite",
-    ),
-    (
-        {
-            "robot_state": {
-                "multi_dof_joint_state": {
-                    "joint_names": ["base"],
-                    "transforms": [{"translation": [0, 0, 1]}],
-                }
-            }
-        },
-        r"has a motion as robot_state.multi_dof_joint_state.transforms\[0\]; .* base_pose=",
-    ),
-    (
         {"robot_state": carry("tool", {"id": "mug", "header": {"frame_id": "tool"}})},
         "has no shape at object 'mug'",
     ),
-    ({"robot_state": carry("a", make_object("b", operation=1))}, "has 1 as .*; it must be 'add'"),
     ({"robot_state": carry("tool", make_object("box"))}, "has 'box' twice"),
     (
         {"robot_state": carry("tool", make_object("b", frame="fore"))},
         "has poses in the frames 'fore', 'world'; .* may be in its link's frame",
     ),
     (
-        {"allowed_collision_matrix": {"entry_names": ["a"]}},
-        "has an allowed_collision_matrix of another size than its names",
+        {"robot_state": {"multi_dof_joint_state": {"transforms": [{"translation": [0, 0, 1]}]}}},
+        r"has a motion as robot_state.multi_dof_joint_state.transforms\[0\]; .* base_pose=",
     ),
     (
-        {"allowed_collision_matrix": {"entry_names": ["a"], "entry_values": [["yes please"]]}},
-        r"has 'yes please' as .*entry_values\[0\]\[0\]; it must be False or True",
+        {"allowed_collision_matrix": {"entry_names": ["a"]}},
+        "has an allowed_collision_matrix of another size than its names",
     ),
 )
 def test_what_cannot_be_kept_of_a_scene_is_refused(
@@ -316,10 +295,7 @@ def test_joint_goals_keep_other_joints_and_move_onto_limits(tmp_path: Path) -> N
     "goal, message",
     (joint_goal(shoulder=3.1), r"has shoulder at 3\.1; its limits are -3 and 3"),
     (joint_goal(lift=0.3), r"goal_constraints\[0\] has lift at 0.3; the arm holds it at 0.25"),
-    (joint_goal(follower=0.3), r"goal_constraints\[0\] names 'follower'"),
     (pose_goal(("sphere", (1,), (0, 2, 0)), link="hand"), "link_name is 'hand'"),
-    (pose_goal(("sphere", (1,), (0, 2, 0)), frame="map"), "'map'; the arm has no such frame"),
-    (pose_goal(("sphere", (1,), (0, 2, 0)), frame="fore"), "'fore'; a joint of the arm moves it"),
 )
 def test_goals_of_another_arm_are_refused(tmp_path: Path, goal: Any, message: str) -> None:
     request = read_moveit_request(write_request(tmp_path, goal))
@@ -425,17 +401,6 @@ ELBOW = joint_goal(elbow=1)
     "goals, more, message",
     ([], {}, "has no goal_constraints; a request has at least one"),
     (
-        [ELBOW],
-        {"path_constraints": ELBOW},
-        "has path_constraints; it is not read; remove it; plans",
-    ),
-    ([ELBOW], {"goal": 1}, "has the unknown field 'goal' at the top"),
-    (
-        [ELBOW],
-        {"start_state": {"attached_collision_objects": [{"link_name": "a"}]}},
-        "has start_state.attached_collision_objects; it is not read",
-    ),
-    (
         [ELBOW | pose_goal(SPHERE)],
         {},
         r"has 1 joint and 1 pose constraints at goal_constraints\[0\]",
@@ -451,12 +416,6 @@ ELBOW = joint_goal(elbow=1)
         "has 2 constraints of fore, tool at goal",
     ),
     ([pose_goal(SPHERE), pose_goal(SPHERE, frame="map")], {}, "in the frames 'map', 'world'"),
-    ([pose_goal(("cone", (1, 1), (0, 0, 0)))], {}, "it must be one of box, sphere, cylinder"),
-    (
-        [pose_goal(SPHERE, target_point_offset=[1, 0, 0])],
-        {},
-        "has .*target_point_offset; it is not",
-    ),
     ([pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))], {}, "has a tolerance of zero at goal"),
     ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
     ([pose_goal(SPHERE, constraint_region={})], {}, "has 'nothing' as region of goal"),

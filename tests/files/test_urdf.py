@@ -152,16 +152,6 @@ def test_a_mesh_of_a_missing_package_is_guessed_with_a_warning(tmp_path, cell):
     assert measure_side(relative) == 3
 
 
-@refusals(
-    "value, message",
-    ([__file__], "each must be an existing folder"),
-    (3, "package_dirs is 3"),
-)
-def test_bad_package_dirs_are_refused(cell, value, message):
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(cell, package_dirs=value)
-
-
 def test_urdf_files_of_other_projects_are_read(data):
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
@@ -217,12 +207,10 @@ def make_link(geometry):
 
 @refusals(
     "body, error, message",
-    ("", FileError, "has no <link>"),
     ('<link name="l"/>', InputError, "no such link has collision geometry; add <collision>"),
     (LINKS, FileError, "without a parent: l, m"),
     (LINKS + LINKS, FileError, "more than one link 'l'"),
     (LINKS + FORTH.replace('"m"', '"n"'), FileError, "joins 'l' to 'n' by the joint 'j'"),
-    (LINKS + FORTH + FORTH.replace('"j"', '"k"'), FileError, "a link has one parent"),
     (LINKS + FORTH + BACK, FileError, "joins '[lm]' in a loop of joints"),
     (make_link("<cone/>"), FileError, "<cone> as the geometry .*; it must be one of box"),
     (
@@ -230,13 +218,7 @@ def make_link(geometry):
         FileError,
         "lacks the length of the cylinder of link 'l'",
     ),
-    (
-        make_link('<box size="1 2"/>'),
-        FileError,
-        "has size='1 2' at the box of link 'l'; it must be 3",
-    ),
     (make_link('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "no factor may be zero"),
-    ('<link name="l"', FileError, "is not XML"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
 def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import pickle
 import signal
 import struct
 import tracemalloc
@@ -112,15 +111,6 @@ def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any
     assert read_cells(zarr.open_array(path, mode="r")).all()
 
 
-def test_a_pickled_array_is_found_from_another_folder(
-    array: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(array.parent)
-    content = pickle.dumps(ZarrArray(array.name))
-    monkeypatch.chdir("/")
-    np.testing.assert_array_equal(pickle.loads(content), np.ones((20, 20)))
-
-
 def make_frame(size: int) -> bytes:
     """Return zeros as a zstd frame of repeated bytes that declares a window and no size."""
     starts = range(0, size, 2**17)
@@ -178,8 +168,6 @@ SIDE = int(MAX_CHUNK_BYTES**0.5)
     ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
     (make_grid(SIDE, SIDE + 1), "at most"),
     (make_grid(SIDE, SIDE), "unpacks to 100 bytes but 268435456 are needed"),
-    (make_grid(0, 1), "above zero"),
-    ({"data_type": "O"}, "cannot be read"),
     ({"node_type": "group"}, "holds no array"),
 )
 def test_metadata_of_other_arrays_are_refused(

@@ -103,16 +103,6 @@ def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
     assert mask_color(pixels[0], PURPLE).sum() > 20
 
 
-def test_wall_hides_the_robot_behind_it(tunnel, tmp_path):
-    """Look along x, from either side of the wall."""
-    path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
-    for number, azimuth in enumerate((0.0, 180.0)):
-        options = {"camera": (0.0, azimuth), "seconds": 0.2, "rate": 5}
-        file = animate(tunnel, path, tmp_path / f"{number}.gif", **options)
-        shown = [int(mask_green(frame).sum()) for frame in read_frames(file)[0]]
-        assert shown[number] < 0.2 * shown[1 - number]
-
-
 def test_links_of_an_arm_move_and_its_foot_stays(tmp_path):
     pytest.importorskip("yourdfpy")
     arm = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))

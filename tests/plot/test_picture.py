@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 import pytest
 import shapely
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
@@ -20,8 +19,7 @@ from PIL import Image
 import cspace
 import planners
 from cspace import FREE, Robot, Workspace, build
-from cspace.plot import artists, plot
-from cspace.plot.artists import CLASSES
+from cspace.plot import plot
 from tests.helpers.pictures import (
     COLORS,
     check_cells,
@@ -96,27 +94,6 @@ def test_unknown_cells_have_their_own_colours(taken):
             is_brown = unknown[cell] and known in ("free", "obstacle")
             expected = COLORS[name if is_brown else known]
             assert pixel(ax, image, *grid.center_of(cell)) == expected
-
-
-def to_lab(color):
-    """Convert sRGB to CIELAB, in which a difference of 2 is just noticeable."""
-    given = np.array(to_rgb(color))
-    linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
-    to_xyz = [(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]
-    x, y, z = np.cbrt(np.array(to_xyz) @ linear / (0.9505, 1.0, 1.089))
-    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
-
-
-def test_colors_are_distinct_even_in_grey():
-    colors = {label: to_lab(color) for label, color in CLASSES}
-    assert np.diff(sorted(lightness for lightness, _, _ in colors.values())).min() > 7.0
-    pairs = itertools.combinations(colors.values(), 2)
-    assert min(np.linalg.norm(one - other) for one, other in pairs) > 20.0
-    # A path away from a section has an opacity of 40 %.
-    faint = 0.4 * np.array(to_rgb(artists.PATH_COLOR)) + 0.6
-    for color in (artists.PATH_COLOR, artists.LOST_COLOR, faint):
-        lab = to_lab(color)
-        assert min(np.linalg.norm(lab - other) for other in colors.values()) > 30.0
 
 
 def test_a_notebook_shows_the_figure(flat):

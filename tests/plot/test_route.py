@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -68,14 +67,6 @@ def test_bodies_are_placed_as_scipy_rotates_them(seed, pair, rotations):
     (outline,) = body.outlines(q, pair)
     ends = [outline.min(axis=0), outline.max(axis=0)]
     np.testing.assert_allclose(ends, np.array(extents)[:, pair], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=["ball", "capsule"]
-)
-def test_a_body_without_a_hole_has_one_outline(robot):
-    for pair in ((0, 1), (0, 2), (1, 2)):
-        assert len(Body(robot, NONE).outlines(np.zeros(3), pair)) == 1
 
 
 def test_the_nose_points_along_the_yaw():

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from cspace import Robot, Workspace, build
-from cspace.errors import InputError
 from cspace.plot import plot
 from tests.helpers import handmade
-from tests.helpers.pictures import COLORS, class_of, heading, labels, pixel, rendered
+from tests.helpers.pictures import COLORS, class_of, labels, pixel, rendered
 
 SECTION_PATH = np.array([(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)])
 PAIRS = [(0, 1), (0, 2), (1, 2)]
@@ -101,15 +100,6 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
 def test_sections_run_through_the_path_or_the_middle(hall, options, center):
     panels = plot(hall, **options).figure.axes
     assert [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(panels)] == center
-
-
-def test_a_workspace_draws_itself_without_a_robot(hall):
-    ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
-    assert labels(ax) == ["obstacle", "free"]
-    assert heading(ax) == "array, cells of 0.1 m"
-    assert labels(hall.workspace.plot(legend=False)) == []
-    with pytest.raises(InputError, match="view is 'plane'"):
-        hall.workspace.plot(view="plane")
 
 
 @pytest.mark.parametrize(("yaw", "slices"), [(None, slice(None)), (np.pi / 2, slice(1, 2))])

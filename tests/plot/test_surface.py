@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
-from cspace import FREE, Grid, Robot, Workspace, build
+from cspace import FREE, Grid, Workspace
 from cspace.plot import plot, surface
 from cspace.plot.surface import border_faces
 from tests.helpers.pictures import labels
@@ -137,12 +136,3 @@ def test_unknown_cells_have_their_own_colour_in_3d():
 def test_the_cut_is_above_the_path(hall, options, height):
     corners, _ = collect_polygons(plot(hall, view="3d", **options))
     assert corners[..., 2].max() == pytest.approx(height)
-
-
-def test_surface_uses_given_axes_and_draws_empty_maps(hall):
-    ax = Figure().add_subplot(projection="3d")
-    assert plot(hall, view="3d", ax=ax) is ax
-    assert ax.get_title() == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
-    empty = Workspace.from_array(np.zeros((4, 4, 4), bool), 0.1)
-    space = build(empty, Robot.ball(0.01), outside="free")
-    assert labels(plot(space, view="3d", start=(0.2, 0.2, 0.2))) == ["robot", "start"]

@@ -4,7 +4,6 @@ import math
 from itertools import product
 
 import numpy as np
-import ompl.base as ob
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -182,41 +181,3 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
 
 
 # ---- OMPL ----------------------------------------------------------------------------------------
-
-
-def interpolate(q0, q1, times):
-    """Interpolate by OMPL's SE(2), shape (n, 3)."""
-    space = ob.SE2StateSpace()
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-100.0)
-    bounds.setHigh(100.0)
-    space.setBounds(bounds)
-    first, second, between = (space.allocState() for _ in range(3))
-    for state, (x, y, yaw) in ((first, q0), (second, q1)):
-        state.setX(x)
-        state.setY(y)
-        state.setYaw(yaw)
-    points = []
-    for t in times:
-        space.interpolate(first, second, t, between)
-        points.append((between.getX(), between.getY(), between.getYaw()))
-    return np.array(points)
-
-
-@settings(max_examples=60)
-@given(rotation_cells(12), seeds)
-def test_edges_touch_the_cells_of_ompl_interpolation(rotations, seed):
-    """Block each cell that OMPL interpolates through."""
-    rng = np.random.default_rng(seed)
-    boundaries = np.asarray(Rotations.of(rotations).borders)
-    q0, q1 = (np.append(rng.uniform(0, 1, 2), rng.uniform(-math.pi, math.pi)) for _ in range(2))
-    if rng.random() < 0.3:  # at half a turn OMPL may rotate either way
-        q0[2] = rng.uniform(-math.pi, 0.0)
-        q1[2] = q0[2] + math.pi
-    between = interpolate(q0.tolist(), q1.tolist(), np.linspace(0, 1, 60).tolist())
-    positions = np.clip((between[:, :2] // H).astype(int), 0, SIDE - 1)
-    cells = np.column_stack([Rotations.of(rotations).cell_of(between[:, 2]), positions])
-    for cell in np.unique(cells, axis=0).tolist():
-        assert not map_free_except([cell], rotations).motion_is_free(q0, q1)
-    walk = (q0, q1, H, (0, 0), (SIDE, SIDE), boundaries)
-    assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)

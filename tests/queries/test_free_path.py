@@ -1,6 +1,5 @@
 """Paths found by the map itself."""
 
-import itertools
 import math
 
 import numpy as np
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE, MIXED, Rotations
-from cspace.queries.paths import pulled_straight
 from tests.helpers import handmade
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
@@ -63,25 +61,6 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
             rough[:, : space.grid.dim]
         ) * (1 + 1e-12)
     assert (space.find_path(q0, q1) == smooth).all()
-
-
-PLANE = Rotations.of(None)
-
-
-def test_corners_are_cut_down_to_the_obstacle_between():
-    def is_free(
-        *q: float,
-    ) -> bool:  # a segment that does not enter the disc of radius 1 around (2, 0)
-        a, b, center = np.array(q[:2]), np.array(q[2:]), np.array([2.0, 0.0])
-        share = np.clip((center - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0.0, 1.0)
-        return bool(np.linalg.norm(a + share * (b - a) - center) >= 1.0)
-
-    path = pulled_straight(
-        np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)]), PLANE, is_free
-    )
-    assert all(is_free(*a, *b) for a, b in itertools.pairwise(path))
-    tangents_and_arc = 2.0 * math.sqrt(3.0) + math.pi / 3.0
-    assert tangents_and_arc <= path_length(path) <= 1.002 * tangents_and_arc
 
 
 SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])

@@ -6,14 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import shapely
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError
 from cspace.spectral import FourierOverlap, Separation, Verdict, decompose
-from tests.helpers import solids
 from tests.helpers.strategies import seeds
 
 dims = st.sampled_from([2, 3])
@@ -125,22 +123,6 @@ def test_verdicts_about_polygons_agree_with_shapely():
         assert collides[verdicts == Verdict.HIT].all()
         counts += np.bincount(verdicts, minlength=3)
     assert (counts > 20).all()
-
-
-def test_verdicts_about_boxes_agree_with_fcl():
-    sides = (0.5, 0.3, 0.2), (0.4, 0.4, 0.6)
-    boxes = [trimesh.creation.box(each) for each in sides]
-    outer = [decompose(mesh, kind="outer", tolerance=0.08) for mesh in boxes]
-    inner = [decompose(mesh, kind="inner", tolerance=0.08) for mesh in boxes]
-    matrix = Rotation.random(random_state=0).as_matrix()
-    overlap = FourierOverlap.of_shapes(*outer, *inner, swell=0.1, tolerance=0.3).rotated(matrix)
-    placements = 0.7 * np.random.default_rng(1).uniform(*overlap.domain, (300, 3))
-    verdicts = overlap.separated(placements).verdict
-    fixed = solids.box(sides[1])
-    for t, verdict in zip(placements, verdicts, strict=True):
-        collides = solids.meet(solids.box(sides[0], t, matrix), fixed)
-        assert verdict == Verdict.UNDECIDED or collides == (verdict == Verdict.HIT)
-    assert (np.bincount(verdicts, minlength=3) > 20).all()
 
 
 def test_verdicts_about_touching_need_no_frequency():
