@@ -2,8 +2,6 @@
 
 import math
 import pickle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,9 +28,7 @@ TOLERANCE = (1e-3, 1e-2)
 
 
 @given(seed=seeds, count=st.integers(1, 8))
-def test_solutions_reach_the_pose_within_tolerance_and_limits(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, count: int
-) -> None:
+def test_solutions_reach_the_pose_within_tolerance_and_limits(tmp_path_factory, seed, count):
     """A pose is reached from its own configuration, and hold a joint that does not move."""
     rng = np.random.default_rng(seed)
     path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
@@ -42,7 +38,7 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(
         held = {arm.joints[0]: float(np.clip(0.4, arm.lower[0], arm.upper[0]))}
         arm = Arm.from_urdf(path, joints=arm.joints[1:], held_joints=held)
 
-    def place_tip(q: np.ndarray) -> np.ndarray:
+    def place_tip(q):
         return pose_of(path, "tool0", held | dict(zip(arm.joints, q, strict=True)))
 
     q, other = rng.uniform(*arm.ranges(), (2, arm.dof))
@@ -65,7 +61,7 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(
         assert (between[~np.eye(len(solutions), dtype=bool)] > 1e-3).all()
 
 
-def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path: Path) -> None:
+def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path):
     refused = 0
     for seed in range(30):
         arm = Arm.from_urdf(random_chain(tmp_path, seed, 2 + seed % 6))
@@ -77,7 +73,7 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path: Path)
     assert refused <= 2
 
 
-def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
+def test_equal_seeds_give_equal_solutions(tmp_path):
     arm = Arm.from_urdf(random_chain(tmp_path, 3, 8))
     pose = arm.pose(np.random.default_rng(3).uniform(*arm.ranges()), "tool0")
     first = arm.inverse("tool0", pose, seed=5)
@@ -95,9 +91,7 @@ def test_equal_seeds_give_equal_solutions(tmp_path: Path) -> None:
     ],
     ids=["lifted", "turned", "far"],
 )
-def test_tolerances_decide_what_is_in_reach(
-    tmp_path: Path, pose: np.ndarray, tight: Any, loose: Any
-) -> None:
+def test_tolerances_decide_what_is_in_reach(tmp_path, pose, tight, loose):
     arm = planar_with_tip(tmp_path)
     with pytest.raises(ConfigurationError, match="out of reach of tip"):
         arm.inverse("tip", pose, tolerance=tight)
@@ -105,7 +99,7 @@ def test_tolerances_decide_what_is_in_reach(
         assert (np.array(poses_apart(arm.pose(q, "tip"), pose)) <= loose).all()
 
 
-def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path: Path) -> None:
+def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path):
     arm = planar_with_tip(tmp_path)
     message = r"reached is 1 m and .* rad away; it must be within 0.0001 m and 0.001 rad; move"
     with pytest.raises(ConfigurationError, match=message) as caught:
@@ -113,9 +107,9 @@ def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path: Path) -> 
     np.testing.assert_allclose(np.array(caught.value.nearest), (0, 0), atol=1e-3)
 
 
-def test_joints_turn_towards_the_given_configuration(tmp_path: Path) -> None:
+def test_joints_turn_towards_the_given_configuration(tmp_path):
     """Continuous joints turn without end; a joint mimicked by half would move its follower."""
-    endless: dict[str, Any] = {"kind": "continuous", "limits": None}
+    endless = {"kind": "continuous", "limits": None}
     parts = (
         *(link(name, BOX) for name in "abcd"),
         joint("endless", "a", "b", **endless),
@@ -139,7 +133,7 @@ def test_joints_turn_towards_the_given_configuration(tmp_path: Path) -> None:
         assert max(poses_apart(follower.pose(solution, "e"), pose)) < 1e-3
 
 
-def test_joints_that_do_not_move_the_frame_keep_their_values(tmp_path: Path) -> None:
+def test_joints_that_do_not_move_the_frame_keep_their_values(tmp_path):
     arm = Arm.from_urdf(two_arms(tmp_path))
     near = np.random.default_rng(2).uniform(-1.0, 1.0, arm.dof)
     right = np.array([name.startswith("right") for name in arm.joints])
@@ -152,7 +146,7 @@ def test_joints_that_do_not_move_the_frame_keep_their_values(tmp_path: Path) -> 
     assert (np.array(caught.value.nearest)[right] == near[right]).all()
 
 
-def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
+def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances():
     rounded = pose_at(1, 2, 3, (0.3, 0.4, 0.5)).round(7)
     goal = pickle.loads(pickle.dumps(PoseGoal("tool0", rounded.tolist(), (0.01, math.inf))))
     pose = np.asarray(goal.pose)
@@ -172,9 +166,7 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances() -> None:
     ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),
     ({"max_solutions": 0}, "max_solutions is 0; it must be a whole number above zero"),
 )
-def test_inverse_rejects_invalid_arguments(
-    tmp_path: Path, options: dict[str, Any], message: str
-) -> None:
+def test_inverse_rejects_invalid_arguments(tmp_path, options, message):
     arm = planar_with_tip(tmp_path)
     given_options = {"frame": "tip", "pose": pose_at(1, 1), **options}
     with pytest.raises((InputError, ConfigurationError), match=message):

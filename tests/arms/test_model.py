@@ -1,8 +1,5 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import trimesh
@@ -22,9 +19,7 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 @given(seed=seeds)
 @settings(max_examples=12)
-def test_frames_stand_where_yourdfpy_places_them(
-    tmp_path_factory: pytest.TempPathFactory, seed: int
-) -> None:
+def test_frames_stand_where_yourdfpy_places_them(tmp_path_factory, seed):
     """Include all kinds of joints, a mimic joint, and links without geometry."""
     path = random_arm(tmp_path_factory.mktemp("arm"), seed)
     mount = joint("mount", "l4", "tool0", (0.1, 0.2, 0.3), rpy=(0.4, 0.5, 0.6), kind="fixed")
@@ -44,7 +39,7 @@ def test_frames_stand_where_yourdfpy_places_them(
     assert arm.pose(rows[:0], "l4").shape == (0, 3, 4, 4)
 
 
-def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
+def test_only_joints_between_base_and_tip_move(tmp_path):
     """Other joints are held at zero or their nearest limit."""
     path = write_urdf(
         tmp_path,
@@ -63,7 +58,7 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     assert only.lower.tolist() == [0.5]
 
 
-def write_srdf(folder: Path, text: str) -> Path:
+def write_srdf(folder, text):
     path = folder / "arm.srdf"
     path.write_text(f'<robot name="small">{text}</robot>')
     return path
@@ -81,9 +76,7 @@ def write_srdf(folder: Path, text: str) -> Path:
     ],
     ids=["neighbours", "pairs", "defaults"],
 )
-def test_neighbours_may_touch_unless_an_srdf_lists_pairs(
-    tmp_path: Path, text: str | None, allowed: Any
-) -> None:
+def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path, text, allowed):
     """A link without geometry does not separate neighbours."""
     path = write_urdf(
         tmp_path,
@@ -96,7 +89,7 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(
     assert Arm.from_urdf(path, srdf).allowed_collisions.keys() == allowed.keys()
 
 
-def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
+def write_arm_with_states(folder):
     """Write an arm with groups, states of one name, end effectors, and names of other robots."""
     path = write_urdf(
         folder,
@@ -129,7 +122,7 @@ def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
 IGNORE_NAMES = pytest.mark.filterwarnings("ignore:.*which the URDF")
 
 
-def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path: Path) -> None:
+def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path):
     path, srdf = write_arm_with_states(tmp_path)
     with pytest.warns(UserWarning, match=r"lost, .*which the URDF.* bare, without coll") as heard:
         arm = Arm.from_urdf(path, srdf)
@@ -157,9 +150,7 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path:
         ({"two": 0.9}, "open", (0.0, 0.9, 0.04)),
     ],
 )
-def test_configuration_takes_states_and_values_by_name(
-    tmp_path: Path, values: Any, base: Any, expected: Any
-) -> None:
+def test_configuration_takes_states_and_values_by_name(tmp_path, values, base, expected):
     arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
     assert arm.configuration(values, base).tolist() == list(expected)
 
@@ -173,8 +164,8 @@ def test_configuration_takes_states_and_values_by_name(
     ("home", None, "values is 'home'; there are arm/home, hand/home; did you mean"),
 )
 def test_configuration_refuses_unknown_names_and_values_beyond_limits(
-    tmp_path: Path, values: Any, base: Any, message: str
-) -> None:
+    tmp_path, values, base, message
+):
     arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
     with pytest.raises((InputError, ConfigurationError), match=message):
         arm.configuration(values, base)
@@ -189,9 +180,7 @@ def test_configuration_refuses_unknown_names_and_values_beyond_limits(
     ],
     ids=["group", "hand", "names"],
 )
-def test_chosen_joints_move_and_others_are_held(
-    tmp_path: Path, options: Any, q: Any, whole_q: Any
-) -> None:
+def test_chosen_joints_move_and_others_are_held(tmp_path, options, q, whole_q):
     """Joint four mimics joint three, held or not."""
     path, srdf = write_arm_with_states(tmp_path)
     whole = Arm.from_urdf(path, srdf)
@@ -210,15 +199,13 @@ def test_chosen_joints_move_and_others_are_held(
     ({"joints": "arm", "held_joints": {"three": 0.05}}, "at 0.05; its limits are 0 and 0.04"),
     ({"held_joints": {"one": 0.0}}, "held_joints names 'one'; there is none; leave it out$"),
 )
-def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(
-    tmp_path: Path, options: dict[str, Any], message: str
-) -> None:
+def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(tmp_path, options, message):
     path, srdf = write_arm_with_states(tmp_path)
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(path, **{"srdf": srdf, **options})
 
 
-def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
+def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path):
     path = write_urdf(
         tmp_path,
         link("base", BAR),
@@ -258,7 +245,7 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     assert known.is_free((0.0, 0.0)) and not known.is_free((0.54, 0.0))
 
 
-def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
+def test_meshes_of_packages_are_found_in_given_folders(tmp_path):
     mesh = tmp_path / "ws" / "arm" / "bar.stl"
     mesh.parent.mkdir(parents=True)
     trimesh.creation.box((2.0, 0.1, 0.1)).export(mesh)
@@ -273,7 +260,7 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
     np.testing.assert_allclose(upper, (1.0, 0.05, 0.05), atol=1e-6)
 
 
-def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path: Path) -> None:
+def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     open_box.export(tmp_path / "open.stl")
@@ -285,14 +272,14 @@ def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path: Path
     ball = {"ball": Robot.ball(0.05)}
     assert build_arm_space(ball, arm, allowed_collisions=[("a", "ball")]).is_free((0.0,))
     with pytest.raises(InputError, match=r"solid is 'fill'.*must be 'auto' or 'surface'"):
-        Arm.from_urdf(path, solid="fill")  # type: ignore[arg-type]
+        Arm.from_urdf(path, solid="fill")
     with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
         arm.attach("tool", open_box, "b")
     assert [each.filename for each in heard] == [__file__]
     arm.attach("tool", Mesh.of(open_box, solid="surface"), "b", touch_links="a")
 
 
-def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path: Path) -> None:
+def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path):
     path = planar(tmp_path)
     mount = joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed")
     path.write_text(path.read_text().replace("</robot>", f"{link('tool0')}{mount}</robot>"))
@@ -305,12 +292,12 @@ def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path: Path) -
     assert added == {("ball", "upper")}
     assert held.detach("ball").frames == arm.frames
     for wrong in ({"link": "wing"}, {"pose": 2.0 * np.eye(4)}, {"touch_links": 5}, {"name": 5}):
-        options: dict[str, Any] = {"name": "tool", "shape": Robot.ball(0.1), "link": "fore"}
+        options = {"name": "tool", "shape": Robot.ball(0.1), "link": "fore"}
         with pytest.raises(InputError):
             arm.attach(**(options | wrong))
 
 
-def write_chain(folder: Path, leader: str) -> Path:
+def write_chain(folder, leader):
     """Write an arm of three joints; the second mimics ``leader``."""
     follows = f'<mimic joint="{leader}"/>'
     return write_urdf(
@@ -322,7 +309,7 @@ def write_chain(folder: Path, leader: str) -> Path:
     )
 
 
-def write_rack(folder: Path, factor: float) -> Path:
+def write_rack(folder, factor):
     """Write a pinion without limits, and a rack that slides by ``factor`` m a radian of it."""
     mimic = f'<mimic joint="pinion" multiplier="{factor}" offset="0.3"/>'
     return write_urdf(
@@ -350,15 +337,13 @@ def write_rack(folder: Path, factor: float) -> Path:
         "no collision geom",
     ),
 )
-def test_from_urdf_refuses_invalid_files_and_links(
-    tmp_path: Path, write: Any, changes: Any, options: Any, message: str
-) -> None:
+def test_from_urdf_refuses_invalid_files_and_links(tmp_path, write, changes, options, message):
     path = write(tmp_path, **changes)
     with pytest.raises((InputError, FileError), match=message):
         Arm.from_urdf(path, **options)
 
 
-def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None:
+def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path):
     """A factor of zero, or a pinion that is held, leaves the rack where it is."""
     still = Arm.from_urdf(write_rack(tmp_path, 0.0), joints=["pinion"])
     space = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 0.8, 0.5, 1.0)}, still)
@@ -378,7 +363,7 @@ def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None
         "has elbow at 'up' in the state 's'; it must be one finite number",
     ),
 )
-def test_from_urdf_refuses_invalid_srdf_files(tmp_path: Path, text: str, message: str) -> None:
+def test_from_urdf_refuses_invalid_srdf_files(tmp_path, text, message):
     path = tmp_path / "arm.srdf"
     path.write_text(text)
     with pytest.raises(FileError, match=message):

@@ -16,7 +16,7 @@ CARRIERS = ("upper", "hand", "finger", "other")
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+def arm(tmp_path_factory):
     """Return an arm with a joint of each kind, a mimicking joint, and a branch."""
     bar = ((0.5, 0.1, 0.1), (0.25, 0, 0))
     follows = '<mimic joint="elbow" multiplier="-0.5"/>'
@@ -34,7 +34,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
     return Arm.from_urdf(path)
 
 
-def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(arm: Arm) -> None:
+def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(arm):
     penetration = ArmPenetration(arm, dict.fromkeys(CARRIERS, BALLS), FIXED, tolerance=1e-3)
     q = np.random.default_rng(0).uniform(0.0, 0.3, (2, 10, arm.dof))
     values, gradient = penetration.value_and_gradient(q)
@@ -65,14 +65,12 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
     ({"knee": BALLS}, FIXED, "knee"),
     ({"hand": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
 )
-def test_arm_penetration_refuses_invalid_balls(
-    arm: Arm, links: object, obstacles: object, message: str
-) -> None:
+def test_arm_penetration_refuses_invalid_balls(arm, links, obstacles, message):
     with pytest.raises(InputError, match=message):
-        ArmPenetration(arm, links, obstacles)  # type: ignore[arg-type]
+        ArmPenetration(arm, links, obstacles)
 
 
-def test_ball_penetration_refuses_other_shapes() -> None:
+def test_ball_penetration_refuses_other_shapes():
     field = BallPenetration([0.1, 0.2], ([[0.0, 0.0, 0.0]], 0.5))
     for wrong in (np.zeros((2, 2)), np.zeros(3), np.full((2, 3), np.nan)):
         with pytest.raises(InputError, match="centers"):

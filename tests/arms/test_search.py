@@ -2,37 +2,35 @@
 
 import math
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import scipy.sparse.csgraph
 
-from cspace.arms import Arm, ArmSpace, build_arm_space
+from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import planar, posed_box, random_arm
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
-OPTIONS: dict[str, Any] = {"seed": 1, "time_limit": 60.0}
+OPTIONS = {"seed": 1, "time_limit": 60.0}
 
 
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
-def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
+def space(request, tmp_path_factory):
     """Build an arm that passes a wall only folded; sampling a motion misses the thin sheet."""
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
     return build_arm_space({"wall": posed_box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
 
 
-def measure_path(path: Any) -> float:
+def measure_path(path):
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3])
 @pytest.mark.parametrize("straight", [True, False])
-def test_paths_of_all_kinds_of_joints_are_proven(tmp_path: Path, seed: int, straight: bool) -> None:
+def test_paths_of_all_kinds_of_joints_are_proven(tmp_path, seed, straight):
     """The path ends at a goal or whole turns from it; further searches never lengthen it."""
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
     posts = {f"post {x}": posed_box((0.2, 0.2, 2.0), x, 0.9 - x) for x in (0.8, 0.1)}
@@ -54,7 +52,7 @@ def test_paths_of_all_kinds_of_joints_are_proven(tmp_path: Path, seed: int, stra
     np.testing.assert_array_equal(path, again)
 
 
-def test_find_path_reaches_the_nearest_free_goal(space: ArmSpace) -> None:
+def test_find_path_reaches_the_nearest_free_goal(space):
     near = -1.0, 0.3
     path = space.find_path(START, [IN_WALL, GOAL, near], iterations=10**9, **OPTIONS)
     np.testing.assert_array_equal(path, [START, near])
@@ -66,14 +64,14 @@ def test_find_path_reaches_the_nearest_free_goal(space: ArmSpace) -> None:
 
 @pytest.mark.parametrize("turns", [-1, 0, 2])
 @pytest.mark.parametrize("first", [3.0, -3.0])
-def test_a_continuous_joint_takes_the_shorter_way(tmp_path: Path, first: float, turns: int) -> None:
+def test_a_continuous_joint_takes_the_shorter_way(tmp_path, first, turns):
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
     path = space.find_path((first, 0.4), (turns * math.tau - first, 0.6), seed=1)
     last = first + math.remainder(-2.0 * first, math.tau)
     np.testing.assert_allclose(path, [(first, 0.4), (last, 0.6)])
 
 
-def test_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: Path) -> None:
+def test_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path):
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     space = build_arm_space({"wall": posed_box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
     path = space.find_path((2.0, 0.0), (-2.0, 0.0), seed=1)
@@ -83,7 +81,7 @@ def test_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: P
     assert np.abs(np.diff(path[:, 0])).max() <= np.pi
 
 
-def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -> None:
+def test_further_searches_find_the_shortest_way_around_a_wall(space):
     """Compare with the shortest chain of proven motions on a grid of configurations."""
     path = space.find_path(START, GOAL, iterations=40, **OPTIONS)
     assert space.certify_path(path).all()
@@ -123,9 +121,7 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -
     ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
     ((START, GOAL), {"iterations": 1.5}, InputError, "iterations is 1.5"),
 )
-def test_find_path_refuses_invalid_arguments(
-    tmp_path: Path, endpoints: Any, options: Any, error: type[Exception], message: str
-) -> None:
+def test_find_path_refuses_invalid_arguments(tmp_path, endpoints, options, error, message):
     wall = {"wall": posed_box((0.9, 0.1, 1.0), 1.55, 0.0, 0.0)}
     space = build_arm_space(wall, Arm.from_urdf(planar(tmp_path)))
     with pytest.raises(error, match=message):

@@ -2,8 +2,6 @@
 
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,21 +16,21 @@ from tests.helpers.refusals import refusals
 BOUNDS = (-3.0, -3.0, -3.0, 3.0, 3.0, 3.0)
 
 
-def write_scene(folder: Path, *objects: Any, **more: Any) -> Path:
+def write_scene(folder, *objects, **more):
     path = folder / "scene.yaml"
     scene = {"name": "test", "world": {"collision_objects": list(objects)}, **more}
     path.write_text(json.dumps(scene))
     return path
 
 
-def make_pose(position: Any = (0, 0, 0), orientation: Any = (0, 0, 0, 1)) -> dict[str, list[float]]:
+def make_pose(position=(0, 0, 0), orientation=(0, 0, 0, 1)):
     return {
         "position": [float(x) for x in position],
         "orientation": [float(x) for x in orientation],
     }
 
 
-def make_object(kind: Any, sizes: Any, place: Any = None, name: Any = "thing", **more: Any) -> Any:
+def make_object(kind, sizes, place=None, name="thing", **more):
     """Return a collision object of one primitive."""
     shape = {"type": kind, "dimensions": list(sizes)}
     return {"id": name, "primitives": [shape], "primitive_poses": [place or make_pose()], **more}
@@ -47,9 +45,7 @@ def make_object(kind: Any, sizes: Any, place: Any = None, name: Any = "thing", *
         (4, (1, 2, 0), (4, 1, 4)),
     ],
 )
-def test_primitives_have_the_size_and_pose_of_the_message(
-    tmp_path: Path, kind: Any, sizes: Any, sides: Any
-) -> None:
+def test_primitives_have_the_size_and_pose_of_the_message(tmp_path, kind, sizes, sides):
     """Turn y towards z; MoveIt writes the height before the radius, and a box as number 1."""
     lie = make_pose((5, 0, 0), Rotation.from_euler("x", 90, degrees=True).as_quat())
     path = write_scene(tmp_path, make_object(kind, sizes, lie, pose=make_pose((0, 7, 0))))
@@ -59,7 +55,7 @@ def test_primitives_have_the_size_and_pose_of_the_message(
     np.testing.assert_allclose(upper + lower, (10, 14, 0), atol=0.1)
 
 
-def test_scenes_become_maps_with_their_bounds(tmp_path: Path) -> None:
+def test_scenes_become_maps_with_their_bounds(tmp_path):
     ball = make_object("sphere", (0.3,), make_pose((1.2, 0, 0)), 7)  # robowflex writes no quotes
     path = write_scene(tmp_path, make_object("box", (1, 1, 1), name="a"), ball)
     workspace = Workspace.from_moveit_scene(path, 0.05)
@@ -76,9 +72,7 @@ def test_scenes_become_maps_with_their_bounds(tmp_path: Path) -> None:
     (["a", "a/0"], "has 'a/0' twice; ids and names of shapes must differ; rename one"),
     ([True, "a"], r"has True as world.collision_objects\[0\].id; it must be a name"),
 )
-def test_names_that_hide_an_obstacle_are_refused(
-    tmp_path: Path, ids: list[Any], expected: str
-) -> None:
+def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
     """Give the objects without a slash two shapes."""
     objects = [make_object("box", (1, 1, 1), name=name) for name in ids]
     for thing in objects:
@@ -92,7 +86,7 @@ def test_names_that_hide_an_obstacle_are_refused(
         Workspace.from_moveit_scene(path, 0.1, BOUNDS)
 
 
-def test_meshes_are_read_from_the_scene_and_from_files(tmp_path: Path) -> None:
+def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
     cube = trimesh.creation.box((1, 2, 3))
     folder = tmp_path / "cubes" / "meshes"
     folder.mkdir(parents=True)
@@ -114,7 +108,7 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path: Path) -> None:
         assert workspace.inner.any()
 
 
-def test_objects_are_read_in_one_frame(tmp_path: Path) -> None:
+def test_objects_are_read_in_one_frame(tmp_path):
     first = make_object("sphere", (0.1,), name="a", header={"frame_id": "/table"})
     second = make_object("sphere", (0.1,), name="b", header={"frame_id": "world"})
     identity = {"child_frame_id": "table", "transform": {"rotation": [0, 0, 0, 1]}}
@@ -126,7 +120,7 @@ def test_objects_are_read_in_one_frame(tmp_path: Path) -> None:
         read_moveit_scene(path)
 
 
-def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path: Path) -> None:
+def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
     mug = make_object("sphere", (0.1,), name="mug", header={"frame_id": "hand"})
     attached = {"attached_collision_objects": [{"link_name": "hand", "object": mug}]}
     path = write_scene(tmp_path, make_object("sphere", (1,)), robot_state=attached)
@@ -134,12 +128,12 @@ def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path: Path) -> None:
         Workspace.from_moveit_scene(path, 0.1)
 
 
-def make_box(**changes: Any) -> dict[str, Any]:
+def make_box(**changes):
     """Return a collision object of a box with other fields."""
     return make_object("box", [1, 1, 1]) | changes
 
 
-def make_mesh(**fields: Any) -> dict[str, Any]:
+def make_mesh(**fields):
     return {"id": "a", "meshes": [fields]}
 
 
@@ -155,9 +149,7 @@ POINT = [[0, 0, 0]]
     (make_box(operation=True), "has True as .*operation"),
     (make_mesh(vertices=POINT, triangles=[[0, 1, 2]]), "as a triangle of .* of its 1 vertices"),
 )
-def test_malformed_objects_are_refused_in_one_line(
-    tmp_path: Path, thing: Any, expected: str
-) -> None:
+def test_malformed_objects_are_refused_in_one_line(tmp_path, thing, expected):
     path = write_scene(tmp_path, thing)
     with pytest.raises((FileError, GeometryError), match=expected) as caught:
         Workspace.from_moveit_scene(path, 0.1, BOUNDS)
@@ -169,7 +161,7 @@ def test_malformed_objects_are_refused_in_one_line(
     ("world: {octomap: {octomap: {data: [1]}}}", "has world.octomap.octomap.data; .*from_octomap"),
     ("world: {objects: []}", "'objects' at world; the fields are collision_objects, octomap"),
 )
-def test_other_files_are_refused(tmp_path: Path, text: str, expected: str) -> None:
+def test_other_files_are_refused(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"
     path.write_text(text)
     with pytest.raises((FileError, GeometryError), match=expected):

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 import planners
-from cspace import FREE, MIXED, ConfigurationError
+from cspace import FREE, MIXED
 from tests.helpers.handmade import make_map
 
 CONFIGURATION = re.compile(r"\(([-+.e\d]+(?:, [-+.e\d]+)+)\)")
 
 
-def read_configurations(text: str) -> list[tuple[float, ...]]:
+def read_configurations(text):
     """Return the configurations in a text."""
     return [tuple(map(float, numbers.split(", "))) for numbers in CONFIGURATION.findall(text)]
 
 
 @pytest.mark.parametrize("spacing", [0.01, 0.1])
-def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing: float) -> None:
+def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing):
     states = np.full((1, 41, 9), FREE, dtype=np.uint8)
     states[0, 20] = MIXED
     space = make_map(states, "plane", "blocked", spacing)
@@ -30,14 +30,3 @@ def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing: flo
         assert planners.plan(space, first, last).solved == plan.solved
         without_map = pickle.loads(pickle.dumps(plan))
         assert read_configurations(repr(without_map)) == [tuple(plan.start), tuple(plan.goal)]
-
-
-def test_the_nearest_configuration_of_an_error_is_taken_when_typed_back() -> None:
-    states = np.full((1, 2000, 3), MIXED, dtype=np.uint8)
-    states[0, 1250, 1] = FREE  # its center is at 12.505 m
-    space = make_map(states, "plane", "blocked", 0.01, lower=(1000.0, 0.0))
-    with pytest.raises(ConfigurationError) as refused:
-        planners.plan(space, (1012.0, 0.015), (1012.0, 0.015))
-    (nearest,) = read_configurations(refused.value.hint)
-    assert nearest == pytest.approx(refused.value.nearest)
-    assert planners.plan(space, nearest, nearest).solved

@@ -18,9 +18,7 @@ SIDE = 4.0
 """Side of the drawn rooms in metres."""
 
 
-def build_gap(
-    width: float, robot: Robot, rotations: int | None = None
-) -> tuple[cspace.CSpace, list[shapely.Geometry]]:
+def build_gap(width, robot, rotations=None):
     """Build two halves of a room joined by a gap near a wall and a wide door far away; return the
     walls too."""
     walls = [shapely.box(1.9, 0.0, 2.1, 0.43), shapely.box(1.9, 0.43 + width, 2.1, 3.0)]
@@ -30,9 +28,7 @@ def build_gap(
 
 @settings(max_examples=40)
 @given(seeds, st.sampled_from([None, 8]))
-def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(
-    seed: int, rotations: int | None
-) -> None:
+def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
     rng = np.random.default_rng(seed)
     corners, sides = rng.uniform(0.0, SIDE, (6, 2)), rng.uniform(0.1, 1.2, (6, 2))
     obstacles = [
@@ -69,7 +65,7 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(
         assert not space.motion_is_free(*ends, exact=True)
 
 
-def test_exact_paths_turn_where_the_gap_demands_it() -> None:
+def test_exact_paths_turn_where_the_gap_demands_it():
     space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
     start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
     assert len(space.find_path(start, goal)) and space.find_path(start, goal)[:, 1].max() > 3.0
