@@ -99,14 +99,6 @@ def test_tolerances_decide_what_is_in_reach(tmp_path, pose, tight, loose):
         assert (np.array(poses_apart(arm.pose(q, "tip"), pose)) <= loose).all()
 
 
-def test_an_unreachable_pose_is_refused_with_the_nearest_one(tmp_path):
-    arm = planar_with_tip(tmp_path)
-    message = r"reached is 1 m and .* rad away; it must be within 0.0001 m and 0.001 rad; move"
-    with pytest.raises(ConfigurationError, match=message) as caught:
-        arm.inverse("tip", pose_at(3, 0))
-    np.testing.assert_allclose(np.array(caught.value.nearest), (0, 0), atol=1e-3)
-
-
 def test_joints_turn_towards_the_given_configuration(tmp_path):
     """Continuous joints turn without end; a joint mimicked by half would move its follower."""
     endless = {"kind": "continuous", "limits": None}

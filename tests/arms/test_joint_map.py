@@ -1,6 +1,5 @@
 """Maps of two and three joints, against shapely and FCL."""
 
-import itertools
 import pickle
 
 import numpy as np
@@ -10,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
+import cspace
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms import Arm, build_arm_space, build_joint_map, undecided_pairs
 from cspace.errors import ConfigurationError, InputError
@@ -133,6 +133,9 @@ def test_undecided_pairs_are_those_that_touch_in_the_cell(tmp_path):
         assert count == 1
         assert meets_posts(grid.lower + grid.spacing * (cell + within), wider, bars=(bar,)).any()
     assert undecided_pairs(joint_map, joint_map.sample_free(20)) == {}
+    joint_map.save(tmp_path / "map.zarr")
+    with pytest.raises(InputError, match="joint_map has no geometry of an arm"):
+        undecided_pairs(cspace.open(tmp_path / "map.zarr"))
 
 
 @pytest.mark.parametrize("shoulder", [CONTINUOUS, LIMITED], ids=["continuous", "limited"])
@@ -265,13 +268,3 @@ def test_held_joints_must_keep_links_apart(tmp_path):
         build_joint_map(space, 0.5, ("0", "1"), held_joints=(0, 0, 0, 5))
     with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
         build_joint_map(space, 0.5, ("2", "3"), held_joints=(2.2, 2.2, 0, 0))
-
-
-def test_a_map_of_joints_that_move_no_pair_is_free(tmp_path):
-    space = build_plane_arm(tmp_path, ())
-    space.allow_collisions(itertools.combinations(("foot", "upper", "fore"), 2))
-    joint_map = build_joint_map(space, 0.5)
-    assert joint_map.count() == (joint_map.grid.size, 0, 0)
-    q = np.random.default_rng(0).uniform(-3.0, 3.0, (2, 20, 2))
-    assert np.asarray(joint_map.motion_is_free(*q, exact=True)).all()
-    assert undecided_pairs(joint_map) == {}

@@ -157,20 +157,6 @@ def test_scattered_cells_refuse_to_exceed_the_memory(arm, monkeypatch):
         build_arm_space(scattered, arm, base_pose=away)
 
 
-def test_trimesh_is_accepted_as_obstacle_and_attached_object(arm):
-    mesh = trimesh.creation.icosphere(2, 0.4)
-    pose = pose_at(1.3, 0.9)
-    moved = mesh.copy().apply_transform(pose)
-    points = np.random.default_rng(1).uniform(-3.0, 3.0, (100, 2))
-    expected = np.asarray(build_arm_space({"ball": moved}, arm).classify(points))
-    assert len(set(expected.tolist())) > 1
-    for same in (Mesh.of(moved), PosedShape(mesh, pose)):
-        states = build_arm_space({"ball": same}, arm).classify(points)
-        np.testing.assert_array_equal(states, expected)
-    attached = build_arm_space({}, arm.attach("tool", mesh, "fore", pose_at(1.0, 0.0)))
-    assert attached.is_free((0.0, 1.0)) and not attached.is_free((0.0, 2.9))
-
-
 @refusals(
     "call, message",
     (

@@ -1,6 +1,5 @@
 """Arms among obstacles: FREE, BLOCKED, distances and motions, against FCL and shapely."""
 
-import copy
 import math
 
 import numpy as np
@@ -339,10 +338,6 @@ def test_a_tuple_is_answered_and_refused_as_an_array(planar_arm):
     pairs = zip(points[:-1].tolist(), points[1:].tolist(), strict=True)
     motions = [space.motion_is_free(tuple(a), tuple(b)) for a, b in pairs]
     assert motions == space.motion_is_free(points[:-1], points[1:]).tolist()
-    q = tuple(points[states.index(False)].tolist())
-    bare = copy.copy(space)
-    bare.remove_obstacle("post")
-    assert bare.is_free(q) and not space.is_free(q)
     for wrong in ((0.0,), (0.0, "a"), (0.0, math.nan), (0.0, 0.0, 0.0)):
         with pytest.raises(InputError):
             space.is_free(wrong)

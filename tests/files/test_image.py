@@ -62,7 +62,7 @@ def test_cells_agree_with_the_pixels_that_pillow_returns(
     drawn.save(path)
     width, height = drawn.size
     colours = drawn.convert("RGBA")
-    workspace = Workspace.from_image(path, 0.1, (2.0, 3.0), threshold=threshold, dark=dark)
+    workspace = Workspace.from_image(path, 0.1, lower=(2.0, 3.0), threshold=threshold, dark=dark)
     assert workspace.grid == Grid((2.0, 3.0), 0.1, drawn.size)
     occupied = workspace.outer
     for column, row in np.ndindex(width, height):

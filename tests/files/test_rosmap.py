@@ -193,18 +193,3 @@ def test_written_maps_read_back_identically(tmp_path_factory, state, lower, spac
     assert np.array_equal(cautious.outer, state != FREE)
     assert np.array_equal(bold.outer, state == BLOCKED)
     assert sorted(file.name for file in path.parent.iterdir()) == ["a map.pgm", "a map.yaml"]
-
-
-@pytest.mark.parametrize("name", ["depot", "TenByTen", "turtlebot3_world", "willow-full-0.05"])
-def test_real_maps_agree_with_a_plain_reading(data, name):
-    path = data / "maps" / f"{name}.yaml"
-    entries = dict(line.split(":", 1) for line in path.read_text().splitlines() if line.strip())
-    with Image.open(path.parent / entries["image"].strip()) as image:
-        shade = np.flipud(np.asarray(image.convert("L"))).T / 255
-    probability = shade if int(entries["negate"]) else 1 - shade
-    x, y, _ = (float(number) for number in entries["origin"].strip(" []").split(","))
-    workspace = Workspace.from_ros_map(path)
-    assert workspace.grid == Grid((x, y), float(entries["resolution"]), shade.shape)
-    assert np.array_equal(workspace.outer, probability >= float(entries["free_thresh"]))
-    occupied = probability > float(entries["occupied_thresh"])
-    assert np.array_equal(Workspace.from_ros_map(path, "free").outer, occupied)

@@ -152,15 +152,6 @@ def test_a_mesh_of_a_missing_package_is_guessed_with_a_warning(tmp_path, cell):
     assert measure_side(relative) == 3
 
 
-def test_urdf_files_of_other_projects_are_read(data):
-    hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
-    gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
-    # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes
-    # of the folder).
-    sides = np.ptp(gripper.shape.outer.bounds, axis=0)
-    assert sides.tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
-
-
 def make_chain(count, kind="fixed", extra=""):
     """Return a chain of boxes, each turned by 0.01 against the one before."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'

@@ -51,14 +51,6 @@ def test_outer_cells_meet_shapes_and_inner_cells_lie_in_them(drawn, bounds, spac
     check_cells(Workspace.from_polygons(shapes, spacing, bounds), shapes)
 
 
-@pytest.mark.parametrize(("name", "parts", "spacing"), [("parking1", 13, 0.5), ("car", 1, 0.2)])
-def test_real_polygons_agree_with_shapely(data, name, parts, spacing):
-    path = data / "polygons" / f"{name}.geojson"
-    shapes = read_shapes(path)
-    assert len(shapes) == parts
-    check_cells(Workspace.open(path, spacing=spacing), shapes)
-
-
 @pytest.mark.parametrize(
     "source",
     [

@@ -164,17 +164,6 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.Monk
 # ---- parking -------------------------------------------------------------------------------------
 
 
-def test_a_car_parks_parallel_to_the_road_in_reverse() -> None:
-    """The gap is 1.6 times as long as the car."""
-    cars = [shapely.box(x, 0.4, x + 4.2, 2.1) for x in (0.5, 11.4, 16.3)]
-    workspace = Workspace.from_polygons(cars, 0.1, bounds=(0, 0, 21, 6.5))
-    space = build(workspace, Robot.rectangle(4.2, 1.7), rotations=144)
-
-    options = {"drive": "reeds-shepp", "turning_radius": 4.0, "time_limit": 60.0}
-    plan = planners.plan(space, (3.5, 4.2, 0.0), (8.0, 1.25, 0.0), **options)
-    assert plan.certified and -1 in plan.direction and plan.length < 40.0
-
-
 @EVERY_DRIVE
 def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
     """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within

@@ -62,20 +62,6 @@ def test_texts_name_axes_rotations_and_colours(flat, turning):
     assert "yaw -90°, in a rotation cell of 15°" in heading(ax)
 
 
-def test_exterior_of_the_grid_is_hatched():
-    """Compare the hatching with colours of classes."""
-    space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1))
-    ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
-    assert ax.get_xlim()[0] == pytest.approx(-1.1)
-    image = rendered(ax)
-    places = itertools.product(np.linspace(-1.0, -0.1, 40), np.linspace(0.6, 1.9, 40))
-    shown = {pixel(ax, image, x, y) for x, y in places}
-    assert len(shown) > 1
-    assert not shown & set(COLORS.values())
-    assert "outside the grid" in labels(ax)
-    assert "outside the grid" not in labels(plot(space))
-
-
 @pytest.mark.parametrize("taken", ["free", "obstacle"])
 def test_unknown_cells_have_their_own_colours(taken):
     rng = np.random.default_rng(5)
@@ -206,17 +192,6 @@ def test_zoom_shows_a_part_of_a_plane_map(turning):
     assert np.mean(ax.get_xlim()) == pytest.approx(2.0)
     ax = plot(turning, zoom=4.0, center=(0.2, 0.1))
     assert ax.get_xlim() == pytest.approx((0.0, 1.2))
-
-
-def test_axes_of_the_caller_are_used(flat):
-    figure = Figure(figsize=(9, 4))
-    left, right = figure.subplots(1, 2)
-    assert plot(flat, ax=right) is right
-    assert (len(left.images), len(right.images)) == (0, 1)
-    assert "disc" in right.get_title()
-    assert right.get_legend() is not None
-    assert not figure.legends
-    assert plot(flat, ax=left, title="mine").get_title() == "mine"
 
 
 def test_pictures_need_no_window_and_no_display(tmp_path):

@@ -1,7 +1,6 @@
 """Edges against exact clipping, OMPL's interpolation, and samples along them."""
 
 import math
-from itertools import product
 
 import numpy as np
 import pytest
@@ -111,12 +110,6 @@ def test_long_edges_outside_the_grid_are_decided(dim):
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
     assert not space.motion_is_free((-1e9, *rest), (1e9, *rest))  # too far for the certificate
-    blocked_outside = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
-    assert blocked_outside.motion_is_free((0.0,) * dim, (1.0,) * dim)
-    for axis, value in product(range(dim), (-0.01, 1.01)):
-        q = np.full(dim, 0.5)
-        q[axis] = value
-        assert not blocked_outside.motion_is_free((0.5,) * dim, q)
 
 
 # ---- positions and yaws --------------------------------------------------------------------------

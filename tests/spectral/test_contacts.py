@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError
-from cspace.spectral import FourierOverlap, Separation, Verdict, decompose
+from cspace.spectral import FourierOverlap, Verdict, decompose
 from tests.helpers.strategies import seeds
 
 dims = st.sampled_from([2, 3])
@@ -123,17 +123,6 @@ def test_verdicts_about_polygons_agree_with_shapely():
         assert collides[verdicts == Verdict.HIT].all()
         counts += np.bincount(verdicts, minlength=3)
     assert (counts > 20).all()
-
-
-def test_verdicts_about_touching_need_no_frequency():
-    a = [[0.0, 0.0], [0.2, 0.0]], 0.1
-    b = [[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3]
-    overlap = FourierOverlap(a, b, band=8.0)
-    for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
-        assert overlap.separated(t) == Separation(Verdict.MISS, 0, 0.0, 0.0)
-    assert overlap.separated([0.0, 0.1]) == Separation(Verdict.HIT, 0, 0.0, math.inf)
-    assert overlap.separated([0.0, 0.3]).verdict is Verdict.UNDECIDED
-    assert overlap.separated(np.zeros((0, 2))).verdict.shape == (0,)
 
 
 def test_verdicts_are_neither_true_nor_false():
