@@ -270,8 +270,6 @@ def test_obstacles_follow_the_base_pose(tmp_path):
     space = build_arm_space({}, arm, base_pose=base)
     space.add_obstacle("post", shape, pose)
     assert_equal_answers(space, new)
-    space.add_obstacle("post", PosedShape(shape, pose))
-    assert_equal_answers(space, new)
 
 
 def test_replaced_clouds_leave_no_memory(tmp_path):

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.sparse.csgraph
+from scipy.spatial import cKDTree
 
 from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError, InputError
@@ -83,23 +84,7 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space):
     shoulder = np.linspace(-1.5, 1.5, 51)
     elbow = np.linspace(-2.4, 2.4, 73)
     points = np.stack(np.meshgrid(shoulder, elbow, indexing="ij"), axis=-1).reshape(-1, 2)
-    index = np.arange(len(points)).reshape(51, 73)
-    edges = []
-    for i, j in [
-        (0, 1),
-        (1, 0),
-        (1, 1),
-        (1, -1),
-        (1, 2),
-        (1, -2),
-        (2, 1),
-        (2, -1),
-        (3, 1),
-        (3, -1),
-    ]:
-        starts = index[: 51 - i, max(0, -j) : 73 - max(0, j)]
-        edges.append(np.stack([starts, starts + i * 73 + j], axis=-1).reshape(-1, 2))
-    pairs = np.concatenate(edges)
+    pairs = cKDTree(points).query_pairs(0.21, output_type="ndarray")
     pairs = pairs[np.asarray(space.motion_is_free(points[pairs[:, 0]], points[pairs[:, 1]]))]
     lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
     graph = scipy.sparse.coo_array((lengths, tuple(pairs.T)), shape=(len(points),) * 2).tocsr()

@@ -42,11 +42,10 @@ def test_negative_corners_of_obj_count_back(tmp_path, second):
         lambda text: text.replace("\n", "\r"),
         lambda text: text.replace("\n", " # path C:\\folder\\\n"),
         lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nl 1 2 3\np 1\nf"),
-        lambda text: text.replace(".0\n", ".0 1\n"),
         lambda text: text.replace(".0\n", ".0 0.5 0.5 0.5\n"),
         lambda text: text.replace("f ", "vt 0 0\nf ").replace("1 ", "1/1 ").replace("2 ", "2//1 "),
     ],
-    ids=["mark", "Windows", "old Mac", "comments", "groups", "weights", "colours", "texture"],
+    ids=["mark", "Windows", "old Mac", "comments", "groups", "colours", "texture"],
 )
 def test_obj_is_read_in_every_layout(tmp_path, write):
     check_boxes(read(tmp_path, "laid.obj", write(VERTICES + FACES)))

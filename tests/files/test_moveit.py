@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import FileError, Workspace
 from cspace.arms import read_moveit_scene
-from cspace.errors import GeometryError, InputError
+from cspace.errors import GeometryError
 from tests.helpers.refusals import refusals
 
 BOUNDS = (-3.0, -3.0, -3.0, 3.0, 3.0, 3.0)
@@ -48,23 +48,11 @@ def make_object(kind, sizes, place=None, name="thing", **more):
 def test_primitives_have_the_size_and_pose_of_the_message(tmp_path, kind, sizes, sides):
     """Turn y towards z; MoveIt writes the height before the radius, and a box as number 1."""
     lie = make_pose((5, 0, 0), Rotation.from_euler("x", 90, degrees=True).as_quat())
-    path = write_scene(tmp_path, make_object(kind, sizes, lie, pose=make_pose((0, 7, 0))))
+    path = write_scene(tmp_path, make_object(kind, sizes, lie, 7, pose=make_pose((0, 7, 0))))
     (shape,) = Workspace.from_moveit_scene(path, 0.1).shapes
     lower, upper = shape.outer.bounds
     np.testing.assert_allclose(upper - lower, sides, rtol=0.1)
     np.testing.assert_allclose(upper + lower, (10, 14, 0), atol=0.1)
-
-
-def test_scenes_become_maps_with_their_bounds(tmp_path):
-    ball = make_object("sphere", (0.3,), make_pose((1.2, 0, 0)), 7)  # robowflex writes no quotes
-    path = write_scene(tmp_path, make_object("box", (1, 1, 1), name="a"), ball)
-    workspace = Workspace.from_moveit_scene(path, 0.05)
-    assert len(workspace.shapes) == 2
-    assert workspace.grid.lower == (-0.5, -0.5, -0.5)
-    assert workspace.grid.upper[0] == pytest.approx(1.5)
-    assert list(read_moveit_scene(path).obstacles) == ["a", "7"]
-    with pytest.raises(InputError, match="spacing"):
-        Workspace.from_moveit_scene(path, 0.0)
 
 
 @refusals(
@@ -97,7 +85,6 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
     turn = make_pose((5, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_quat())
     for mesh, factor in (
         ({"vertices": corners, "triangles": triangles}, 1.0),
-        ({"vertices": cube.vertices.tolist(), "triangles": cube.faces.tolist()}, 1.0),
         (scaled, 0.5),
         ({"resource": "cubes/meshes/cube.stl"}, 1.0),
     ):

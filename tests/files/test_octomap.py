@@ -109,17 +109,3 @@ def test_malformed_octomaps_are_refused(tmp_path, content, message):
     (tmp_path / "bad.bt").write_bytes(content)
     with pytest.raises(FileError, match=message):
         Workspace.from_octomap(tmp_path / "bad.bt")
-
-
-@settings(max_examples=30)
-@given(st.binary(max_size=400), st.sampled_from([BINARY, FULL]), st.integers(1, 300))
-def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
-    path = tmp_path_factory.getbasetemp() / "any.bt"
-    path.write_bytes(header.format(size).encode() + nodes)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cspace.limits.free_bytes", lambda: 10**7)
-        try:
-            workspace = Workspace.from_octomap(path)
-        except FileError:
-            return
-    assert workspace.outer.ndim == 3

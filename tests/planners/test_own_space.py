@@ -71,14 +71,9 @@ def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
     radii = np.array([math.hypot(*START), math.hypot(*GOAL)])
     around = math.pi - math.atan2(GOAL[1], GOAL[0]) - np.arccos(1.0 / radii).sum()
     shortest = around + np.sqrt(radii**2 - 1.0).sum()
-    steps = np.diff(plan.path[:, :2], axis=0)
-    assert plan.length == pytest.approx(np.linalg.norm(steps, axis=1).sum())
     assert plan.length > shortest and plan.gap >= 0.0
     assert math.isnan(plan.clearance) and math.isnan(plan.obstacle_distance)
     assert copy.deepcopy(plan).lower_bound == plan.lower_bound
-    angular = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0} if turns else {}
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0, **angular)
-    assert trajectory.duration > plan.length
 
 
 def test_a_search_of_the_space_is_the_default_planner():

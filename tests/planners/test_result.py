@@ -73,19 +73,12 @@ def test_the_obstacle_distance_follows_shapes_that_change():
     plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
     minimum = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
     assert minimum - 0.025 - 1e-6 <= plan.obstacle_distance <= minimum
-    assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
-    assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
-
     apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
     for length, turn in ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2)):
         bound = apart - 0.5 * length - 0.5 * turn * math.hypot(0.5, 0.2)
         assert space.obstacle_distance((4.0, 3.6), length, turn) == pytest.approx(bound, abs=1e-9)
     space.add_obstacle("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
-    space.add_obstacle("ball", shapely.Point(4.0, 3.9).buffer(0.08))
-    assert plan.obstacle_distance == 0.0
-    space.remove_obstacle("ball")
-    assert plan.obstacle_distance == pytest.approx(minimum, abs=0.03)
 
 
 def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
@@ -100,8 +93,7 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
     assert 0.4 < plan.clearance < plan.obstacle_distance < 0.7
     for again in (pickle.loads(pickle.dumps(plan)), copy.deepcopy(plan)):
         assert again.space is None and math.isnan(again.obstacle_distance)
-        assert again.shown_distance == ("clearance", plan.clearance)
-        assert pickle.loads(pickle.dumps(again)).clearance == plan.clearance
+        assert again.clearance == plan.clearance
     space.add_obstacle("ball", shapely.Point(4.0, 4.2).buffer(0.3))
     assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
@@ -118,10 +110,8 @@ def test_repr_tells_if_the_proof_still_holds():
     assert ", obstacle distance not proven to be more than 0\n" in repr(plan) and plan.certified
     again = pickle.loads(pickle.dumps(plan))
     assert "certified when planned; " in repr(again) and not again.recheck(space).any()
-    assert planners.plan(space, (1.0, 0.7), (1.0, 0.7)).recheck().tolist() == [True]
     for lost, recheck in (
         (r"plan has no map; .* plan.recheck\(space\)", again.recheck),
-        (r"plan has no map.*space.plot\(path=plan\)", again.plot),
         ("space has the axes x, y, yaw", lambda: plan.recheck(build_room("turning"))),
         ("plan has no path", planners.plan(*build_halves("plane", BLOCKED)).recheck),
     ):
@@ -172,9 +162,6 @@ def test_a_failed_plan_shows_and_writes_start_and_goal(tmp_path):
     record = json.loads((tmp_path / "plan.json").read_text())
     assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
     assert (record["path"], record["length"], record["is_disconnected"]) == ([], None, True)
-    plan.to_csv(tmp_path / "path.csv")
-    assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
-    assert (plan.axes, plan.units, plan.length_unit) == (space.axes, space.units, "m")
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])

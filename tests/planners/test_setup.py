@@ -6,11 +6,10 @@ from ompl import base as ob
 from ompl import geometric as og
 
 import planners
-from cspace import InputError, Robot, Workspace, build
+from cspace import InputError
 from planners.catalogue import make_planner, planner_named
 from planners.local_planner import DRIVES
 from planners.states import find_state_kind
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
     SPACES,
@@ -156,16 +155,3 @@ def test_states_hold_configurations_and_a_radian_counts_as_half_a_metre(name):
         assert find_state_kind(space).read(state) == tuple(q)
         assert states.satisfiesBounds(state) == space.grid.contains(q[: space.grid.dim])
         assert states.distance(made[0], state) == pytest.approx(space.distance(rows[0], q))
-
-
-def test_planners_of_ompl_plan_in_nanometres_but_not_in_picometres():
-    for metres in (1e-9, 1e-12):
-        workspace = Workspace.from_array(fill_boxes((60, 40), np.s_[28:31, :26]), metres)
-        space = build(workspace, Robot.rectangle(6 * metres, 3 * metres), rotations=24)
-        query = space, (8 * metres, 8 * metres, 0.0), (50 * metres, 8 * metres, 2.0)
-        assert planners.plan(*query, time_limit=20.0).certified
-        if metres == 1e-9:
-            assert planners.plan(*query, planner="RRTConnect", time_limit=20.0).certified
-    message = r"space spans 7.21e-11 m; OMPL's planners need at least 2.2e-10 m; use a larger unit"
-    with pytest.raises(InputError, match=message):
-        planners.plan(*query, planner="RRTConnect")

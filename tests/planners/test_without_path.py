@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ompl import geometric as og
 
 import planners
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, Robot, Workspace, build
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace, build
 from planners.local_planner import CURVES, DRIVES, local_planner
 from tests.helpers.handmade import (
     MAP_KINDS,
@@ -173,16 +173,3 @@ def test_the_yaws_in_the_status_equal_look_ups(seed):
 
 
 # ---- too few rotations ---------------------------------------------------------------------------
-
-
-def test_too_few_rotations_in_a_corridor_ask_for_more():
-    occupied = np.ones((80, 20), dtype=bool)
-    occupied[2:78, 4:16] = False  # a corridor of 0.6 m
-    for robot, rotations, needs_more in (
-        (Robot.rectangle(0.9, 0.3), 2, True),
-        (Robot.disc(0.29), 2, False),  # a round robot needs no more
-    ):
-        space = build(Workspace.from_array(occupied, 0.05), robot, rotations=rotations)
-        with pytest.raises(ConfigurationError) as caught:
-            planners.plan(space, (0.8, 0.5, 0.0), (0.8, 0.5, 0.0))
-        assert ("more rotations" in caught.value.hint) == needs_more

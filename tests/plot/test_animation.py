@@ -5,10 +5,9 @@ import pytest
 from scipy.ndimage import label
 
 import planners
-from cspace import Arm, Robot, Workspace, build, build_arm_space
+from cspace import Robot, Workspace, build
 from cspace.plot import animate
 from tests.helpers.pictures import TURNING_PATH
-from tests.helpers.urdfs import planar
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT = (0x3F, 0xB7, 0x95)
@@ -86,22 +85,6 @@ def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
     assert up / 1.1 == pytest.approx(right / 2.8, rel=0.05)
     assert (np.diff(rows) < 1.0).all()
     assert mask_color(pixels[0], PURPLE).sum() > 20
-
-
-def test_links_of_an_arm_move_and_its_foot_stays(tmp_path):
-    pytest.importorskip("yourdfpy")
-    arm = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
-    file = tmp_path / "arm.gif"
-    animate(arm, [(0.0, 0.0), (1.5, 0.0)], file, camera=(90.0, -90.0), seconds=0.8, rate=5)
-    pixels, _, _ = read_frames(file)
-    assert len(pixels) == 5
-    first, last = mask_green(pixels[0]), mask_green(pixels[-1])
-    (first_height, first_width), (last_height, last_width) = (
-        np.ptp(np.argwhere(shown), axis=0) for shown in (first, last)
-    )
-    assert first_width > 3 * first_height
-    assert last_height > 3 * last_width
-    assert (first & last).any()
 
 
 def test_trajectories_are_animated_at_true_speed(flat, tmp_path):

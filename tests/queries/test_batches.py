@@ -41,8 +41,7 @@ def test_one_configuration_returns_a_python_value_and_an_array_a_numpy_value():
     for name, kind in QUERIES.items():
         assert type(getattr(space, name)(Q)) is type(getattr(space, name)(list(Q))) is kind
         assert isinstance(getattr(space, name)(np.array(Q)), np.generic | kind)
-    assert type(space.motion_is_free(Q, Q)) is type(space.is_free_around(Q, 0.1)) is bool
-    assert space.motion_is_free(np.ones((3, 1, 3)), np.ones((5, 3))).shape == (3, 5)
+    assert type(space.motion_is_free(Q, Q)) is bool
 
 
 @pytest.mark.parametrize("dtype", ["float32", "int8", "bool", ">f8", "longdouble"])
