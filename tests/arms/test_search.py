@@ -1,6 +1,5 @@
 """Paths of arms, proven, short and reproducible."""
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -65,15 +64,6 @@ def test_find_path_reaches_the_nearest_free_goal(space):
     space.add_obstacle("bar", posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0))
     assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
     space.remove_obstacle("bar")
-
-
-@pytest.mark.parametrize("turns", [-1, 0, 2])
-@pytest.mark.parametrize("first", [3.0, -3.0])
-def test_a_continuous_joint_takes_the_shorter_way(tmp_path, first, turns):
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
-    path = space.find_path((first, 0.4), (turns * math.tau - first, 0.6), seed=1)
-    last = first + math.remainder(-2.0 * first, math.tau)
-    np.testing.assert_allclose(path, [(first, 0.4), (last, 0.6)])
 
 
 def test_further_searches_find_the_shortest_way_around_a_wall(space):

@@ -60,5 +60,3 @@ def test_the_problems_of_real_maps_are_connected(data, name):
     assert space.is_free(starts).all()
     assert space.is_free(goals).all()
     assert all(answer is True for answer in proven_paths(space, starts, goals))
-    coarse = cspace.build(workspace, Robot.disc(0.01))
-    assert all(answer is not False for answer in proven_paths(coarse, starts, goals))

@@ -54,7 +54,6 @@ def test_outer_cells_meet_shapes_and_inner_cells_lie_in_them(drawn, bounds, spac
 @pytest.mark.parametrize(
     "source",
     [
-        pytest.param(iter([L_SHAPE, FAR]), id="iterator"),
         np.array([L_SHAPE, FAR]),
         [L_SHAPE.wkt, mapping(FAR)],
         f"  geometrycollection({L_SHAPE.wkt}, {FAR.wkt})",
@@ -73,7 +72,6 @@ def test_polygons_are_read_from_every_source(source):
     ("name", "text"),
     [
         ("a.geojson", "\ufeff" + json.dumps(mapping(BOTH))),
-        ("a.json", json.dumps({"type": "Feature", "geometry": mapping(BOTH)})),
         ("a.wkt", f"{L_SHAPE.wkt}\n\n{FAR.wkt}\n"),
         ("a.WKT", BOTH.wkt.replace(",", ",\n")),
     ],

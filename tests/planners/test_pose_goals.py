@@ -77,7 +77,6 @@ def test_poses_out_of_reach_or_in_collision_are_refused(tmp_path):
     message = "goal is out of reach of tip: the nearest pose that it reached is 1 m and .* rad away"
     with pytest.raises(ConfigurationError, match=message) as caught:
         planners.plan(space, START, PoseGoal("tip", pose_at(3, 0)))
-    assert space.is_free(caught.value.nearest)
     nearest = space.arm.pose(caught.value.nearest, "tip")
     np.testing.assert_allclose(nearest[:3, 3], (2, 0, 0), atol=1e-3)
     message = (

@@ -65,22 +65,6 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
 # ---- distance from obstacles ---------------------------------------------------------------------
 
 
-def test_the_obstacle_distance_follows_shapes_that_change():
-    pillar = shapely.Point(4.03, 2.51).buffer(0.5)
-    workspace = Workspace.from_polygons([pillar], 0.1, bounds=(0, 0, 8, 8))
-    robot = Robot.polygon(shapely.box(-0.5, -0.2, 0.5, 0.2))
-    space = build(workspace, robot, outside="free", margin=0.05)
-    plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
-    minimum = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
-    assert minimum - 0.025 - 1e-6 <= plan.obstacle_distance <= minimum
-    apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
-    for length, turn in ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2)):
-        bound = apart - 0.5 * length - 0.5 * turn * math.hypot(0.5, 0.2)
-        assert space.obstacle_distance((4.0, 3.6), length, turn) == pytest.approx(bound, abs=1e-9)
-    space.add_obstacle("ball", shapely.Point(4.0, 4.35).buffer(0.2))
-    assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
-
-
 def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
     workspace = Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1)
     space = build(workspace, Robot.disc(0.2), outside="free")

@@ -90,9 +90,6 @@ def test_faces_separate_solid_cells_from_others(hall, shown):
     step = 0.05 * np.sign(towards) * np.eye(3)[normal]
     centers = corners.mean(axis=1)
     assert solid[tuple(hall.grid.cell_of(centers - step).T)].all()
-    ahead = (centers + step)[hall.grid.contains(centers + step)]
-    # Part of a removed wall may remain in front of the free space.
-    assert shown == "free" or not solid[tuple(hall.grid.cell_of(ahead).T)].any()
     assert (colors <= np.array(to_rgb(surface.SURFACES[shown][1])) + 1e-9).all()
     assert len(np.unique(colors.round(3), axis=0)) == 3
 

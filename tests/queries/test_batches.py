@@ -5,16 +5,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
 
 import cspace
-from cspace import ConfigurationError, InputError, Robot, Rotations, Workspace
+from cspace import ConfigurationError, InputError, Robot, Workspace
 from cspace.support.threads import MIN_ITEMS_PER_THREAD
 from tests.helpers import handmade
 from tests.helpers.handmade import map_of
 from tests.helpers.placements import draw_configurations
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import L_SHAPE, rotation_cells, seeds
+from tests.helpers.strategies import L_SHAPE
 
 QUERIES = {
     "classify": int,
@@ -90,21 +89,6 @@ def test_queries_from_many_threads_agree():
     for points, answers in zip(q, together, strict=True):
         for mine, theirs in zip(answers, ask(space, points), strict=True):
             np.testing.assert_array_equal(mine, theirs)
-
-
-@settings(max_examples=40)
-@given(rotation_cells(40), seeds)
-@example([0.0, 1e-9, 6.0, 2 * np.pi], 0)
-def test_classify_finds_the_rotation_cell_of_each_yaw(rotations, seed):
-    rng = np.random.default_rng(seed)
-    cells = Rotations.of(rotations)
-    states = (np.arange(len(cells)) % 3).astype(np.uint8)
-    space = map_of(np.tile(states[:, None, None], (1, 2, 2)), rotations)
-    borders = np.asarray(cells.borders)
-    turned = borders - 2 * np.pi * rng.integers(-9, 9)
-    yaws = np.concatenate([rng.uniform(-9, 9, 500), borders, turned, np.nextafter(borders, -9)])
-    q = np.column_stack([np.full((len(yaws), 2), 0.5 * space.grid.spacing), yaws])
-    assert (space.classify(q) == states[cells.cell_of(yaws)]).all()
 
 
 @pytest.mark.parametrize("exact", [False, True])

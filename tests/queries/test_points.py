@@ -64,11 +64,8 @@ points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
     points,
     st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]),
 )
-@example(free_except(), ALL_FREE, (0.5, 0.5, 0.5), 0.5)
 @example(free_except(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
 @example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a MIXED cell shares a corner
-@example(free_except((0, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
-@example(free_except((3, 3), dim=2), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
 def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
     q, outside = q[: state.ndim], outside.project(state.ndim)
     low = [4 * (Fraction(value) - Fraction(distance)) for value in q]

@@ -4,38 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import cspace
 from cspace import Robot, Workspace
 from cspace.engines.slices import slice_rasters
-from cspace.rotations import RotationCell, Rotations
+from cspace.rotations import Rotations
 from cspace.shapes import Shape
 from tests.helpers import oracles
-from tests.helpers.strategies import robots
-
-
-def make_matrix(yaw):
-    return np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-
 
 # ---- quarter turns and symmetry ------------------------------------------------------------------
-
-
-@settings(max_examples=40)
-@given(robots(), st.sampled_from([4, 8, 12, 20]), st.sampled_from([0.0, 0.07]))
-def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
-    cells = Rotations.of(count)
-    rasters = slice_rasters(robot, 0.17, margin, cells)
-    rotations = zip(cells.centers[:, 0].tolist(), cells.covering_angles.tolist(), strict=True)
-    for pair, (yaw, covering_angle) in zip(rasters, rotations, strict=False):
-        fresh = robot.rasters(
-            0.17, margin, RotationCell(make_matrix(yaw), covering_angle, about_z=True)
-        )
-        assert [oracles.raster_offsets(one) for one in pair] == [
-            oracles.raster_offsets(one) for one in fresh
-        ]
 
 
 L_BITMAP = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)

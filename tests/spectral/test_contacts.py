@@ -1,6 +1,5 @@
 """Verdicts about ball sets and shapes, against exact fractions, shapely and FCL."""
 
-import math
 from fractions import Fraction
 
 import numpy as np
@@ -8,11 +7,11 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from cspace import InputError
 from cspace.spectral import FourierOverlap, Verdict, decompose
 from tests.helpers.strategies import seeds
+from tests.spectral.test_placements import draw_rotations
 
 dims = st.sampled_from([2, 3])
 
@@ -71,21 +70,13 @@ def rotate(balls, matrix):
     return balls[0] @ matrix.T, balls[1]
 
 
-def draw_rotation(rng, dim):
-    """Draw a rotation matrix."""
-    if dim == 3:
-        return Rotation.random(random_state=int(rng.integers(1000))).as_matrix()
-    cosine, sine = rng.normal(size=2) + 1e-9
-    return np.array([[cosine, -sine], [sine, cosine]]) / math.hypot(cosine, sine)
-
-
 @settings(max_examples=25)
 @given(seeds, dims, st.floats(0.0, 0.2), st.integers(1, 4))
 def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim, swell, classes):
     rng = np.random.default_rng(seed)
     a, b = draw_sets(rng, dim)
     inner_a, inner_b = (a[0], 0.5 * a[1]), (b[0], 0.5 * b[1])
-    matrix = draw_rotation(rng, dim)
+    (matrix,) = draw_rotations(rng, 1, dim)
     options = {"swell": swell, "classes": classes, "tolerance": 0.3}
     overlap = FourierOverlap.of_shapes(a, b, inner_a, inner_b, **options).rotated(matrix)
     without_inner = FourierOverlap.of_shapes(a, b, **options).rotated(matrix)

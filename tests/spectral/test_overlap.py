@@ -16,6 +16,7 @@ from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Ve
 from cspace.spectral.bump import pair_integrals
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
+from tests.spectral.test_placements import draw_rotations
 
 pytest.importorskip("finufft")
 
@@ -53,24 +54,14 @@ def sum_pairs(a, b, bump, placements):
     return values.sum(axis=(1, 2)), float(errors.sum(axis=(1, 2)).max())
 
 
-def draw_turns(rng, dim):
-    """Draw two rotations as arguments, and the matrix of the first followed by the second."""
-    if dim == 3:
-        first, second = Rotation.from_rotvec(rng.normal(size=(2, 3)))
-        return first, second, (second * first).as_matrix()
-    first, second = rng.uniform(-3.0, 3.0, 2)
-    whole = first + second
-    cosine, sine = math.cos(whole), math.sin(whole)
-    return first, second, np.array([[cosine, -sine], [sine, cosine]])
-
-
 @settings(max_examples=16)
 @given(seeds, dims, st.sampled_from([1.0, 2.0, math.inf]))
 def test_values_are_within_their_bound_of_the_sum_over_pairs(seed, dim, alpha):
     rng = np.random.default_rng(seed)
     a, b = draw_ball_sets(rng, dim)
     bump = Bump(alpha)
-    first, second, matrix = draw_turns(rng, dim)
+    first, second = draw_rotations(rng, 2, dim)
+    matrix = second @ first
     overlap = FourierOverlap(a, b, bump=bump, band=30.0 if dim == 2 else 9.0)
     overlap = overlap.rotated(first).rotated(second)
     turned_a = a[0] @ matrix.T, a[1]
@@ -96,7 +87,8 @@ def test_values_are_within_their_bound_of_the_sum_over_pairs(seed, dim, alpha):
 def test_gradients_agree_with_finite_differences(seed, dim):
     rng = np.random.default_rng(seed)
     a, b = draw_ball_sets(rng, dim)
-    first, second, matrix = draw_turns(rng, dim)
+    first, second = draw_rotations(rng, 2, dim)
+    matrix = second @ first
     overlap = FourierOverlap(a, b, band=8.0).rotated(first).rotated(second)
     placements = draw_near_placements(rng, (a[0] @ matrix.T, a[1]), b, 40)
     h = 1e-5

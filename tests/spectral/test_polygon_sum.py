@@ -1,6 +1,5 @@
 """Minkowski sums of polygons, against exact fractions."""
 
-import math
 from fractions import Fraction
 from itertools import pairwise
 
@@ -14,8 +13,8 @@ from cspace import Grid
 from cspace.errors import GeometryError, InputError
 from cspace.spectral import Descriptor, minkowski_sum
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import stars
 
-numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
 eighths = st.integers(-8, 8).map(lambda n: n / 8)
 
 
@@ -73,14 +72,10 @@ def is_in_sum(first, second, point):
 
 @st.composite
 def star_polygons(draw):
-    """Draw a polygon, possibly with a hole; it may cross itself."""
-    count = draw(st.integers(3, 7))
-    center = np.array([draw(numbers), draw(numbers)])
-    angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
-    radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
-    spokes = [(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)]
-    ring = center + np.array(spokes)
-    holes = [center + 0.3 * np.array(spokes)] if draw(st.booleans()) else []
+    """Draw a star-shaped polygon, possibly with a hole."""
+    ring = draw(stars(2.0))
+    center = ring.mean(axis=0)
+    holes = [center + 0.3 * (ring - center)] if draw(st.booleans()) else []
     return shapely.Polygon(ring, holes)
 
 
