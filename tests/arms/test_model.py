@@ -11,7 +11,7 @@ from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
-from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
@@ -328,17 +328,6 @@ def test_from_urdf_refuses_invalid_files_and_links(tmp_path, write, changes, opt
     path = write(tmp_path, **changes)
     with pytest.raises((InputError, FileError), match=message):
         Arm.from_urdf(path, **options)
-
-
-def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path):
-    """A factor of zero, or a pinion that is held, leaves the rack where it is."""
-    still = Arm.from_urdf(write_rack(tmp_path, 0.0), joints=["pinion"])
-    space = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 0.8, 0.5, 1.0)}, still)
-    assert space.is_free((0.0,)) and not space.is_free((0.5,))
-    np.testing.assert_allclose(still.pose((7.0,), "c")[:3, 3], (0.3, 0, 0))
-    held_joints = {"pinion": 20.0}
-    held = Arm.from_urdf(write_rack(tmp_path, 0.01), joints=["arm"], held_joints=held_joints)
-    np.testing.assert_allclose(held.pose((0.0,), "c")[:3, 3], (0.5, 0, 0))
 
 
 @refusals(

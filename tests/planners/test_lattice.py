@@ -155,18 +155,3 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
 
 
 # ---- parking -------------------------------------------------------------------------------------
-
-
-@EVERY_DRIVE
-def test_cars_leave_a_bug_trap(options):
-    """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within
-    1.73 m."""
-    shell = shapely.box(-20, -20, 20, 20) - shapely.box(-17, -17, 17, 17)
-    walls = (shell | shapely.box(3, -6, 20, 6)) - shapely.box(3, -3, 20, 3)
-    workspace = Workspace.from_polygons([walls], 0.5, bounds=(-55, -55, 55, 55))
-    space = build(workspace, Robot.rectangle(5.0, 2.5), rotations=72)
-    if "turning_radius" in options:
-        options = options | {"turning_radius": 3.0**0.5}
-    plan = planners.plan(space, (6.0, 12.0, 0.0), (-39.0, 0.0, 0.0), time_limit=20.0, **options)
-    assert plan.certified and plan.planner == "Lattice"
-    assert plan.lower_bound < plan.length < 140.0

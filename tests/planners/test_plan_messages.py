@@ -14,7 +14,7 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
-from tests.helpers.urdfs import joint, link, write_urdf
+from tests.helpers.urdfs import planar
 
 LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
 
@@ -52,21 +52,16 @@ class TrajectoryOf1:
 
 
 @pytest.fixture(scope="module")
-def rails_plan(tmp_path_factory):
-    """Plan for two rails, whose joints are named like axes of the plane."""
+def joint_plan(tmp_path_factory):
+    """Plan for an arm whose joints are named like axes of the plane."""
     pytest.importorskip("yourdfpy")
-    slides = {"kind": "prismatic", "limits": (-1, 1)}
-    cube = (0.1, 0.1, 0.1)
-    parts = (
-        *(link("foot", (cube, (0, 0, -1))), link("rail"), link("head", (cube, (0, 0, 0)))),
-        joint("x", "foot", "rail", axis=(1, 0, 0), **slides),
-        joint("y", "rail", "head", axis=(0, 1, 0), **slides),
-    )
-    arm = Arm.from_urdf(write_urdf(tmp_path_factory.mktemp("arm"), *parts))
+    path = planar(tmp_path_factory.mktemp("arm"))
+    path.write_text(path.read_text().replace("shoulder", "x").replace("elbow", "y"))
+    arm = Arm.from_urdf(path)
     return planners.plan(build_arm_space({}, arm), (0.0, 0.0), (0.5, 0.5))
 
 
-def test_elements_have_the_class_declared_by_the_message(rails_plan, monkeypatch):
+def test_elements_have_the_class_declared_by_the_message(joint_plan, monkeypatch):
     made = ModuleType("fake_msgs.msg")
     made.PoseStamped, made.Point = PoseStamped, Point
     monkeypatch.setitem(sys.modules, "fake_msgs", ModuleType("fake_msgs"))
@@ -77,7 +72,7 @@ def test_elements_have_the_class_declared_by_the_message(rails_plan, monkeypatch
     assert plan.to_path(message) is message
     assert {type(pose) for pose in message.poses} == {PoseStamped}
     assert all(pose.header.stamp == messages.Time(7, 8) for pose in message.poses)
-    motion = rails_plan.trajectory(**LIMITS, duration=12.5)
+    motion = joint_plan.trajectory(**LIMITS, duration=12.5)
     filled = motion.to_joint_trajectory(TrajectoryOf1(), frame_id="base")
     assert {type(point) for point in filled.points} == {Point}
     assert (filled.joint_names, filled.header.frame_id) == (["x", "y"], "base")
@@ -102,11 +97,11 @@ def test_path_message_holds_the_poses_of_the_plan(name):
         assert abs(np.dot(given, expected)) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_plans_and_messages_of_the_other_kind_are_refused(rails_plan):
+def test_plans_and_messages_of_the_other_kind_are_refused(joint_plan):
     plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"])
     lost = replace(plan, solved=False, status="no path exists: proven")
     with pytest.raises(InputError, match=r"plan moves the joints x, y; .*\.to_joint_trajectory"):
-        rails_plan.to_path()
+        joint_plan.to_path()
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):
         lost.to_path()
     with pytest.raises(InputError, match="msg has no poses"):

@@ -19,6 +19,7 @@ from tests.helpers.handmade import (
     make_map,
     random_states,
 )
+from tests.helpers.placements import draw_configurations
 from tests.helpers.planning import (
     build_halves,
     check_failed,
@@ -71,19 +72,15 @@ def test_hints_fit_the_planner():
 
 
 def draw_edges(space, rng, count):
-    """Draw short edges, many on borders of cells."""
-    grid = space.grid
-    lower, upper = np.array(grid.lower), np.array(grid.upper)
-    positions = rng.uniform(lower, upper, (2, count, grid.dim))
-    positions[1] = positions[0] + rng.normal(size=(count, grid.dim)) * grid.spacing
-    half = grid.spacing / 2.0
-    snapped = lower + np.round((positions - lower) / half) * half
-    positions = np.where(rng.random(positions.shape) < 0.3, snapped, positions)
-    turns = rng.normal(size=(2, count, len(space.rotations.names)))
-    turns[1] = np.where(rng.random((count, 1)) < 0.5, turns[0], turns[0] + 0.7 * turns[1])
-    positions = np.clip(positions, lower, upper)
-    q0, q1 = configurations(space, np.concatenate([positions, turns], axis=-1))
-    return q0, q1
+    """Draw edges of a few cells in the grid, many on borders of cells."""
+    dim = space.grid.dim
+    q0 = draw_configurations(space, rng, count)
+    q0[:, :dim] = q0[:, :dim].clip(space.grid.lower, space.grid.upper)
+    steps = rng.normal(size=q0.shape) * space.grid.spacing
+    steps[: count // 2, dim:] = 0.0
+    q1 = q0 + steps
+    q1[:, :dim] = q1[:, :dim].clip(space.grid.lower, space.grid.upper)
+    return q0, configurations(space, q1)
 
 
 def find_labels(space, labels, q):

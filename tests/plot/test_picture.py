@@ -93,16 +93,6 @@ def collect_lines(ax):
     return {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
 
 
-def test_path_and_marks_have_their_coordinates(flat):
-    class WithPath:
-        path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
-
-    for path in (WithPath(), WithPath.path.tolist()):
-        expected = {"path": WithPath.path.tolist(), "start": [[1.0, 1.0]], "goal": [[7.0, 4.0]]}
-        assert collect_lines(plot(flat, path=path)) == expected
-    assert collect_lines(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
-
-
 def test_edges_that_an_update_blocks_are_dashed():
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     workspace = Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0))
