@@ -89,7 +89,6 @@ def test_equal_seeds_give_equal_solutions(tmp_path):
         (pose_at(1, 1, 0, (0, 0, math.pi / 2 + 0.3)), (1e-3, 0.25), (1e-3, 0.35)),
         (pose_at(9, 9, 0, (0, 1e-2, 1)), (math.inf, 1e-3), (math.inf, 2e-2)),
     ],
-    ids=["lifted", "turned", "far"],
 )
 def test_tolerances_decide_what_is_in_reach(tmp_path, pose, tight, loose):
     arm = planar_with_tip(tmp_path)

@@ -195,7 +195,6 @@ SQUARE_ROOT = math.sqrt(0.96)
             "as at a singularity",
         ),
     ],
-    ids=["limit", "jump"],
 )
 def test_stops_are_explained(tmp_path, poses, tolerance, stopped_by, fraction, status):
     block = posed_box((0.1, 0.1, 0.1), 0.5, 0.3)

@@ -85,7 +85,6 @@ def write_srdf(folder, text):
             {("a", "b"): "SRDF"},
         ),
     ],
-    ids=["neighbours", "pairs", "defaults"],
 )
 def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path, text, allowed):
     """A link without geometry does not separate neighbours."""
@@ -189,7 +188,6 @@ def test_configuration_refuses_unknown_names_and_values_beyond_limits(
         ({"joints": "arm", "held_joints": {"three": 0.03}}, (0.4, 0.6), (0.4, 0.6, 0.03)),
         ({"joints": ["three", "one"], "held_joints": {"two": 0.9}}, (0.1, 0.02), (0.1, 0.9, 0.02)),
     ],
-    ids=["group", "names"],
 )
 def test_chosen_joints_move_and_others_are_held(tmp_path, options, q, whole_q):
     """Joint four mimics joint three, held or not."""

@@ -319,12 +319,8 @@ def test_long_turns_of_continuous_joints_are_refused(planar_arm, turning_arm):
     rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]
     assert space.certify_path(rows[:3]).all()
     assert space.certify_path(rows, [(0, 1), (1, 2), (0, 3)]).all()
-    for call in (
-        space.path_obstacle_distance,
-        lambda path: space.certify_path([path[:1] * 4, path]),
-    ):
-        with pytest.raises(InputError, match="path turns shoulder by 6 rad from row 2 to row 3"):
-            call(rows)
+    with pytest.raises(InputError, match="path turns shoulder by 6 rad from row 2 to row 3"):
+        space.path_obstacle_distance(rows)
     with pytest.raises(InputError, match="path turns shoulder by 4 rad from row 2 to row 0"):
         space.certify_path(rows, [(0, 1), (2, 0)])
     assert build_arm_space({}, planar_arm).certify_path([(-3.0, 0.0), (3.0, 0.0)]).all()

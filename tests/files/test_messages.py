@@ -79,8 +79,6 @@ def test_values_become_cells():
     assert (workspace.outer == ((values >= 25) | (values < 0)).T).all()
     assert (workspace.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
     message.data = values.ravel().tolist()
-    free = Workspace.from_occupancy_grid(message, "free")
-    assert (free.outer == (values >= 65).T).all()
     free = Workspace.from_occupancy_grid(message, "free", free_thresh=0.995, occupied_thresh=1)
     assert (free.outer == (values == 100).T).all()
 

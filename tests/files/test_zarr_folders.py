@@ -78,7 +78,6 @@ def test_boxes_agree_with_zarr(tmp_path_factory, dim, compressed, seed):
 @pytest.mark.parametrize(
     "options",
     [{"zarr_format": 2}, {"compressors": BloscCodec()}, {"shards": (20, 20)}],
-    ids=["version 2", "blosc", "shards"],
 )
 def test_other_encodings_are_left_to_zarr(tmp_path, options):
     path = tmp_path / "a.zarr"

@@ -75,7 +75,6 @@ def test_a_joint_mimicked_by_half_keeps_its_numbers(tmp_path, endpoints, planner
         ({}, ob.RealVectorStateSpace),
         ({"kind": "continuous", "limits": None}, ob.CompoundStateSpace),
     ],
-    ids=["limited", "continuous"],
 )
 def test_simple_setup_samples_and_measures_states_of_an_arm(tmp_path, changes, kind):
     space = space_of(tmp_path, **changes)

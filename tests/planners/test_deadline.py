@@ -65,7 +65,6 @@ def test_built_in_searches_keep_the_time_limit():
         ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves),
         ({"drive": "differential"}, TurnDriveTurn),
     ],
-    ids=["car", "turns on the spot"],
 )
 def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(options, owner, monkeypatch):
     # Only the costs of edges take time, 20 ms for each waypoint.

@@ -13,8 +13,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib import pyplot as plt
-from matplotlib.text import Text
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, FileError, Robot, Workspace, build
@@ -137,13 +135,10 @@ def test_plans_are_written_exactly_and_files_are_kept(curve, tmp_path):
         plan.path[0, 0] = 3.0
 
 
-def test_a_failed_plan_shows_and_writes_start_and_goal(tmp_path):
+def test_a_failed_plan_writes_start_and_goal(tmp_path):
     space, *ends = build_halves("floating", BLOCKED)
     plan = planners.plan(space, *ends)
     np.testing.assert_allclose([plan.start, plan.goal], ends)
-    labels = [text.get_text() for text in plan.plot().figure.findobj(Text)]
-    assert {"start", "goal"} <= set(labels)
-    plt.close("all")
     plan.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
     assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]

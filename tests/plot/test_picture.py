@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.figure import Figure
-from matplotlib.quiver import Quiver
 from PIL import Image
 
 import cspace
@@ -124,13 +123,6 @@ def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
     boxes = collect_boxes(plot(turning, path=path, robot_every=1.0))
     rows = [(1.8, y - 0.3, 2.2, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose(boxes, rows, atol=1e-9)
-
-
-def test_an_arrow_shows_the_yaw_of_a_mark(turning):
-    ax = plot(turning, goal=(3.0, 3.0, 2.0), rotation=0.0)
-    (arrow,) = (part for part in ax.collections if isinstance(part, Quiver))
-    np.testing.assert_allclose([arrow.U, arrow.V], [[math.cos(2.0)], [math.sin(2.0)]])
-    assert arrow.get_offsets().tolist() == [[3.0, 3.0]]
 
 
 @pytest.mark.parametrize("shape", [(3000, 2000), (5000, 7)])

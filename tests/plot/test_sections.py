@@ -77,7 +77,6 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
         ({"start": (1.0, 3.0, 2.0), "goal": (5.0, 1.0, 1.0)}, [1.0, 3.0, 2.0]),
         ({"path": [(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]}, [0.0, 1.0, 1.0]),
     ],
-    ids=["center", "path", "start", "outside"],
 )
 def test_sections_run_through_the_path_or_the_middle(hall, options, center):
     panels = plot(hall, **options).figure.axes

@@ -113,7 +113,6 @@ def test_robots_are_sorted_with_the_faces(hall):
         ({"cut": 0.0}, 0.1),
         ({"cut": 9.0}, 2.4),
     ],
-    ids=["path", "first layer", "last layer"],
 )
 def test_the_cut_is_above_the_path(hall, options, height):
     corners, _ = collect_polygons(plot(hall, view="3d", **options))

@@ -110,12 +110,9 @@ def test_gradients_agree_with_finite_differences(seed, dim):
     moments = overlap.rotation_gradient(placements).reshape(40, -1)
     arm = 1.0 + np.abs(a[0]).max()
     assert moments == pytest.approx(np.transpose(twists), abs=1e-4 * scale * arm)
-    for subset in (placements, placements[0]):
-        value, gradient = overlap.value_and_gradient(subset)
-        assert value == pytest.approx(overlap.value(subset), abs=1e-7 * scale)
-        assert gradient == pytest.approx(overlap.gradient(subset), abs=1e-7 * scale)
-    alone = overlap.rotation_gradient(placements[0])
-    assert np.ravel(alone) == pytest.approx(moments[0], abs=1e-6 * scale * arm)
+    value, gradient = overlap.value_and_gradient(placements[0])
+    assert value == pytest.approx(overlap.value(placements)[0], abs=1e-7 * scale)
+    assert gradient == pytest.approx(gradients[0], abs=1e-7 * scale)
 
 
 @pytest.mark.parametrize("max_pairs", [-1, 2**22], ids=["bands", "pairs"])
