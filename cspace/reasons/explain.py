@@ -17,7 +17,6 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.interface import format_configuration
 from cspace.obstacles import Obstacle
 from cspace.reasons.margins import (
-    Way,
     bound_growth,
     bound_shrinkage,
     find_free_way,
@@ -232,7 +231,7 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
         high = bound_shrinkage(space, ends.cells, way.low)
     else:
         high = bound_growth(space, ends.cells)
-    barrier = _find_barrier(space, way)
+    barrier = way.barrier
     named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
     touched = touched_cells(space, barrier)
     in_barrier = [name for name, obstacle in named.items() if _meets(obstacle, touched)]
@@ -243,10 +242,9 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     ]
     trial = None
     if verdict == "undecided":
-        trial = try_finer(space, way, barrier, (way.low, high), refine)
-    rotation, *cell = way.cells[way.narrowest].tolist()
-    position = space.grid.center_of(np.array(cell))
-    bottleneck = np.concatenate([position, space.rotations.centers[rotation]])
+        trial = try_finer(space, way, (way.low, high), refine)
+    position = space.grid.center_of(way.bottleneck[1:])
+    bottleneck = np.concatenate([position, space.rotations.centers[way.bottleneck[0]]])
     pieces = _describe_pieces(space, list(named.values()), touched, position)
     return Explanation(
         space=space,
@@ -309,14 +307,6 @@ def _decide(space: CSpace, ends: Ends) -> Verdict:
     if space.is_connected(*ends.points):
         return "connected"
     return "disconnected" if space.is_disconnected(*ends.points) else "undecided"
-
-
-def _find_barrier(space: CSpace, way: Way) -> Ints:
-    """Return the cells of a way that are not FREE."""
-    rotations, *positions = way.passed.T
-    states = states_of_slices(space)[space.slice_of[rotations], *positions]
-    barrier: Ints = way.passed[states != FREE]
-    return barrier
 
 
 def touched_cells(space: CSpace, cells: Ints) -> Bools:

@@ -11,8 +11,8 @@ ball of radius m lies in A. Let h be the spacing and d the dimension; a cell rea
   q. So it has no path if each chain has a cell whose center is within m - h sqrt(d) / 2 of BLOCKED
   cells.
 * Shrinking, with a path: an offset o of the outer raster is needed only if all offsets within m / h
-  of o are in the raster. Otherwise a box ``h * (o' + [-1, 1]^d)`` without a point of A is a copy of
-  the box of o, moved by at most m, so that no point in the box of o has its ball in A.
+  of o are in the raster too. Otherwise one of them, o', has a box ``h * (o' + [-1, 1]^d)`` without
+  a point of A. It is the box of o moved by at most m, so no point in that box has its ball in A.
 * Shrinking, without a path: an offset of the inner raster deeper than m below the surface of A, at
   all rotations of the slice, lies in the shrunk robot.
 
@@ -27,13 +27,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
 
 from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.queries.components import Components
 from cspace.queries.distance import Distances, compute_distances
-from cspace.queries.search import turn_costs
+from cspace.queries.search import find_chain, turn_costs
 from cspace.queries.widest import LEVELS_PER_CELL, MAX_LEVEL, WidthMap
 from cspace.raster import Raster
 from cspace.record.exterior import Exterior
@@ -61,24 +62,24 @@ STEPS_PER_CELL: Final = 2
 
 
 class Way(NamedTuple):
-    """The widest chain of cells between two cells, or the one that is least blocked.
+    """A way between two cells, for the robot that may grow most, or must shrink least.
 
     Attributes
     ----------
     cells : ndarray of int64, shape (n, 1 + d)
         Cells ``(rotation, x, ...)`` from start to goal, joined by moves of up to two cells.
-    passed : ndarray of int64, shape (m, 1 + d)
-        Cells that the moves pass, which are joined by their sides.
+    barrier : ndarray of int64, shape (m, 1 + d)
+        Cells that are not FREE, and that would join start and goal if they were.
+    bottleneck : ndarray of int64, shape (1 + d,)
+        The narrowest cell, or the cell of the barrier that is farthest from FREE cells.
     low : float
         Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
-    narrowest : int
-        Index of its narrowest cell, or of the one farthest from FREE cells.
     """
 
     cells: Ints
-    passed: Ints
+    barrier: Ints
+    bottleneck: Ints
     low: float
-    narrowest: int
 
 
 def states_of_slices(space: CSpace) -> States:
@@ -92,80 +93,121 @@ def find_free_way(space: CSpace, ends: Ints) -> Way:
 
     ``ends``, shape (2, 1 + d), are the cells of start and goal.
     """
+    start, goal = ends
     width_map = _make_width_map(space, space.distances.array())
-    cells, width = _find_widest_chain(width_map, ends)
+    width = width_map.bottleneck(start, goal, math.inf)
+    cells = width_map.shortest(start, goal, width, math.inf)
+    narrowest = int(np.argmin([width_map.width(cell) for cell in cells]))
     cells_wide = max(width - cell_reach(space.dim) - LEVEL, 0.0)
     low = space.margin + cells_wide * space.grid.spacing
-    return Way(cells, cells, low, _find_narrowest(width_map, cells))
+    return Way(cells, cells[:0], cells[narrowest], low)
 
 
 def find_shrunk_way(space: CSpace, ends: Ints) -> Way:
-    """Find the chain that keeps nearest to FREE cells, for the robot that must shrink least.
+    """Find a way for the robot that must shrink least, and the cells that bar it.
 
     ``ends``, shape (2, 1 + d), are the cells of start and goal, which FREE cells do not join.
     """
     pairs = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
-    rasters = [outer for outer, _ in pairs]
+    # Distance from each offset to the nearest one that the outer raster lacks, in cells.
+    depths = [ndimage.distance_transform_edt(np.pad(outer.cells, 1)) for outer, _ in pairs]
     failed = 0
-    largest = max(max(raster.cells.shape) for raster in rasters)
-    enough = STEPS_PER_CELL * (largest + 1)  # nothing is left of the robot
-    passable = np.ones((len(rasters), *space.grid.shape), dtype=np.bool_)
-    vanishes = True
+    enough = 1 + math.ceil(STEPS_PER_CELL * max(map(np.max, depths)))  # nothing is left
+    is_free = np.ones((len(pairs), *space.grid.shape), dtype=np.bool_)
     while enough - failed > 1:
         middle = (failed + enough) // 2
-        shrunk = [_shrink_outer(raster, middle / STEPS_PER_CELL) for raster in rasters]
-        is_free = ~_collide(space, space.workspace.outer, shrunk)
-        if _are_joined(space, is_free, ends):
+        shrunk = [
+            Raster.from_bitmap(
+                depth > middle / STEPS_PER_CELL, tuple(low - 1 for low in outer.lower)
+            )
+            for depth, (outer, _) in zip(depths, pairs, strict=True)
+        ]
+        candidates = ~_collide(space, space.workspace.outer, shrunk)
+        if _are_joined(space, candidates, ends):
             enough = middle
-            passable = is_free
-            vanishes = not any(raster.count for raster in shrunk)
+            is_free = candidates
         else:
             failed = middle
-    widths = np.float32(MAX_WIDTH) - distances_to(states_of_slices(space) == FREE)
-    widths = np.where(passable, np.maximum(widths, np.float32(LEVEL)), np.float32(0.0))
-    width_map = _make_width_map(space, widths)
-    cells, width = _find_widest_chain(width_map, ends)
-    passed = _list_passed(width_map, cells, width)
-    low = -math.inf if vanishes else space.margin - enough / STEPS_PER_CELL * space.grid.spacing
-    return Way(cells, passed, low, _find_narrowest(width_map, cells))
+    turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
+    states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
+    start, goal = ends
+    cells = find_chain(states, space.slice_of, turns, start, goal, math.inf)
+    barrier = find_barrier(space, _list_passed(cells, space.slice_of, is_free))
+    depth = enough / STEPS_PER_CELL
+    vanishes = depth >= max(map(np.max, depths))
+    low = -math.inf if vanishes else space.margin - depth * space.grid.spacing
+    return Way(cells, barrier, _find_deepest(space, barrier), low)
+
+
+def find_barrier(space: CSpace, passed: Ints) -> Ints:
+    """Find the fewest cells that are not FREE on a way from the first to the last of some cells.
+
+    The way leads through the cells ``passed``, shape (n, 1 + d), and through FREE components.
+    """
+    states = states_of_slices(space)
+    never_open = np.zeros(len(states), dtype=np.bool_)
+    neighbors = space.rotations.neighbors
+    components = Components(states, space.slice_of, neighbors, never_open).of(passed)
+    # Nodes are the cells that are not FREE, and after them the components of the others.
+    nodes = np.where(components == -1, np.arange(len(passed)), len(passed) + components)
+    node_of = dict(zip(map(tuple, passed.tolist()), nodes.tolist(), strict=True))
+    links = []
+    for cell, node in node_of.items():
+        near_nodes = [node_of.get(near, node) for near in _list_neighbors(cell, neighbors)]
+        links += [(node, other) for other in near_nodes if other != node]
+    first, second = np.array(links, dtype=np.int64).reshape(-1, 2).T
+    n_nodes = int(nodes.max()) + 1
+    # A cell costs more than all components together.
+    costs = np.where(second < len(passed), float(len(passed)), 1.0)
+    graph = sparse.coo_array((costs, (first, second)), (n_nodes, n_nodes)).tocsr()
+    _, previous = csgraph.dijkstra(graph, indices=nodes[0], return_predecessors=True)
+    on_way = [int(nodes[-1])]
+    while on_way[-1] != nodes[0]:
+        on_way.append(int(previous[on_way[-1]]))
+    in_way = np.array([node for node in on_way if node < len(passed)], dtype=np.int64)
+    barrier: Ints = passed[np.sort(in_way)]
+    return barrier
+
+
+def _list_neighbors(cell: tuple[int, ...], neighbors: Ints) -> list[tuple[int, ...]]:
+    """List the cells that share a side with a cell, and the cell at neighbouring rotations."""
+    rotation, *position = cell
+    near = [(other, *position) for other in neighbors[rotation].tolist()]
+    for axis in range(1, len(cell)):
+        near += [(*cell[:axis], cell[axis] + step, *cell[axis + 1 :]) for step in (-1, 1)]
+    return near
+
+
+def _list_passed(cells: Ints, slice_of: Ints, is_free: Bools) -> Ints:
+    """List the free cells in the boxes around the moves of a chain, its ends first and last."""
+    passed = dict.fromkeys(map(tuple, cells.tolist()))
+    for first, second in itertools.pairwise(cells):
+        if first[0] != second[0]:
+            continue  # it turns on the spot
+        low = np.minimum(first, second)
+        high = np.maximum(first, second)
+        ranges = [range(start, stop + 1) for start, stop in zip(low, high, strict=True)]
+        for cell in itertools.product(*ranges):
+            if is_free[slice_of[cell[0]], *cell[1:]]:
+                passed[cell] = None
+    last = tuple(cells[-1].tolist())
+    del passed[last]
+    return np.array([*passed, last])
+
+
+def _find_deepest(space: CSpace, barrier: Ints) -> Ints:
+    """Return the cell of a barrier that is farthest from FREE cells."""
+    slices, positions = np.unique(space.slice_of[barrier[:, 0]], return_inverse=True)
+    depths = distances_to(states_of_slices(space)[slices] == FREE)
+    deepest = int(np.argmax(depths[positions, *barrier[:, 1:].T]))
+    cell: Ints = barrier[deepest]
+    return cell
 
 
 def _make_width_map(space: CSpace, widths: Distances) -> WidthMap:
     """Return widths of the cells of all slices for a search."""
     turns = turn_costs(space.rotations, space.dim, space.grid.spacing)
     return WidthMap(widths, space.slice_of, space.rotations, turns)
-
-
-def _find_widest_chain(width_map: WidthMap, ends: Ints) -> tuple[Ints, float]:
-    """Return a shortest one of the widest chains between two cells, and its width in cells."""
-    width = width_map.bottleneck(ends[0], ends[1], math.inf)
-    return width_map.shortest(ends[0], ends[1], width, math.inf), width
-
-
-def _list_passed(width_map: WidthMap, cells: Ints, width: float) -> Ints:
-    """List the cells at least as wide as ``width`` in the boxes around the moves of a chain."""
-    passed = {tuple(cell) for cell in cells.tolist()}
-    for first, second in itertools.pairwise(cells):
-        low = np.minimum(first, second)
-        high = np.maximum(first, second)
-        if first[0] != second[0]:
-            continue  # it turns on the spot
-        ranges = [range(start, stop + 1) for start, stop in zip(low, high, strict=True)]
-        passed.update(cell for cell in itertools.product(*ranges) if width_map.width(cell) >= width)
-    return np.array(sorted(passed))
-
-
-def _find_narrowest(width_map: WidthMap, cells: Ints) -> int:
-    """Return the index of the narrowest of some cells."""
-    return int(np.argmin([width_map.width(cell) for cell in cells]))
-
-
-def _shrink_outer(raster: Raster, radius: float) -> Raster:
-    """Return the offsets of a raster that have all offsets within ``radius`` cells in it."""
-    reach = math.floor(radius)
-    axes = np.ogrid[(slice(-reach, reach + 1),) * raster.cells.ndim]
-    ball = sum(axis * axis for axis in axes) <= radius * radius
-    return Raster.from_bitmap(ndimage.binary_erosion(raster.cells, ball), raster.lower)
 
 
 def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster]) -> Bools:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cspace.builder import build
 from cspace.reasons.margins import Way
-from cspace.support.arrays import FREE, Ints
+from cspace.support.arrays import FREE
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -55,14 +55,11 @@ class Trial(NamedTuple):
         return f"With {settings}, the way there is proven {self.decided}."
 
 
-def try_finer(
-    space: CSpace, way: Way, barrier: Ints, margin: tuple[float, float], refine: bool
-) -> Trial:
+def try_finer(space: CSpace, way: Way, margin: tuple[float, float], refine: bool) -> Trial:
     """Estimate the spacing that decides a way, or with ``refine`` try finer windows.
 
-    ``barrier``, shape (n, 1 + d), are the cells of the way that are not FREE. The true margin is
-    taken to be the middle of its two bounds: their distance is proportional to spacing and angle of
-    the cells, and must fall below twice the true margin.
+    The true margin is taken to be the middle of its two bounds: their distance is proportional to
+    spacing and angle of the cells, and must fall below twice the true margin.
     """
     count = len(space.rotations)
     low, high = margin
@@ -71,12 +68,12 @@ def try_finer(
         middle = max(abs(low + high) / 2.0, (high - low) / 2.0 ** (MAX_HALVINGS + 1))
         halvings = max(1, math.ceil(math.log2((high - low) / 2.0 / middle)))
     halvings = min(halvings, MAX_HALVINGS)
-    if not refine or not len(barrier):
+    if not refine:
         factor = 2**halvings
         return Trial(space.grid.spacing / factor, _count_rotations(count, factor), "untried")
     for halving in range(1, MAX_HALVINGS + 1):
         factor = 2**halving
-        decided = _decide_window(space, way, barrier, factor)
+        decided = _decide_window(space, way, factor)
         trial = Trial(space.grid.spacing / factor, _count_rotations(count, factor), decided)
         if decided != "nothing":
             break
@@ -88,15 +85,16 @@ def _count_rotations(count: int, factor: int) -> int:
     return 1 if count == 1 else count * factor
 
 
-def _decide_window(space: CSpace, way: Way, barrier: Ints, factor: int) -> Decision:
-    """Decide a way in a window around a barrier, at a finer spacing.
+def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
+    """Decide a way in a window around its barrier, at a finer spacing.
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """
-    is_on_barrier = (way.cells[:, np.newaxis] == barrier).all(axis=2).any(axis=1)
-    is_on_barrier[way.narrowest] = True
-    first = max(int(np.flatnonzero(is_on_barrier)[0]) - 1, 0)
-    last = min(int(np.flatnonzero(is_on_barrier)[-1]) + 1, len(way.cells) - 1)
+    is_barred = (way.cells[:, np.newaxis] == way.barrier).all(axis=2).any(axis=1)
+    is_barred[np.abs(way.cells - way.bottleneck).sum(axis=1).argmin()] = True
+    on_barrier = np.flatnonzero(is_barred)
+    first = max(int(on_barrier[0]) - 1, 0)
+    last = min(int(on_barrier[-1]) + 1, len(way.cells) - 1)
     positions = way.cells[first : last + 1, 1:]
     grid = space.grid
     corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)
