@@ -3,6 +3,7 @@
 from . import arms as arms
 from . import errors as errors
 from . import plot as plot
+from . import reasons as reasons
 from . import shapes as shapes
 from . import spectral as spectral
 from . import view as view

@@ -19,7 +19,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.interface import Endpoint, SearchOptions
 from cspace.limits import check_memory
 from cspace.maps import ConfigurationMap
-from cspace.methods import MapExport
+from cspace.methods import MapExport, MapReasons
 from cspace.queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from cspace.record.update import Update, Updater
 
 
-class CSpace(ConfigurationMap, MapExport):
+class CSpace(ConfigurationMap, MapReasons, MapExport):
     """Certified map of a robot's configurations.
 
     The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)``

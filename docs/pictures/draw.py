@@ -425,7 +425,7 @@ def draw_joint_map() -> Figure:
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
     ("planning", ("planners",), "#e8e3f3"),
-    ("pictures", ("plot",), "#e8e3f3"),
+    ("reasons, pictures", ("reasons", "plot"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
     ("maps are made", ("builder", "opening", "tiles", "export"), "#d4eaf7"),
