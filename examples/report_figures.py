@@ -3,7 +3,7 @@ Collision in the frequency domain, in seven figures
 ===================================================
 
 The figures follow Lysenko (2013) and Behandish and Ilies (2016), with data of our own runs.
-``docs/explanation/frequency.md`` explains them. Times are medians of a few runs on the machine that
+``docs/explanation/frequency.md`` explains them. CPU times are medians of a few runs on the machine that
 built this page. The figures are written into the working folder, as ``report_figures_1.png`` and so
 on. It needs ``pip install "cspace[spectral]"``.
 """
@@ -110,9 +110,13 @@ obstacle = indicator(SHAPE, cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512)))
 left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
 left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
 plain(left, "an obstacle", "x [m]", "y [m]")
-image = draw_modulus(
-    right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator"
-)
+spectrum = sampled_spectrum(obstacle, PERIOD, FREQUENCIES)
+image = draw_modulus(right, spectrum, "spectrum of its indicator")
+energies = np.abs(spectrum) ** 2
+waves = np.fft.fftfreq(FREQUENCIES, PERIOD / FREQUENCIES)
+is_low = np.hypot(waves[:, None], waves) <= 2.0
+share = float(energies[is_low].sum() / energies.sum())
+print(f"{is_low.sum()} of {is_low.size} frequencies have {100.0 * share:.1f} % of the energy")
 add_scale(image, right)
 save(figure, 1)
 
@@ -132,7 +136,10 @@ for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=Tru
     left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
     density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
     below = cumulative_simpson(density, x=k, initial=0.0)
-    right.loglog(k, 1.0 - below / bump.pair_integral(1.0, 1.0, 0.0, 2), color=color)
+    beyond = 1.0 - below / bump.pair_integral(1.0, 1.0, 0.0, 2)
+    right.loglog(k, beyond, color=color)
+    share = float(np.interp(1.0, k, beyond))
+    print(f"alpha = {alpha:g}: {share:.2g} of the energy beyond 1 cycle per radius")
 left.set(ylim=(-0.03, 1.08))
 right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
 plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
@@ -157,6 +164,7 @@ figure, (left, right) = plt.subplots(
 balls = decompose(SHAPE, kind="inner", number=48)
 discs = PatchCollection(list(map(Circle, balls.centers, balls.radii)), alpha=0.16, ec=COLORS[0])
 left.add_collection(discs)
+print(f"48 inner discs: {100.0 * balls.volume_ratio:.1f} % of the area")
 left.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
 left.set_aspect("equal")
 plain(left, f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area", "x [m]", "y [m]")

@@ -296,7 +296,10 @@ def _minkowski_crossover(report: Report, rng: np.random.Generator) -> None:
     times = []
     for cells in sizes:
         f, g = (_flags(cells, rng) for _ in range(2))
-        calls = {"direct": partial(convolve2d, f.values, g.values), "FFT": partial(minkowski_sum, f, g)}
+        calls = {
+            "direct": partial(convolve2d, f.values, g.values),
+            "FFT": partial(minkowski_sum, f, g),
+        }
         times.append(_cpu_times(report, f"{cells} x {cells} cells", calls))
     _report_crossover(report, "direct", "FFT", sizes, times)
 
@@ -344,7 +347,12 @@ def _sampling(report: Report, tolerance: float, rng: np.random.Generator) -> Non
     )
     numbers = SAMPLED_BALLS[::3] if report.quick else SAMPLED_BALLS
     times = []
-    names = "sums", "sums, a factor for each axis", f"{cells} x {cells} samples, FFT", "ball_spectrum, NUFFT"
+    names = (
+        "sums",
+        "sums, a factor for each axis",
+        f"{cells} x {cells} samples, FFT",
+        "ball_spectrum, NUFFT",
+    )
     for number in numbers:
         centers = rng.uniform(radius, 1.0 - radius, (number, 2))
         methods = sum_waves, sum_discs, partial(sample, cells), transform
@@ -356,7 +364,12 @@ def _sampling(report: Report, tolerance: float, rng: np.random.Generator) -> Non
         error = float(np.abs(transform(centers) - exact).max() / np.abs(exact).max())
         report.check(error <= tolerance, f"NUFFT: within {error:.1g}")
     sums, factors, samples, transforms = names
-    for slow, fast in ((sums, samples), (sums, transforms), (factors, transforms), (samples, transforms)):
+    for slow, fast in (
+        (sums, samples),
+        (sums, transforms),
+        (factors, transforms),
+        (samples, transforms),
+    ):
         _report_crossover(report, slow, fast, numbers, times)
 
 
@@ -426,7 +439,9 @@ def _bounds(report: Report, rng: np.random.Generator) -> None:
         for name, rest in zip(needed, (theirs, ours), strict=True):
             decided = np.flatnonzero(np.abs(sums - threshold) > rest)
             needed[name].append(float(decided[0]) + 1.0 if len(decided) else math.inf)
-    report.section(f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all")
+    report.section(
+        f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all"
+    )
     for name, numbers in needed.items():
         for percent in (25, 50, 75):
             report.figure(f"{name}, {percent} % of placements", np.percentile(numbers, percent), "")

@@ -230,8 +230,8 @@ def draw_convergence() -> Figure:
         ):
             counted = [make(spacings[i], counts[j]).count() for i, j in at]
             shares = [mixed / (free + mixed + blocked) for free, mixed, blocked in counted]
-            print(f"{title}, {name}: {', '.join(f'{share:.3f}' for share in shares)}")
-            ax.semilogy(steps, shares, "o-", color=color, label=name)
+            numbers = ", ".join(f"{share:.3f}" for share in shares)
+            ax.semilogy(steps, shares, "o-", color=color, label=f"{name}: {numbers}")
         ticks = [
             f"{spacing:g} m\n{label.format(count)}"
             for spacing, count in zip(spacings, counts, strict=True)
@@ -239,9 +239,11 @@ def draw_convergence() -> Figure:
         ax.set_xticks(steps, ticks)
         ax.set_yticks([0.05, 0.1, 0.2, 0.4], ["0.05", "0.1", "0.2", "0.4"], minor=False)
         ax.set_yticks([], minor=True)
-        ax.set(title=title, ylabel="share of MIXED cells", ylim=(0.045, 0.9))
+        ax.set(title=title, ylabel="share of MIXED cells", ylim=(0.028, 0.9))
         ax.grid(color=GRID, linewidth=0.4)
-        ax.legend(title="refined:", frameon=False, loc="lower left")
+        ax.legend(
+            title="refined:", alignment="left", fontsize=7.5, framealpha=1.0, loc="lower left"
+        )
     return figure
 
 
