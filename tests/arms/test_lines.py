@@ -32,9 +32,6 @@ Poses = Callable[[np.ndarray], np.ndarray]
 ROUNDING = 1e-11
 """Metres and radians by which two libraries may differ."""
 
-FREE_ROTATION = (1e-3, math.inf)
-"""A tolerance that asks for positions alone."""
-
 
 def poses_by_urdf(path, arm):
     """Return the forward kinematics of tool0."""
