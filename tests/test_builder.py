@@ -1,19 +1,24 @@
 """Builds of maps: definition, independent geometry, laws, options and refusals."""
 
+import itertools
 import math
 
 import numpy as np
+import pyclipper
 import pytest
-from hypothesis import given, settings
+import shapely
+import trimesh
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.strategies import exteriors, robots, seeds
+from tests.helpers.strategies import exteriors, robots, seeds, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -63,6 +68,79 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
         assert (cspace.build(workspace, robot, method=method, **options)._seen == expected).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
     assert (bare._seen == np.minimum(expected, MIXED)).all()
+
+
+@settings(max_examples=25)
+@example(  # The robot is so thin that it contains no lattice point, so an inner cell blocks no cell.
+    np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]),
+    np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)]),
+)
+@given(stars(0.5), stars(1.0))
+def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
+    """Compare FREE and BLOCKED cells with the Minkowski sum of pyclipper in integers.
+
+    A cell k must be BLOCKED if the robot contains the lattice point of an offset m and cell k + m
+    lies in the obstacle.
+    """
+    scale, h = 2**20, 0.11
+    space = cspace.build(
+        Workspace.from_polygons(shapely.Polygon(obstacle), h, bounds=(-4, -4, 4, 4)),
+        Robot.polygon(robot),
+        outside="free",
+    )
+    paths = [
+        np.rint(part * scale).astype(int).tolist()
+        for part in (-np.asarray(robot), np.asarray(obstacle))
+    ]
+    pieces = [
+        shapely.Polygon(np.divide(path, scale))
+        for path in pyclipper.MinkowskiSum(paths[0], paths[1], True)
+    ]
+    # MinkowskiSum sweeps only the border; adding the obstacle at each robot vertex fills the
+    # interior.
+    whole = [shapely.Polygon(np.asarray(obstacle) - vertex) for vertex in np.asarray(robot)]
+    exact = shapely.union_all([piece.buffer(0) for piece in pieces] + whole)
+    exact = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(exact)])
+    lower = (
+        np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h
+        + space.grid.lower
+    )
+    cells = shapely.box(lower[..., 0], lower[..., 1], lower[..., 0] + h, lower[..., 1] + h)
+    rounding = 4.0 / scale
+    assert not shapely.intersects(cells[space.cell_states == FREE], exact.buffer(-rounding)).any()
+    assert shapely.covers(exact.buffer(rounding), cells[space.cell_states == BLOCKED]).all()
+    inner = np.argwhere(shapely.covers(shapely.Polygon(obstacle).buffer(-1e-6), cells))
+    offsets = np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2), -1).reshape(-1, 2)
+    offsets = offsets[shapely.contains_xy(shapely.Polygon(robot).buffer(-1e-6), *(h * offsets).T)]
+    assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
+
+
+@settings(max_examples=15)
+@given(seeds, seeds)
+def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
+    """Compare FREE and BLOCKED cells with the hull of all sums of corners, by qhull."""
+    rng = np.random.default_rng([first, second])
+    h = 0.25
+    robot, obstacle = (
+        ConvexHull(rng.uniform(-1, 1, (8, 3)) * rng.uniform(0.4, 1.3, 3)) for _ in range(2)
+    )
+    meshes = [trimesh.convex.convex_hull(hull.points) for hull in (robot, obstacle)]
+    workspace = Workspace.from_mesh(meshes[1], h, (-4, -4, -4, 4, 4, 4))
+    space = cspace.build(workspace, Robot.from_mesh(meshes[0]), outside="free")
+    total = (obstacle.points[:, None] - robot.points).reshape(-1, 3)
+    cube = h * np.array(list(itertools.product((0, 1), repeat=3)))
+    # A cell with lower corner p meets the sum if p lies in the sum with the reflected cell.
+    reach = (total[:, None] - cube).reshape(-1, 3)
+    lower = np.moveaxis(np.indices(space.grid.shape), 0, -1) * h + space.grid.lower
+    assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
+    corners = lower[space.cell_states == BLOCKED][:, None] + cube
+    assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
+
+
+def depth(corners, points):
+    """Return the depth of points in a convex hull; negative outside."""
+    planes = ConvexHull(corners).equations
+    return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
 
 
 @settings(max_examples=30)
