@@ -40,10 +40,10 @@ from cspace.record.description import (
     arrays_of,
     attributes_of,
     axes_of,
+    describe_arrays,
     grid_of,
     metadata_of,
     shapes_from,
-    stored,
     turns_of,
 )
 from cspace.record.exterior import UNKNOWN, Exterior
@@ -119,7 +119,11 @@ def making_map(path: StrPath) -> Iterator[None]:
 def write_folder(
     folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
 ) -> None:
-    """Write a Zarr group with a digest of its attributes and of named files, attributes last."""
+    """Write a Zarr group with a digest of its attributes and of named files, attributes last.
+
+    ``files`` are names, relative to the folder, and contents.
+    """
+    # The digest is part of the attributes, so it is computed with zeros in its own place.
     document = {
         "zarr_format": 3,
         "node_type": "group",
@@ -182,9 +186,9 @@ def read_format(path: StrPath) -> str:
 
 def is_map_folder(folder: Path) -> bool:
     """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
-    known = stored()
+    array_names = describe_arrays()
     names = [entry.name for entry in folder.iterdir()]
-    return all(name in known or _OTHER_ENTRIES.fullmatch(name) for name in names)
+    return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
 
 
 # ---- writing -------------------------------------------------------------------------------------
@@ -201,6 +205,7 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False, compress: b
 def write_map(contents: Contents, folder: Path, compress: bool = True, **more: Any) -> None:
     """Write a map into a new folder; ``more`` are attributes in addition."""
     arrays = arrays_of(contents)
+    # What describes the map, then what a reader needs to unpack its arrays.
     attributes = {
         **metadata_of(contents),
         "arrays": " ".join(arrays),
@@ -218,7 +223,7 @@ def _iterate_files(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
     for name, values in arrays.items():
-        _, dtype, lost, *_ = stored()[name]
+        _, dtype, lost, *_ = describe_arrays()[name]
         layout = Layout.of(values.shape, dtype, compress)
         axes = axes_of(name, grid.dim)
         yield f"{name}/{ROOT_FILE}", layout.describe(lost, attributes_of(name, grid), axes)
@@ -244,10 +249,11 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
         if digest.hexdigest() != attributes["digest"]:
             raise map_error(path, "its files differ from their digest")
         contents = _make_contents(attributes, grid, arrays)
-        for name, value in metadata_of(contents).items():
-            given = attributes[name]
-            if name not in _FREE_ATTRIBUTES and given != value:
-                raise ValueError(f"its attribute {name!r} is {given!r:.40}, not {value!r:.40}")
+        # The map that was made must describe itself by the same attributes.
+        for name, expected in metadata_of(contents).items():
+            value = attributes[name]
+            if name not in _FREE_ATTRIBUTES and value != expected:
+                raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
         return contents, attributes
 
 
@@ -259,9 +265,10 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     names = attributes["arrays"].split()
     required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
     missing = [name for name in required if name not in names]
-    unknown = sorted(set(names).difference(stored()))
+    unknown = sorted(set(names).difference(describe_arrays()))
     if missing or unknown:
         raise ValueError(f"it lacks {missing} and has {unknown}")
+    # Lengths of all axes by name; some arrays bring axes of their own.
     sizes = {
         "slice": attributes["slices"],
         "rotation": attributes["rotations"],
@@ -271,7 +278,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     }
     layouts = {}
     for name in names:
-        expected = stored()[name]
+        expected = describe_arrays()[name]
         all_sizes = {**sizes, **expected.sizes}
         shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
         if min(shape) < 1:
@@ -294,15 +301,15 @@ def _read_arrays(
 
     arrays = {}
     for name, layout in layouts.items():
-        given = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
-        if given != layout:
-            problem = f"is {given.dtype} {given.shape}, not {layout.dtype} {layout.shape}"
+        stored = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
+        if stored != layout:
+            problem = f"is {stored.dtype} {stored.shape}, not {layout.dtype} {layout.shape}"
             raise ValueError(f"its array {name!r} {problem}, or has other chunks")
         values = np.empty(layout.shape, dtype=layout.dtype)
         for file, cells in layout.iterate_chunks():
             chunk = layout.decode(read(f"{name}/{file}"))
             # Chunks at the border reach beyond the array.
-            inside = tuple(slice(0, part.stop - part.start) for part in cells)
+            inside = tuple(slice(0, side.stop - side.start) for side in cells)
             values[cells] = chunk[inside]
         arrays[name] = values
     return arrays
@@ -372,6 +379,7 @@ def _check_rotations(
 
 def check_exterior(table: Ints, outside: str) -> Exterior:
     """Return the exterior of a table; raise ValueError if it contradicts the space outside."""
+    # A row is the first cell of a box, its last cell, and the state beyond.
     boxes = table[:, :-1]
     states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():
