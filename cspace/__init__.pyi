@@ -23,6 +23,8 @@ from .errors import MissingPackageError as MissingPackageError
 from .errors import UnitWarning as UnitWarning
 from .files import ros as ros
 from .grid import Grid as Grid
+from .headers import get_cmake_dir as get_cmake_dir
+from .headers import get_include as get_include
 from .interface import Goal as Goal
 from .interface import Space as Space
 from .limits import raised_limits as raised_limits
