@@ -2,8 +2,8 @@
 //
 //   answers query MAP QUERIES ANSWERS [unchecked]   rows of two configurations: states of the first, motions, clearances
 //   answers open MAP...                             one line a map: "opened", or the text of the error
-//   answers time MAP QUERIES                        nanoseconds a state and a motion
-#include <chrono>
+//   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
+#include <ctime>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -76,22 +76,22 @@ std::string open(const std::string& path) {
   return text;
 }
 
-double nanoseconds(std::chrono::steady_clock::time_point start, std::size_t n) {
-  const std::chrono::duration<double, std::nano> spent = std::chrono::steady_clock::now() - start;
-  return spent.count() / static_cast<double>(n);
+double nanoseconds(std::clock_t start, std::size_t n) {
+  const double spent = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  return 1e9 * spent / static_cast<double>(n);
 }
 
 /// Time the states of the first configurations in their order, then 32 of them again and again, then the motions.
 void time(const cspace::Map& map, const std::vector<double>& rows) {
   const std::size_t size = map.size(), n = rows.size() / (2 * size);
   std::size_t sum = 0;
-  auto start = std::chrono::steady_clock::now();
+  auto start = std::clock();
   for (std::size_t k = 0; k < n; ++k) sum += map.state(&rows[2 * size * k]);
   const double at_random = nanoseconds(start, n);
-  start = std::chrono::steady_clock::now();
+  start = std::clock();
   for (std::size_t k = 0; k < n; ++k) sum += map.state(&rows[2 * size * (k & 31)]);
   const double in_cache = nanoseconds(start, n);
-  start = std::chrono::steady_clock::now();
+  start = std::clock();
   for (std::size_t k = 0; k < n; ++k) sum += map.motion_is_free(&rows[2 * size * k], &rows[2 * size * k + size]);
   std::cout << at_random << " " << in_cache << " " << nanoseconds(start, n) << " " << sum << "\n";
 }

@@ -34,15 +34,19 @@ def why_no_compiler() -> str:
     return "no libzstd is here; install libzstd-dev" if done.returncode else ""
 
 
-def build_program(target: Path, *flags: str, source: Path = SOURCE) -> Path:
-    """Compile a program over the header, with every warning an error."""
-    command = ["g++", *WARNINGS, "-DCSPACE_ZSTD", "-I", cspace.get_include(), str(source)]
-    done = subprocess.run(
-        [*command, "-o", str(target), *flags, "-lzstd", "-pthread"],
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+def build_program(
+    target: Path, *flags: str, source: Path = SOURCE, zstd: bool = True, own: bool = True
+) -> Path:
+    """Compile a program over the header, with every warning an error.
+
+    Without ``own``, the flags name the folder of another header.
+    """
+    command = ["g++", *WARNINGS, str(source), "-o", str(target), *flags]
+    if own:
+        command += ["-I", cspace.get_include()]
+    if zstd:
+        command += ["-DCSPACE_ZSTD", "-lzstd"]
+    done = subprocess.run([*command, "-pthread"], text=True, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     return target
 

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.soak import arms, band, curves, drives, files, frequency, lengths, maps, use
+from tests.soak import arms, band, cpp, curves, drives, files, frequency, lengths, maps, use
 
 EDGES = 10_000
 PAIR_PLACEMENTS = 100_000
@@ -21,6 +21,7 @@ PAIR_PLACEMENTS = 100_000
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, edges_of(checks)),
     "curves": lambda report, seed, checks: curves.check(report, seed, few_edges(report, checks)),
+    "cpp": lambda report, seed, _: cpp.check(report, seed),
     "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),
     "exact": lambda report, seed, checks: maps.check_exact(report, seed, few_edges(report, checks)),
     "arms": lambda report, seed, checks: arms.check(

@@ -416,6 +416,11 @@ class Array {
     return at(slice * slice_ + entry);
   }
 
+  /// Return the address of a slice; null if slices are in several chunks, or the array is empty.
+  const unsigned char* whole_slice(Index slice) const {
+    return has_whole_slices_ ? slices_[static_cast<std::size_t>(slice)] : nullptr;
+  }
+
   std::vector<double> doubles() const {
     std::vector<double> values(static_cast<std::size_t>(size_));
     for (Index k = 0; k < size_; ++k) std::memcpy(&values[static_cast<std::size_t>(k)], at(k), 8);

@@ -1,0 +1,152 @@
+"""The C++ header against Python, on many configurations, and on damaged files, with sanitizers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import cspace
+from tests.helpers.cpp import (
+    SANITIZERS,
+    SPACES,
+    build_program,
+    build_space,
+    count_differences,
+    draw_queries,
+    open_in_cpp,
+    why_no_compiler,
+)
+from tests.soak.files import mutate, reseal
+
+if TYPE_CHECKING:
+    from benchmarks.report import Report
+
+STATES, MOTIONS = 1_000_000, 100_000
+"""Numbers of queries of each space."""
+
+DAMAGED = 300
+"""Number of damaged maps, half of them with a digest that agrees."""
+
+FAST_FLAGS = ("-O3", "-march=native")
+"""Flags with which compilers contract to fused multiply-adds, unless the header forbids it."""
+
+
+def build_tiles(name: str, outside: str, folder: Path) -> cspace.CSpace:
+    """Build a map in tiles; return the same map in memory."""
+    space = build_space(name, outside)
+    tile = 20 if space.dim == 2 else 8
+    cspace.build(
+        space.workspace,
+        space.robot,
+        rotations=space.rotations,
+        outside=outside,
+        store=folder,
+        tile=tile,
+    )
+    return space
+
+
+def write_damaged(
+    path: Path, folder: Path, number: int, rng: np.random.Generator, forged: bool = False
+) -> list[Path]:
+    """Write copies of a map with one file changed, cut or lost; with ``forged``, the digest agrees."""
+    files = sorted(file.relative_to(path) for file in path.rglob("*") if file.is_file())
+    folder.mkdir(exist_ok=True)
+    copies = []
+    for k in range(number):
+        copy = folder / f"{'forged' if forged else 'damaged'}{k}"
+        shutil.copytree(path, copy)
+        # Metadata and small arrays are as likely as the states.
+        file = copy / files[rng.integers(len(files))]
+        content = file.read_bytes()
+        changed = mutate(content, (path / files[rng.integers(len(files))]).read_bytes(), rng)
+        if changed == content:
+            changed = content[:-1]
+        file.write_bytes(changed)
+        if not forged and rng.random() < 0.1:
+            file.unlink()
+        if forged and file.name == "zarr.json":
+            _reseal_if_possible(copy)
+        elif forged:
+            reseal(copy)
+        copies.append(copy)
+    return copies
+
+
+def _reseal_if_possible(path: Path) -> None:
+    """Write a valid digest unless the attributes are no JSON any more."""
+    try:
+        reseal(path)
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError, OSError):
+        return
+
+
+def check(report: Report, seed: int) -> None:
+    """Compare answers in every space, in memory and in tiles; open damaged maps."""
+    if why_no_compiler():
+        report.note(f"skipped: {why_no_compiler()}")
+        return
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        careful = build_program(
+            folder / "careful", "-O1", "-g", "-fno-sanitize-recover=all", *SANITIZERS
+        )
+        fast = build_program(folder / "fast", *FAST_FLAGS)
+        report.section(f"C++ against Python, seed {seed}")
+        for k, space_name in enumerate(SPACES):
+            _check_space(report, space_name, ("blocked", "free")[k % 2], folder, careful, fast, rng)
+        for tiled in ("R2", "SE2 shared", "R3 yaw"):
+            space = build_tiles(tiled, "free", folder / f"tiles {tiled}")
+            queries = draw_queries(space, MOTIONS, rng)
+            found = count_differences(space, careful, folder / f"tiles {tiled}", queries)
+            _report_differences(report, f"{tiled} in tiles", found)
+        _check_damaged(report, folder, careful, rng)
+
+
+def _check_space(
+    report: Report,
+    name: str,
+    outside: str,
+    folder: Path,
+    careful: Path,
+    fast: Path,
+    rng: np.random.Generator,
+) -> None:
+    """Compare a space: all queries with the sanitizers, and motions with the fastest code."""
+    space = build_space(name, outside)
+    path = folder / name.replace(" ", "_")
+    space.save(path, compress=outside == "free", clearance=True)
+    for _ in range(STATES // MOTIONS):
+        queries = draw_queries(space, MOTIONS, rng)
+        found = count_differences(space, fast, path, queries)
+        _report_differences(report, f"{name}, {outside}", found)
+        if report.failures:
+            return
+    _report_differences(
+        report, f"{name}, sanitized", count_differences(space, careful, path, queries[:20_000])
+    )
+
+
+def _report_differences(report: Report, case: str, found: dict[str, int]) -> None:
+    free = found.pop("motions that are free")
+    report.check(not any(found.values()), f"{case}: equal answers, {free} free motions ({found})")
+
+
+def _check_damaged(report: Report, folder: Path, program: Path, rng: np.random.Generator) -> None:
+    """Open damaged maps: refused, or with a valid digest also opened, and no crash."""
+    path = folder / "SE2_shared"
+    damaged = write_damaged(path, folder / "damaged", DAMAGED // 2, rng)
+    answers = open_in_cpp(program, *damaged)
+    wrong = [text for map_, text in zip(damaged, answers, strict=True) if str(map_) not in text]
+    report.check(not wrong, f"{len(damaged)} damaged maps are refused {wrong[:3]}")
+    forged = write_damaged(path, folder / "damaged", DAMAGED // 2, rng, forged=True)
+    answers = open_in_cpp(program, *forged)
+    opened = sum(text == "opened" for text in answers)
+    named = all(str(map_) in text or text == "opened" for map_, text in zip(forged, answers))
+    report.check(named, f"{len(forged)} forged maps are refused or, {opened} of them, open")
