@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import numpy as np
 
@@ -107,6 +107,8 @@ def check(report: Report, seed: int) -> None:
             found = count_differences(space, careful, folder / f"tiles {tiled}", queries)
             _report_differences(report, f"{tiled} in tiles", found)
         _check_damaged(report, folder, careful, rng)
+        _check_chunks(report, folder, rng)
+        _check_without_zstd(report, folder)
 
 
 def _check_space(
@@ -150,3 +152,32 @@ def _check_damaged(report: Report, folder: Path, program: Path, rng: np.random.G
     opened = sum(text == "opened" for text in answers)
     named = all(str(map_) in text or text == "opened" for map_, text in zip(forged, answers))
     report.check(named, f"{len(forged)} forged maps are refused or, {opened} of them, open")
+
+
+def _check_chunks(report: Report, folder: Path, rng: np.random.Generator) -> None:
+    """Compare maps in chunks of several slices, of a part of a slice, and of a row."""
+    space = build_space("R3 yaw", "free")
+    queries = draw_queries(space, 20_000, rng)
+    header = folder / "include" / "cspace"
+    shutil.copytree(Path(cspace.get_include(), "cspace"), header)
+    files = header / "detail" / "files.hpp"
+    text = files.read_text(encoding="utf-8")
+    for size in (20_000, 1000, 50):
+        files.write_text(text.replace("= 1 << 24", f"= {size}"), encoding="utf-8")
+        program = build_program(
+            folder / "small", "-O1", *SANITIZERS, "-I", str(header.parent), own=False
+        )
+        with patch("cspace.files.zarr_folders.WRITTEN_CHUNK_BYTES", size):
+            space.save(folder / "chunks", clearance=size > 50, overwrite=True)
+        found = count_differences(space, program, folder / "chunks", queries)
+        _report_differences(report, f"chunks of {size} bytes", found)
+
+
+def _check_without_zstd(report: Report, folder: Path) -> None:
+    program = build_program(folder / "plain", "-O0", zstd=False)
+    space = build_space("R2", "free")
+    space.save(folder / "packed")
+    space.save(folder / "raw", compress=False)
+    packed, raw = open_in_cpp(program, folder / "packed", folder / "raw")
+    report.check("define CSPACE_ZSTD" in packed, f"without zstd, compressed maps: {packed}")
+    report.check(raw == "opened", f"without zstd, raw maps: {raw}")
