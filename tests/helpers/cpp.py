@@ -34,6 +34,18 @@ def why_no_compiler() -> str:
     return "no libzstd is here; install libzstd-dev" if done.returncode else ""
 
 
+@cache
+def ompl_flags() -> list[str]:
+    """Return the compiler's flags for OMPL; empty if it is not here."""
+    if shutil.which("pkg-config") is None:
+        return []
+    command = ["pkg-config", "--cflags-only-I", "ompl", "eigen3"]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    # Warnings of OMPL's own headers are not ours. Its libraries also name parts of Boost that are not needed.
+    folders = done.stdout.replace("-I", "-isystem").split()
+    return [*folders, "-lompl"] if done.returncode == 0 else []
+
+
 def build_program(
     target: Path, *flags: str, source: Path = SOURCE, zstd: bool = True, own: bool = True
 ) -> Path:
@@ -202,12 +214,12 @@ def count_differences(
     states, motions, clearances = answers_of(program, map_, queries, *options)
     expected = space.motion_is_free(first, last)
     differences = {
-        "states": np.count_nonzero(states != space.classify(first)),
-        "motions": np.count_nonzero(motions != expected),
+        "states": int(np.count_nonzero(states != space.classify(first))),
+        "motions": int(np.count_nonzero(motions != expected)),
         "motions that are free": int(np.count_nonzero(expected)),
     }
     if (map_ / "distances").exists():
-        differences["clearances"] = np.count_nonzero(clearances != space.clearance(first))
+        differences["clearances"] = int(np.count_nonzero(clearances != space.clearance(first)))
     return differences
 
 

@@ -51,4 +51,4 @@ def test_the_reader_of_the_page_gives_the_states_of_the_map(
     q = q[(np.abs(q) < 1e15).all(axis=1)]  # numbers of cells that fit an int64
     states = [reader["state"](about, arrays, row) for row in q]
     np.testing.assert_array_equal(states, space.classify(q))
-    assert arrays["distances"].size == space.cell_states.size
+    assert arrays["distances"].shape == arrays["cell_states"].shape

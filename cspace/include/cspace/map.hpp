@@ -17,6 +17,10 @@
 #ifndef CSPACE_MAP_HPP
 #define CSPACE_MAP_HPP
 
+#if __cplusplus < 201703L
+#error "cspace/map.hpp: compile as C++17 or later; after the flags of pkg-config for OMPL, which may say C++14"
+#endif
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
