@@ -25,4 +25,4 @@ ends = ["1", "1", "0", "7", "1", "3"]
 subprocess.run(["build/plan", "map.zarr", "path", *ends], check=True)
 for planner in ("RRTConnect", "BITstar"):
     path = np.loadtxt(f"path-{planner}.csv", delimiter=",")
-    print(f"{planner}: certify_path is {space.certify_path(path)}")
+    print(f"{planner}: certify_path is {space.certify_path(path).all()}")
