@@ -23,8 +23,6 @@ from .errors import MissingPackageError as MissingPackageError
 from .errors import UnitWarning as UnitWarning
 from .files import ros as ros
 from .grid import Grid as Grid
-from .headers import get_cmake_dir as get_cmake_dir
-from .headers import get_include as get_include
 from .interface import Goal as Goal
 from .interface import Space as Space
 from .limits import raised_limits as raised_limits
@@ -40,6 +38,8 @@ from .spectral import BallDecomposition as BallDecomposition
 from .support.arrays import BLOCKED as BLOCKED
 from .support.arrays import FREE as FREE
 from .support.arrays import MIXED as MIXED
+from .support.headers import get_cmake_dir as get_cmake_dir
+from .support.headers import get_include as get_include
 from .tiles.space import TiledCSpace as TiledCSpace
 from .workspace import LazyWorkspace as LazyWorkspace
 from .workspace import Workspace as Workspace

@@ -38,7 +38,6 @@ ORDER = [
     "cspace.limits",
     "cspace.grid",
     "cspace.support cspace.errors",
-    "cspace.headers",
 ]
 """Rooms from top to bottom: folders or modules; rooms on one line may import each other."""
 
