@@ -15,6 +15,7 @@ ORDER = [
     "cspace.__main__ cspace.cli",
     "cspace.view",
     "planners",
+    "cspace.reasons",
     "cspace.plot",
     "cspace.arms",
     "cspace.spectral",
@@ -44,7 +45,7 @@ ORDER = [
 ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
 EXCEPTION = "cspace.methods"
-"""The only module whose functions import upper rooms: the methods ``plot``, ``view`` and
+"""The only module whose functions import upper rooms: ``plot``, ``view``, ``explain`` and
 ``export``."""
 
 
