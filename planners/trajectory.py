@@ -6,7 +6,7 @@ import csv
 import itertools
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -21,7 +21,31 @@ from cspace.rotations.quaternion import multiply
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
-from planners.local_planner import CURVES, HOLONOMIC, CarCurves, Pieces
+from planners.blends import (
+    CORNER_SHIFT_CELLS,
+    MIN_LENGTH,
+    MIN_REACH_CELLS,
+    DrivingTurns,
+    Layout,
+    LimitRates,
+    MotionBounds,
+    Parabolas,
+    Segments,
+    align_quaternions,
+    can_prove_blends,
+    find_passes,
+    place_along,
+    prove_segments,
+    round_corners,
+)
+from planners.local_planner import (
+    CURVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    CarCurves,
+    Pieces,
+    local_planner,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +60,9 @@ MAX_EDGE_BEND: Final = 1e-9
 MAX_CURVE_BEND: Final = 1e-6
 """Largest change of direction without a stop between curves, as large as
 :data:`planners.car_curves.MAX_GAP`."""
+
+MIN_BLEND_SPEED: Final = 1e-150
+"""Smallest speed of a blend, which makes a path with blends slower than one without."""
 
 MIN_SEGMENT_LENGTH: Final = 1e-12
 """Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
@@ -54,15 +81,6 @@ class Line(Protocol):
 
     waypoints: Floats
     certified: bool
-
-
-class Segments(NamedTuple):
-    """The m straight parts and arcs of a path."""
-
-    starts: Floats  # (m, size), configurations
-    rates: Floats  # (m, k), translation and rotation vector, or joints, per unit of length
-    lengths: Floats  # (m,), metres of a car, otherwise norms of the whole rates
-    curvatures: Floats  # (m,), radians per metre by which a car turns left
 
 
 class Phases(NamedTuple):
@@ -96,6 +114,9 @@ class Trajectory:
         after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
+    certified : bool
+        Whether every part was proven free when the trajectory was made: edges as
+        :meth:`planners.Plan.recheck` proves them, and blends. Without a map, as the plan says.
     """
 
     times: Floats
@@ -104,7 +125,8 @@ class Trajectory:
     accelerations: Floats
     axes: tuple[str, ...]
     units: tuple[str, ...]
-    _moves_joints: bool
+    certified: bool
+    _route: DrivenPath
     _rotations: Rotations
     _segments: Segments
     _phases: Phases
@@ -189,7 +211,18 @@ class Trajectory:
                 "a trajectory follows proven motions",
                 "plan again",
             )
-        driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
+        driven = DrivenPath(
+            space=space,
+            waypoints=waypoints,
+            axes=space.axes,
+            units=space.units,
+            moves_joints=True,
+            drive=HOLONOMIC,
+            turning_radius=None,
+            exact=True,
+            certified=True,
+            blend=False,
+        )
         limits = MotionLimits(max_velocity, max_acceleration)
         return make_trajectory(driven, limits, duration, time_step)
 
@@ -200,8 +233,41 @@ class Trajectory:
 
     @property
     def path(self) -> Floats:
-        """The positions, which pictures draw as a path."""
+        """The positions: rows of the curve that was proven, which pictures draw as a path."""
         return self.positions
+
+    def recheck(self, space: Space) -> Bools:
+        """Prove each part of the curve again, among the present obstacles of a map.
+
+        Parameters
+        ----------
+        space : Space
+            A map of the same robot, such as ``plan.space``.
+
+        Returns
+        -------
+        ndarray of bool, shape (m,)
+            True if a part is proven free now. With blends, the parts are the straight lines, the
+            turns on the spot and the blends, a blend of a differential drive in three parts.
+            Without blends they are those of :meth:`planners.Plan.recheck`.
+
+        Raises
+        ------
+        InputError
+            If ``space`` is no :class:`cspace.Space`, or has other axes.
+        """
+        route = self._route
+        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
+        if space.axes != self.axes:
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the trajectory has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+            )
+        if route.blend:
+            return prove_segments(space, route.exact, self._segments)
+        return edges.edges_are_free(route.waypoints)
 
     def __repr__(self) -> str:
         """Return the duration and the number of rows."""
@@ -248,7 +314,7 @@ class Trajectory:
         linear = self.velocities[:, :dim]
         angular = self.velocities[:, dim:]
         curves = list(zip(self.axes, self.units, linear.T, strict=False))
-        if not self._moves_joints:
+        if not self._route.moves_joints:
             curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
             # The derivative of a quaternion is half as long as the angular velocity.
             factor = 2.0 if "qw" in self.axes else 1.0
@@ -260,7 +326,7 @@ class Trajectory:
         handles: list[Any] = []
         for k, (name, unit, curve) in enumerate(curves):
             if unit not in axes_by_unit:
-                quantity = "velocity" if self._moves_joints else name
+                quantity = "velocity" if self._route.moves_joints else name
                 axes_by_unit[unit] = left.twinx() if axes_by_unit else left
                 axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
             handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
@@ -277,7 +343,7 @@ class Trajectory:
         from cspace.export.messages import fill_path
         from cspace.files.ros import Path
 
-        if self._moves_joints:
+        if self._route.moves_joints:
             raise InputError(
                 "trajectory",
                 f"moves the joints {', '.join(self.axes)}",
@@ -304,7 +370,7 @@ class Trajectory:
         from cspace.export.messages import fill_joint_trajectory
         from cspace.files.ros import JointTrajectory
 
-        if not self._moves_joints:
+        if not self._route.moves_joints:
             raise InputError(
                 "trajectory",
                 f"moves {', '.join(self.axes)}",
@@ -363,6 +429,9 @@ class DrivenPath(NamedTuple):
     moves_joints: bool
     drive: Drive
     turning_radius: float | None
+    exact: bool
+    certified: bool  # what the plan says
+    blend: bool  # whether corners become blends
 
 
 def make_trajectory(
@@ -379,36 +448,91 @@ def make_trajectory(
     max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
     max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
     max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
-    max_lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
+    turns_sideways = is_curved or path.drive in ON_THE_SPOT
+    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
+    max_sideways = float(max_acceleration.min()) if max_lateral is None else max_lateral
+    velocity = LimitRates(max_velocity, max_turn_rate, dim)
+    acceleration = LimitRates(max_acceleration, max_turn_gain, dim)
     segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    speeds = _largest_rates(segments.rates, dim, max_velocity, max_turn_rate)
-    accelerations = _largest_rates(segments.rates, dim, max_acceleration, max_turn_gain)
+    speeds = velocity.largest(segments.rates)
+    accelerations = acceleration.largest(segments.rates)
     if is_curved:
-        max_sideways = max_acceleration if max_lateral is None else max_lateral
         with np.errstate(divide="ignore"):
             speeds = np.minimum(speeds, np.sqrt(max_sideways / np.abs(segments.curvatures)))
     # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
     # limit.
     yaw_rate_jumps = is_curved and max_turn_gain is None
     compared = slice(dim if yaw_rate_jumps else None)
-    ends = _turn(segments.rates, segments.curvatures * segments.lengths)
+    ends = place_along(segments, rotations, segments.lengths)[1]
     bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
     passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
-    phases = _stretch(_find_phases(segments.lengths, speeds, accelerations, passes), duration)
+    phases = _find_phases(segments.lengths, speeds, accelerations, passes)
+    layout = _round_path(path, rotations, velocity, acceleration, max_sideways)
+    uses_blends = False
+    if layout is not None:
+        passes = find_passes(layout.segments, rotations)
+        blended = _find_phases(layout.segments.lengths, layout.speeds, layout.accelerations, passes)
+        uses_blends = bool(blended.times[-1] < phases.times[-1])
+    if layout is not None and uses_blends:
+        segments = layout.segments
+        phases = blended
+    path = path._replace(blend=uses_blends)
+    phases = _stretch(phases, duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
-    return Trajectory(
+    made = Trajectory(
         times=frozen(times),
         positions=frozen(positions),
         velocities=frozen(velocities),
         accelerations=frozen(accelerations),
         axes=path.axes,
         units=path.units,
-        _moves_joints=path.moves_joints,
+        certified=path.certified,
+        _route=path._replace(space=None),
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
     )
+    if path.space is None:
+        return made
+    return replace(made, certified=bool(made.recheck(path.space).all()))
+
+
+def _round_path(
+    path: DrivenPath,
+    rotations: Rotations,
+    velocity: LimitRates,
+    acceleration: LimitRates,
+    lateral: float,
+) -> Layout | None:
+    """Lay out proven blends at the corners of a path; None if it keeps its edges."""
+    space = path.space
+    if not path.blend or path.drive in CURVES or space is None or not can_prove_blends(space):
+        return None
+    lower, upper = space.check_bounds()
+    cell = 2.0 * space.resolution if space.has_cells else 0.0
+    is_periodic = np.array(space.periodic_axes)[: space.dim]
+    bounds = MotionBounds(
+        velocity=velocity,
+        acceleration=acceleration,
+        lateral=lateral,
+        lower=np.where(is_periodic, -np.inf, lower),
+        upper=np.where(is_periodic, np.inf, upper),
+        gap=CORNER_SHIFT_CELLS * cell,
+        min_reach=MIN_REACH_CELLS * cell,
+    )
+    rows = path.waypoints
+    corners: Parabolas | DrivingTurns
+    if path.drive in ON_THE_SPOT:
+        corners = DrivingTurns(rows, rotations, bounds)
+    else:
+        lengths = np.linalg.norm(rotations.steps_between(rows[:-1], rows[1:]), axis=1)
+        is_kept = np.concatenate([[True], lengths > MIN_LENGTH])
+        corners = Parabolas(rows[is_kept], rotations, bounds)
+    if not len(corners.largest):
+        return None
+    layout, proven = round_corners(corners, lambda parts: prove_segments(space, path.exact, parts))
+    return layout if layout.sizes.any() and proven.all() else None
 
 
 def _check_limits(
@@ -456,13 +580,7 @@ def _check_option(
 
 def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
-    starts = waypoints.copy()
-    if "qw" in rotations.names:
-        # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
-        quaternions = starts[:, -4:]
-        cosines = (quaternions[:-1] * quaternions[1:]).sum(axis=1)
-        signs = np.where(cosines < 0.0, -1.0, 1.0)
-        quaternions[1:] *= np.cumprod(signs)[:, np.newaxis]
+    starts = align_quaternions(waypoints, rotations)
     steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 
@@ -488,24 +606,17 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
-        return Segments(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), np.zeros(1))
+        rate = np.eye(1, steps.shape[1])
+        none = np.zeros(1)
+        return Segments(points[:1], rate, 0.0 * rate, none, none, none, points[:1])
     steps = steps[kept]
     lengths = lengths[kept]
     radians = radians[kept]
-    return Segments(points[kept], steps / lengths[:, np.newaxis], lengths, radians / lengths)
-
-
-def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return each segment's largest rate within the limits, shape (m,)."""
-    moved = np.abs(rates[:, :dim])
-    if not linear.ndim:
-        moved = np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
-    turned = np.linalg.norm(rates[:, dim:], axis=1)
-    with np.errstate(divide="ignore"):
-        largest: Floats = (linear / moved).min(axis=1)
-        if angular is not None:
-            largest = np.minimum(largest, angular / turned)
-    return largest
+    rates = steps / lengths[:, np.newaxis]
+    curvatures = radians / lengths
+    none = np.zeros(len(kept))
+    ends = points[kept + 1]
+    return Segments(points[kept], rates, 0.0 * rates, curvatures, none, lengths, ends)
 
 
 def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
@@ -530,6 +641,11 @@ def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes:
     for k, (length, acceleration) in enumerate(zip(lengths, accelerations, strict=True)):
         before = squares[k]
         after = squares[k + 1]
+        if acceleration == 0.0:
+            # A blend keeps its speed.
+            speed = max(np.sqrt(before), MIN_BLEND_SPEED)
+            rows.append((length / speed, k, 0.0, speed, 0.0))
+            continue
         # Rounding must not put the peak below the speed at an end.
         peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
         up = (peak - before) / (2.0 * acceleration)
@@ -600,19 +716,9 @@ def _evaluate(
     speed = begin_speed + acceleration * elapsed
     mean_speed = begin_speed + 0.5 * acceleration * elapsed
     length = phases.positions[phase] + elapsed * mean_speed
-    rates = segments.rates[segment]
-    curvatures = segments.curvatures[segment]
-    # The chord of an arc leads in the direction halfway, and is shorter than the arc.
-    half_turns = 0.5 * curvatures * length
-    steps = _turn(rates, half_turns) * length[:, np.newaxis]
-    steps[:, :2] *= np.sinc(half_turns / np.pi)[:, np.newaxis]
-    positions = rotations.add_steps(segments.starts[segment], steps)
-    directions = _turn(rates, 2.0 * half_turns)
-    velocities = directions * speed[:, np.newaxis]
-    accelerations = directions * acceleration[:, np.newaxis]
-    if curvatures.any():
-        sideways = np.column_stack([-directions[:, 1], directions[:, 0]])
-        accelerations[:, :2] += (speed**2 * curvatures)[:, np.newaxis] * sideways
+    positions, first, second = place_along(segments.select(segment), rotations, length)
+    velocities = first * speed[:, np.newaxis]
+    accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
     if rotations.names == ("yaw",):
         positions[:, -1] = wrapped(positions[:, -1])
     if "qw" in rotations.names:
@@ -627,16 +733,3 @@ def _evaluate(
         velocities = np.column_stack([velocities[:, :-3], first])
         accelerations = np.column_stack([accelerations[:, :-3], second])
     return positions, velocities, accelerations
-
-
-def _turn(rates: Floats, angles: Floats) -> Floats:
-    """Turn x and y of rates, shape (n, k), left by angles, shape (n,)."""
-    turned = rates.copy()
-    if angles.any():
-        cos = np.cos(angles)
-        sin = np.sin(angles)
-        x = rates[:, 0]
-        y = rates[:, 1]
-        turned[:, 0] = cos * x - sin * y
-        turned[:, 1] = sin * x + cos * y
-    return turned

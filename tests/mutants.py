@@ -398,9 +398,9 @@ MUTANTS = (
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/trajectory.py",
-        "(linear / moved).min(axis=1)",
-        "(linear / moved).max(axis=1)",
+        "planners/blends.py",
+        "(self.linear / moved).min(axis=1)",
+        "(self.linear / moved).max(axis=1)",
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
@@ -410,10 +410,28 @@ MUTANTS = (
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/trajectory.py",
-        "half_turns = 0.5 * curvatures * length",
-        "half_turns = -0.5 * curvatures * length",
+        "planners/blends.py",
+        "half = 0.5 * turned[arcs]",
+        "half = -0.5 * turned[arcs]",
         "tests/planners/test_trajectory.py",
+    ),
+    Mutant(
+        "planners/blends.py",
+        "distance = (BOX_CELLS / 4.0**level + 1e-9) * cell",
+        "distance = 0.1 * (BOX_CELLS / 4.0**level + 1e-9) * cell",
+        "tests/planners/test_blends.py",
+    ),
+    Mutant(
+        "planners/blends.py",
+        "middles = np.repeat(middles, 4) + np.tile([-1.5, -0.5, 0.5, 1.5], len(middles)) * widths",
+        "middles = np.repeat(middles, 4)",
+        "tests/planners/test_blends.py",
+    ),
+    Mutant(
+        "planners/blends.py",
+        "jumps <= MAX_BLEND_STEP * largest",
+        "jumps <= MAX_BLEND_STEP * largest.max() * 1e9",
+        "tests/planners/test_blends.py",
     ),
     # Files and exports.
     Mutant(

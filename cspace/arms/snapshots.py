@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace.arms.chain import FIXED, compute_poses
+from cspace.arms.chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import (
     Scene,
@@ -26,6 +26,7 @@ from cspace.arms.proofs import (
 )
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.queries.batches import as_contiguous
@@ -34,6 +35,9 @@ from cspace.support.threads import in_chunks
 
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions per thread below which a further thread costs more time than it saves."""
+
+CURVE_PARTS: Final = (2, 8, 32)
+"""Numbers of straight motions that prove a curve, coarsest first."""
 
 
 class Contact(NamedTuple):
@@ -125,6 +129,43 @@ class Snapshot:
         rows = as_contiguous(firsts), as_contiguous(lasts)
         _run_in_threads(motions_are_free, scene or self.outer, *rows, free)
         return free
+
+    def parabola_is_free(self, start: Floats, control: Floats, end: Floats) -> bool:
+        """Return True if a quadratic Bezier curve, of shapes (dof,), is proven free.
+
+        Over a share w of the curve, each joint deviates from its straight motion by at most
+        ``|start - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay
+        apart by as much as such joint motions move them, in addition. Unproven motions are cut into
+        four.
+        """
+        bend = start - 2.0 * control + end
+        deviations = self._bound_displacements(0.25 * bend)
+        scene = self.outer
+        begins = np.linspace(0.0, 1.0, CURVE_PARTS[0], endpoint=False)
+        for parts in CURVE_PARTS:
+            times = np.stack([begins, begins + 1.0 / parts])[..., np.newaxis]
+            firsts, lasts = start + times * (2.0 * (control - start) + times * bend)
+            padding = scene.padding + deviations / parts**2
+            is_open = ~self.are_free(firsts, lasts, scene._replace(padding=padding))
+            if not is_open.any():
+                return True
+            quarters = np.arange(4) / (4.0 * parts)
+            begins = (begins[is_open, np.newaxis] + quarters).ravel()
+        return False
+
+    def _bound_displacements(self, joint_motions: Floats) -> Floats:
+        """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""
+        chain = self.outer.chain
+        solids = self.outer.solids
+        first, second = self.outer.pairs.T
+        bodies = solids.bodies[first]
+        rates = np.abs(chain.factors * joint_motions[chain.joint_indices])
+        reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
+        levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
+        moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
+        displacements = (moves * levers * rates).sum(axis=1)
+        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum()
+        return np.asarray(displacements / ADVANCE_FACTOR + rounding)
 
     def are_blocked(self, points: Floats) -> Bools:
         """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""

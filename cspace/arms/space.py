@@ -982,6 +982,30 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
+    def parabolas_are_free(self, starts: ArrayLike, controls: ArrayLike, ends: ArrayLike) -> Bools:
+        """Return whether motions along parabolas are proven collision-free.
+
+        The configuration at share t is ``(1-t)^2 start + 2 t (1-t) control + t^2 end``, a quadratic
+        Bezier curve. Continuous joints count whole turns.
+
+        Parameters
+        ----------
+        starts, controls, ends : array-like, shape (n, dof)
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is more than 1e-5 rad (m) beyond a limit.
+        """
+        rows = [self._check_configurations(q, "q") for q in (starts, controls, ends)]
+        snapshot = self.snapshot
+        curves = zip(*rows, strict=True)
+        return np.array([snapshot.parabola_is_free(*curve) for curve in curves], dtype=np.bool_)
+
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
