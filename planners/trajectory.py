@@ -18,26 +18,9 @@ from cspace.interface import ConfigurationSpace, Space, rotations_of
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
 from cspace.rotations.quaternion import multiply
-from cspace.support.arrays import Bools, Floats, Ints, frozen
+from cspace.support.arrays import Bools, Floats, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
-from planners.blends import (
-    CORNER_SHIFT_CELLS,
-    MIN_LENGTH,
-    MIN_REACH_CELLS,
-    DrivingTurns,
-    Layout,
-    LimitRates,
-    MotionBounds,
-    Parabolas,
-    Segments,
-    align_quaternions,
-    can_prove_blends,
-    find_passes,
-    place_along,
-    prove_segments,
-    round_corners,
-)
 from planners.local_planner import (
     CURVES,
     HOLONOMIC,
@@ -46,6 +29,24 @@ from planners.local_planner import (
     Pieces,
     local_planner,
 )
+from planners.segments import (
+    Segments,
+    align_quaternions,
+    can_prove_curves,
+    make_lines,
+    place_along,
+    prove_segments,
+)
+from planners.smoothing import (
+    PEG_CELLS,
+    Layout,
+    LimitRates,
+    Smoother,
+    find_course,
+    find_driven_course,
+    smooth_path,
+)
+from planners.timing import MotionBounds, Phases, find_passes, find_phases, slow_down
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,9 +62,6 @@ MAX_CURVE_BEND: Final = 1e-6
 """Largest change of direction without a stop between curves, as large as
 :data:`planners.car_curves.MAX_GAP`."""
 
-MIN_BLEND_SPEED: Final = 1e-150
-"""Smallest speed of a blend, which makes a path with blends slower than one without."""
-
 MIN_SEGMENT_LENGTH: Final = 1e-12
 """Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
 which are skipped."""
@@ -71,29 +69,12 @@ which are skipped."""
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
-MIN_PHASE_SHARE: Final = 1e-12
-"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
-"""
-
 
 class Line(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
     waypoints: Floats
     certified: bool
-
-
-class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration.
-
-    Each is on one segment; in the last part the robot rests.
-    """
-
-    times: Floats  # seconds at which they start
-    segments: Ints
-    positions: Floats  # length along the segment at that time, and its derivatives by time
-    speeds: Floats
-    accelerations: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -450,15 +431,12 @@ def make_trajectory(
     max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
     turns_sideways = is_curved or path.drive in ON_THE_SPOT
     max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
-    max_sideways = float(max_acceleration.min()) if max_lateral is None else max_lateral
-    velocity = LimitRates(max_velocity, max_turn_rate, dim)
-    acceleration = LimitRates(max_acceleration, max_turn_gain, dim)
+    bounds = MotionBounds(
+        velocity=LimitRates(max_velocity, max_turn_rate, dim),
+        acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
+        lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
+    )
     segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    speeds = velocity.largest(segments.rates)
-    accelerations = acceleration.largest(segments.rates)
-    if is_curved:
-        with np.errstate(divide="ignore"):
-            speeds = np.minimum(speeds, np.sqrt(max_sideways / np.abs(segments.curvatures)))
     # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
     # limit.
     yaw_rate_jumps = is_curved and max_turn_gain is None
@@ -466,12 +444,12 @@ def make_trajectory(
     ends = place_along(segments, rotations, segments.lengths)[1]
     bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
     passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
-    phases = _find_phases(segments.lengths, speeds, accelerations, passes)
-    layout = _round_path(path, rotations, velocity, acceleration, max_sideways)
+    phases = find_phases(segments, rotations, passes, bounds)
+    layout = _smooth(path, rotations, bounds)
     uses_blends = False
     if layout is not None:
         passes = find_passes(layout.segments, rotations)
-        blended = _find_phases(layout.segments.lengths, layout.speeds, layout.accelerations, passes)
+        blended = find_phases(layout.segments, rotations, passes, bounds)
         uses_blends = bool(blended.times[-1] < phases.times[-1])
     if layout is not None and uses_blends:
         segments = layout.segments
@@ -493,46 +471,33 @@ def make_trajectory(
         _segments=segments,
         _phases=phases,
     )
-    if path.space is None:
-        return made
+    if path.space is None or uses_blends:  # smooth paths have just been proven
+        return replace(made, certified=uses_blends or path.certified)
     return replace(made, certified=bool(made.recheck(path.space).all()))
 
 
-def _round_path(
-    path: DrivenPath,
-    rotations: Rotations,
-    velocity: LimitRates,
-    acceleration: LimitRates,
-    lateral: float,
-) -> Layout | None:
-    """Lay out proven blends at the corners of a path; None if it keeps its edges."""
+def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:
+    """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
-    if not path.blend or path.drive in CURVES or space is None or not can_prove_blends(space):
+    if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
+        return None
+    if path.drive in ON_THE_SPOT:
+        course = find_driven_course(path.waypoints)
+    else:
+        course = find_course(path.waypoints, rotations)
+    if course.stops.all():
         return None
     lower, upper = space.check_bounds()
-    cell = 2.0 * space.resolution if space.has_cells else 0.0
     is_periodic = np.array(space.periodic_axes)[: space.dim]
-    bounds = MotionBounds(
-        velocity=velocity,
-        acceleration=acceleration,
-        lateral=lateral,
-        lower=np.where(is_periodic, -np.inf, lower),
-        upper=np.where(is_periodic, np.inf, upper),
-        gap=CORNER_SHIFT_CELLS * cell,
-        min_reach=MIN_REACH_CELLS * cell,
+    smoother = Smoother.of(
+        course,
+        rotations,
+        bounds.velocity,
+        bounds.acceleration,
+        (np.where(is_periodic, -np.inf, lower), np.where(is_periodic, np.inf, upper)),
+        PEG_CELLS * 2.0 * space.resolution if space.has_cells else 0.0,
     )
-    rows = path.waypoints
-    corners: Parabolas | DrivingTurns
-    if path.drive in ON_THE_SPOT:
-        corners = DrivingTurns(rows, rotations, bounds)
-    else:
-        lengths = np.linalg.norm(rotations.steps_between(rows[:-1], rows[1:]), axis=1)
-        is_kept = np.concatenate([[True], lengths > MIN_LENGTH])
-        corners = Parabolas(rows[is_kept], rotations, bounds)
-    if not len(corners.largest):
-        return None
-    layout, proven = round_corners(corners, lambda parts: prove_segments(space, path.exact, parts))
-    return layout if layout.sizes.any() and proven.all() else None
+    return smooth_path(smoother, lambda parts: prove_segments(space, path.exact, parts))
 
 
 def _check_limits(
@@ -606,64 +571,11 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
-        rate = np.eye(1, steps.shape[1])
-        none = np.zeros(1)
-        return Segments(points[:1], rate, 0.0 * rate, none, none, none, points[:1])
-    steps = steps[kept]
+        return make_lines(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), points[:1])
     lengths = lengths[kept]
-    radians = radians[kept]
-    rates = steps / lengths[:, np.newaxis]
-    curvatures = radians / lengths
-    none = np.zeros(len(kept))
-    ends = points[kept + 1]
-    return Segments(points[kept], rates, 0.0 * rates, curvatures, none, lengths, ends)
-
-
-def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
-    """Return the fastest motion along segments, from rest to rest.
-
-    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), is
-    True if no stop is needed between two segments. Along a length, the square of the speed changes
-    by at most twice the acceleration times the length. So a pass ahead and a pass back bound the
-    speeds at the ends of segments. On each segment the robot accelerates, keeps the largest speed
-    if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985); constant limits
-    make it exact.
-    """
-    caps = speeds**2
-    gains = 2.0 * accelerations * lengths
-    squares = np.zeros(len(lengths) + 1)
-    squares[1:-1] = np.where(passes, np.minimum(caps[:-1], caps[1:]), 0.0)
-    for k in range(len(lengths)):
-        squares[k + 1] = min(squares[k + 1], squares[k] + gains[k])
-    for k in reversed(range(len(lengths))):
-        squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    rows = []
-    for k, (length, acceleration) in enumerate(zip(lengths, accelerations, strict=True)):
-        before = squares[k]
-        after = squares[k + 1]
-        if acceleration == 0.0:
-            # A blend keeps its speed.
-            speed = max(np.sqrt(before), MIN_BLEND_SPEED)
-            rows.append((length / speed, k, 0.0, speed, 0.0))
-            continue
-        # Rounding must not put the peak below the speed at an end.
-        peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
-        up = (peak - before) / (2.0 * acceleration)
-        down = (peak - after) / (2.0 * acceleration)
-        cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
-        first, last, fastest = np.sqrt([before, after, peak])
-        # Each phase has a duration, and the fields of Phases from the segment on.
-        rows += [
-            ((fastest - first) / acceleration, k, 0.0, first, acceleration),
-            (cruise / speeds[k], k, up, fastest, 0.0),
-            ((fastest - last) / acceleration, k, length - down, fastest, -acceleration),
-        ]
-    table = np.array(rows)
-    table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
-    rest = (0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0)
-    durations, segments, *motion = np.vstack([table, rest]).T
-    times = np.cumsum([0.0, *durations[:-1]])
-    return Phases(times, segments.astype(np.int64), *motion)
+    rates = steps[kept] / lengths[:, np.newaxis]
+    lines = make_lines(points[kept], rates, lengths, points[kept + 1])
+    return lines._replace(curvatures=radians[kept] / lengths)
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
@@ -679,13 +591,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
             f"the limits need {total:.6g} s",
             "raise it, or the limits",
         )
-    return Phases(
-        phases.times * factor,
-        phases.segments,
-        phases.positions,
-        phases.speeds / factor,
-        phases.accelerations / factor**2,
-    )
+    return slow_down(phases, factor)
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:

@@ -36,9 +36,6 @@ from cspace.support.threads import in_chunks
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions per thread below which a further thread costs more time than it saves."""
 
-CURVE_PARTS: Final = (2, 8, 32)
-"""Numbers of straight motions that prove a curve, coarsest first."""
-
 
 class Contact(NamedTuple):
     """The two solids that are nearest to touching.
@@ -130,28 +127,14 @@ class Snapshot:
         _run_in_threads(motions_are_free, scene or self.outer, *rows, free)
         return free
 
-    def parabola_is_free(self, start: Floats, control: Floats, end: Floats) -> bool:
-        """Return True if a quadratic Bezier curve, of shapes (dof,), is proven free.
+    def are_free_around(self, firsts: Floats, lasts: Floats, deviation: Floats) -> Bools:
+        """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
 
-        Over a share w of the curve, each joint deviates from its straight motion by at most
-        ``|start - 2 control + end| w^2 / 4``. So straight motions prove the curve if all pairs stay
-        apart by as much as such joint motions move them, in addition. Unproven motions are cut into
-        four.
+        ``deviation``, shape (dof,), bounds that of each joint at each time. The motions prove it if
+        all pairs stay apart by as much as such joint motions move them, in addition.
         """
-        bend = start - 2.0 * control + end
-        deviations = self._bound_displacements(0.25 * bend)
-        scene = self.outer
-        begins = np.linspace(0.0, 1.0, CURVE_PARTS[0], endpoint=False)
-        for parts in CURVE_PARTS:
-            times = np.stack([begins, begins + 1.0 / parts])[..., np.newaxis]
-            firsts, lasts = start + times * (2.0 * (control - start) + times * bend)
-            padding = scene.padding + deviations / parts**2
-            is_open = ~self.are_free(firsts, lasts, scene._replace(padding=padding))
-            if not is_open.any():
-                return True
-            quarters = np.arange(4) / (4.0 * parts)
-            begins = (begins[is_open, np.newaxis] + quarters).ravel()
-        return False
+        padding = self.outer.padding + self._bound_displacements(deviation)
+        return self.are_free(firsts, lasts, self.outer._replace(padding=padding))
 
     def _bound_displacements(self, joint_motions: Floats) -> Floats:
         """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""

@@ -982,15 +982,19 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
-    def parabolas_are_free(self, starts: ArrayLike, controls: ArrayLike, ends: ArrayLike) -> Bools:
-        """Return whether motions along parabolas are proven collision-free.
+    def motions_are_free_around(
+        self, starts: ArrayLike, ends: ArrayLike, deviation: ArrayLike
+    ) -> Bools:
+        """Return whether motions and all near motions are proven collision-free.
 
-        The configuration at share t is ``(1-t)^2 start + 2 t (1-t) control + t^2 end``, a quadratic
-        Bezier curve. Continuous joints count whole turns.
+        Near motions deviate by at most ``deviation`` from the straight motion, at each time and in
+        each joint. Use it to prove curves piece by piece. Continuous joints count whole turns.
 
         Parameters
         ----------
-        starts, controls, ends : array-like, shape (n, dof)
+        starts, ends : array-like, shape (n, dof)
+        deviation : array-like, shape (dof,)
+            Radians and metres, zero or above.
 
         Returns
         -------
@@ -1001,10 +1005,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError
             If a configuration is more than 1e-5 rad (m) beyond a limit.
         """
-        rows = [self._check_configurations(q, "q") for q in (starts, controls, ends)]
-        snapshot = self.snapshot
-        curves = zip(*rows, strict=True)
-        return np.array([snapshot.parabola_is_free(*curve) for curve in curves], dtype=np.bool_)
+        firsts = self._check_configurations(starts, "starts")
+        lasts = self._check_configurations(ends, "ends")
+        reach = check_finite(deviation, "deviation")
+        if reach.shape != firsts.shape[-1:] or (reach < 0.0).any():
+            raise InputError(
+                "deviation",
+                f"is {deviation!r}",
+                f"it must be {firsts.shape[-1]} numbers, zero or above",
+                "give one for each joint",
+            )
+        return self.snapshot.are_free_around(firsts, lasts, reach)
 
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
