@@ -42,7 +42,7 @@ from planners.segments import (
 SMOOTHING: Final = 1.0
 """Length of the filters, relative to the time in which the robot reaches full speed."""
 
-STEPS_PER_RAMP: Final = 8
+STEPS_PER_RAMP: Final = 6
 """Number of control points in the time in which the robot reaches full speed."""
 
 MIN_STEPS: Final = 12
@@ -51,13 +51,16 @@ MIN_STEPS: Final = 12
 MAX_STEPS: Final = 4000
 """Largest number of steps between the control points of a curve."""
 
-PEG_CELLS: Final = 0.2
+PEG_CELLS: Final = 0.1
 """Distance in cells by which a curve passes outside its corners, for the boxes that prove it."""
 
 PEG_SOFTNESS: Final = 1e-6
 """Share of the largest effect of a push that is added to each, because corners may coincide."""
 
-MAX_PULLS: Final = 4
+PULL_SHARE: Final = 0.75
+"""Share of the way to the path that such a peg pulls a curve back."""
+
+MAX_PULLS: Final = 2
 """Largest number of pegs that pull an unproven part of a curve back towards the path."""
 
 MAX_TURN: Final = 2.8
@@ -209,6 +212,8 @@ class Smoother:
         Those at corners, then those that pull the curve back.
     corners : int
         Number of pegs at corners.
+    runs : dict
+        Paths between two stops, by these and the number of pegs in between.
     """
 
     course: Course
@@ -220,6 +225,7 @@ class Smoother:
     stops: Bools
     pegs: list[Peg]
     corners: int
+    runs: dict[tuple[int, int, int], Layout]
 
     @classmethod
     def of(
@@ -250,12 +256,13 @@ class Smoother:
             stops=course.stops.copy(),
             pegs=pegs,
             corners=len(pegs),
+            runs={},
         )
 
     def lay_out(self) -> Layout:
         """Lay out the smooth path, with turns on the spot at its stops."""
         ends = np.flatnonzero(self.stops)
-        runs = [self._lay_run(*pair) for pair in itertools.pairwise(ends.tolist())]
+        runs = [self._find_run(*pair) for pair in itertools.pairwise(ends.tolist())]
         parts: list[Segments] = []
         windows: list[Floats] = []
         if not self.course.yaws:
@@ -306,7 +313,7 @@ class Smoother:
         return True
 
     def _find_pegs(self, layout: Layout, middles: list[int]) -> list[Peg]:
-        """Return pegs that halve the way from the path to unproven curves."""
+        """Return pegs that pull unproven curves back towards the path."""
         curves = layout.segments.select(np.array(middles))
         points = place_along(curves, self.rotations, 0.5 * curves.lengths)[0]
         times = layout.windows[middles].mean(axis=1)
@@ -324,10 +331,19 @@ class Smoother:
             inward = -offset / self.fastest
             size = np.linalg.norm(inward)
             if size > 0.0:
-                pegs.append(Peg(float(time), place + 0.5 * offset, inward / size))
+                pegs.append(Peg(float(time), place + (1.0 - PULL_SHARE) * offset, inward / size))
         return pegs
 
-    def _lay_run(self, first: int, last: int) -> Layout:
+    def _find_run(self, first: int, last: int) -> Layout:
+        """Return the path between two stops, laid out once for the same pegs."""
+        begin, end = self.times[[first, last]].tolist()
+        pegs = [peg for peg in self.pegs if begin < peg.time < end]
+        key = (first, last, len(pegs))
+        if key not in self.runs:
+            self.runs[key] = self._lay_run(first, last, pegs)
+        return self.runs[key]
+
+    def _lay_run(self, first: int, last: int, pegs: list[Peg]) -> Layout:
         """Lay out the path between two stops: a straight edge or a smooth curve."""
         course = self.course
         window = self.times[[first, last]]
@@ -344,7 +360,7 @@ class Smoother:
                 ends = np.array([[*ends[0, :2], yaw]])
             line = make_lines(starts, rates, np.array([length]), ends)
             return Layout(line, window[np.newaxis], False)
-        points = self._smooth(first, last)
+        points = self._smooth(first, last, pegs)
         step_time = float((window[1] - window[0]) / (len(points) - 1))
         ahead = 2.0 * points[0] - points[1]
         behind = 2.0 * points[-1] - points[-2]
@@ -374,7 +390,7 @@ class Smoother:
         knots = np.linspace(window[0], window[1], count + 1)
         return Layout(curves, np.column_stack([knots[:-1], knots[1:]]), True)
 
-    def _smooth(self, first: int, last: int) -> Floats:
+    def _smooth(self, first: int, last: int, pegs: list[Peg]) -> Floats:
         """Return the control points of a smooth curve between two stops, shape (m + 1, k)."""
         times = self.times[first : last + 1]
         places = self.course.places[first : last + 1]
@@ -399,7 +415,6 @@ class Smoother:
         moved = points.copy()
         moved[1:-1] -= scipy.linalg.solveh_banded(bands, forces + once)
 
-        pegs = [peg for peg in self.pegs if times[0] < peg.time < times[-1]]
         if not pegs:
             return moved
         outward = np.array([peg.direction for peg in pegs])
@@ -485,12 +500,27 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
 
 def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layout | None:
     """Return the smoothest proven path, or None if there is none with a curve."""
+    known: dict[bytes, bool] = {}
     while True:
         layout = smoother.lay_out()
         if not layout.is_smooth:
             return None
-        proven = prove(layout.segments)
+        proven = _prove_new(layout.segments, prove, known)
         if proven.all():
             return layout
         if not smoother.repair(layout, proven):
             return None
+
+
+def _prove_new(
+    segments: Segments, prove: Callable[[Segments], Bools], known: dict[bytes, bool]
+) -> Bools:
+    """Return which segments are proven, and prove those that are not known yet."""
+    table = np.ascontiguousarray(np.column_stack(segments))
+    keys = [row.tobytes() for row in table]
+    new = np.array([key not in known for key in keys], dtype=np.bool_)
+    if new.any():
+        answers = prove(segments.select(new)).tolist()
+        new_keys = (keys[k] for k in np.flatnonzero(new))
+        known.update(zip(new_keys, answers, strict=True))
+    return np.array([known[key] for key in keys], dtype=np.bool_)

@@ -32,6 +32,9 @@ MIN_PHASE_SHARE: Final = 1e-12
 """Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
 """
 
+MIN_SPEED: Final = 1e-150
+"""Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
+
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two curves without a stop, relative to these."""
 
@@ -207,7 +210,7 @@ def _fill_phases(
     last = np.sqrt(after)
     cruise = np.where(peaks >= caps, np.maximum(lengths - up - down, 0.0), 0.0)
     tiny = np.finfo(float).tiny
-    even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, tiny), 0.0)
+    even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, MIN_SPEED), 0.0)
     zeros = np.zeros(len(lengths))
     columns = (
         (
