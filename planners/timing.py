@@ -212,6 +212,7 @@ def _fill_phases(
     tiny = np.finfo(float).tiny
     even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, MIN_SPEED), 0.0)
     zeros = np.zeros(len(lengths))
+    changes = 0.5 * (after - before) / np.where(is_curved, lengths, 1.0)
     columns = (
         (
             np.where(is_curved, even, (fastest - first) / gains),
@@ -221,7 +222,7 @@ def _fill_phases(
         (owners, owners, owners),
         (begins, begins + up, begins + lengths - down),
         (first, fastest, fastest),
-        (np.where(is_curved, 0.5 * (after - before) / lengths, gains), zeros, -gains),
+        (np.where(is_curved, changes, gains), zeros, -gains),
     )
     table = np.stack([np.stack(column, axis=1).ravel() for column in columns], axis=1)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 
@@ -18,7 +19,7 @@ from cspace.interface import ConfigurationSpace, Space, rotations_of
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
 from cspace.rotations.quaternion import multiply
-from cspace.support.arrays import Bools, Floats, frozen
+from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
 from planners.local_planner import (
@@ -97,7 +98,7 @@ class Trajectory:
         Names and units of the columns, as of the plan.
     certified : bool
         Whether every part was proven free when the trajectory was made: edges as
-        :meth:`planners.Plan.recheck` proves them, and blends. Without a map, as the plan says.
+        :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
     """
 
     times: Floats
@@ -228,9 +229,9 @@ class Trajectory:
         Returns
         -------
         ndarray of bool, shape (m,)
-            True if a part is proven free now. With blends, the parts are the straight lines, the
-            turns on the spot and the blends, a blend of a differential drive in three parts.
-            Without blends they are those of :meth:`planners.Plan.recheck`.
+            True if a part is proven free now. The parts of a smooth path are its straight lines,
+            its turns on the spot, and the spans of its curves. Without curves they are those of
+            :meth:`planners.Plan.recheck`.
 
         Raises
         ------
@@ -278,6 +279,113 @@ class Trajectory:
         shape = (*times.shape, len(self.axes))
         positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
+
+    def sample_uniform(self, rate: float) -> Trajectory:
+        """Return the same motion with rows at a controller's rate.
+
+        Parameters
+        ----------
+        rate : float
+            Rows a second. The last row is the first one at which the robot rests at the goal.
+
+        Returns
+        -------
+        Trajectory
+            Its rows are also those of :meth:`to_csv`, of messages, and of ``v`` and ``omega``.
+
+        Raises
+        ------
+        InputError
+            If the rate is not above zero, or makes a million rows.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.sample_uniform(20.0).times[:3].tolist()
+        [0.0, 0.05, 0.1]
+        """
+        checked = check_positive(rate, "rate", "rows a second")
+        # Rounding must not add a row.
+        rows = math.ceil(self.duration * checked * (1.0 - 1e-12))
+        if rows >= MAX_ROWS:
+            raise InputError(
+                "rate",
+                f"is {rate:g}",
+                f"it makes {rows} rows; at most {MAX_ROWS} are possible",
+                "lower it",
+            )
+        times = np.arange(rows + 1) / checked
+        positions, velocities, accelerations = self.sample(times)
+        return replace(
+            self,
+            times=frozen(times),
+            positions=frozen(positions),
+            velocities=frozen(velocities),
+            accelerations=frozen(accelerations),
+        )
+
+    @property
+    def v(self) -> Floats:
+        """Velocities ahead of a robot that drives, m/s, shape (n,); negative in reverse.
+
+        InputError if the robot is holonomic or an arm, whose ``velocities`` a controller takes.
+        """
+        self._check_drives()
+        return self._project_ahead(self.velocities)
+
+    @property
+    def omega(self) -> Floats:
+        """Yaw rates of a robot that drives, rad/s, shape (n,); as for :attr:`v`."""
+        self._check_drives()
+        return self.velocities[:, 2]
+
+    def steering(self, wheelbase: float) -> Floats:
+        """Return a car's steering angles, radians, shape (n,).
+
+        The angle of the front wheels is ``atan(wheelbase * curvature)``, to the left if positive,
+        for a reference point in the middle of the rear axle. It is also defined at rest.
+
+        Parameters
+        ----------
+        wheelbase : float
+            Distance of the axles, metres.
+
+        Raises
+        ------
+        InputError
+            If the robot is no car, or the wheelbase is not above zero.
+        """
+        if self._route.drive not in CURVES:
+            raise InputError(
+                "trajectory",
+                f"is of a robot with drive {self._route.drive!r}",
+                "a car steers",
+                "use v and omega",
+            )
+        metres = check_positive(wheelbase, "wheelbase")
+        segments, lengths, _ = _locate(self._phases, self.times)
+        parts = self._segments.select(segments)
+        slopes = place_along(parts, self._rotations, lengths)[1]
+        return np.arctan(metres * slopes[:, 2] / self._project_ahead(slopes))
+
+    def _check_drives(self) -> None:
+        """Raise InputError if the robot does not drive along its x axis."""
+        if self._route.drive == HOLONOMIC:
+            raise InputError(
+                "trajectory",
+                "is of a robot without a drive",
+                "only a robot that drives has v and omega",
+                "use velocities, or plan with drive='differential'",
+            )
+
+    def _project_ahead(self, rates: Floats) -> Floats:
+        """Return the parts of rates along the robot's x axis, shape (n,)."""
+        yaw = self.positions[:, 2]
+        return np.cos(yaw) * rates[:, 0] + np.sin(yaw) * rates[:, 1]
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw speed and angular speed over time.
@@ -363,15 +471,48 @@ class Trajectory:
             self.axes, self.positions, self.velocities, self.times, filled, frame_id
         )
 
-    def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    def to_twists(self, make: Callable[[], Any] | None = None) -> list[Any]:
+        """Return the commands of a robot that drives as messages ``geometry_msgs/Twist`` of ROS.
+
+        Each row becomes one, with :attr:`v` as ``linear.x`` and :attr:`omega` as ``angular.z``.
+
+        Parameters
+        ----------
+        make : callable, optional
+            The class of the messages, of ROS 1 or 2; by default :class:`cspace.ros.Twist`.
+
+        Raises
+        ------
+        InputError
+            If the robot does not drive, or a message lacks a field.
+        """
+        from cspace.export.messages import make_twists
+        from cspace.files.ros import Twist
+
+        return make_twists(make or Twist, self.v, self.omega)
+
+    def to_csv(
+        self,
+        path: str | os.PathLike[str],
+        overwrite: bool = False,
+        *,
+        wheelbase: float | None = None,
+    ) -> None:
         """Write the rows as CSV, in full precision.
 
-        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters
-        and errors are as for :meth:`planners.Plan.to_csv`.
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``; for a
+        robot that drives also ``v`` and ``omega``, and for a car with a ``wheelbase`` in metres its
+        ``steering``. Other parameters and errors are as for :meth:`planners.Plan.to_csv`.
         """
-        names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
-        rows = np.column_stack([self.times, self.positions, self.velocities])
-        write_csv(path, overwrite, names, rows.tolist())
+        names = ["time", *self.axes, *(f"{axis}_velocity" for axis in self.axes)]
+        columns = [self.times, self.positions, self.velocities]
+        if self._route.drive != HOLONOMIC:
+            names += ["v", "omega"]
+            columns += [self.v, self.omega]
+        if wheelbase is not None:
+            names.append("steering")
+            columns.append(self.steering(wheelbase))
+        write_csv(path, overwrite, names, np.column_stack(columns).tolist())
 
 
 def write_csv(
@@ -412,7 +553,7 @@ class DrivenPath(NamedTuple):
     turning_radius: float | None
     exact: bool
     certified: bool  # what the plan says
-    blend: bool  # whether corners become blends
+    blend: bool  # whether corners become curves
 
 
 def make_trajectory(
@@ -610,18 +751,22 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
     return np.concatenate([*rows, phases.times[-1:]])
 
 
+def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:
+    """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
+    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
+    elapsed = np.maximum(t - phases.times[phase], 0.0)
+    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
+    begin_speed = phases.speeds[phase]
+    mean_speed = begin_speed + 0.5 * acceleration * elapsed
+    lengths = phases.positions[phase] + elapsed * mean_speed
+    return phases.segments[phase], lengths, (begin_speed + acceleration * elapsed, acceleration)
+
+
 def _evaluate(
     segments: Segments, phases: Phases, rotations: Rotations, t: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations at times of shape (n,)."""
-    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
-    segment = phases.segments[phase]
-    elapsed = np.maximum(t - phases.times[phase], 0.0)
-    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
-    begin_speed = phases.speeds[phase]
-    speed = begin_speed + acceleration * elapsed
-    mean_speed = begin_speed + 0.5 * acceleration * elapsed
-    length = phases.positions[phase] + elapsed * mean_speed
+    segment, length, (speed, acceleration) = _locate(phases, t)
     positions, first, second = place_along(segments.select(segment), rotations, length)
     velocities = first * speed[:, np.newaxis]
     accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
