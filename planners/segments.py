@@ -52,7 +52,7 @@ class Segments(NamedTuple):
 
     def select(self, index: Ints | Bools) -> Segments:
         """Return some of the segments."""
-        return Segments(*(column[index] for column in self))
+        return Segments._make(column[index] for column in self)
 
     @property
     def is_curve(self) -> Bools:
@@ -70,7 +70,7 @@ def make_lines(starts: Floats, rates: Floats, lengths: Floats, ends: Floats) -> 
 
 def join_segments(parts: list[Segments]) -> Segments:
     """Join segments that follow each other."""
-    return Segments(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return Segments._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 def align_quaternions(rows: Floats, rotations: Rotations) -> Floats:

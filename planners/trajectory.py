@@ -577,24 +577,16 @@ def make_trajectory(
         acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
         lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
     )
-    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
-    # limit.
-    yaw_rate_jumps = is_curved and max_turn_gain is None
-    compared = slice(dim if yaw_rate_jumps else None)
-    ends = place_along(segments, rotations, segments.lengths)[1]
-    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
-    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
-    phases = find_phases(segments, rotations, passes, bounds)
+    segments, phases = _find_motion(path, rotations, bounds, yaw_jumps=max_turn_gain is None)
     layout = _smooth(path, rotations, bounds)
     uses_blends = False
     if layout is not None:
         passes = find_passes(layout.segments, rotations)
         blended = find_phases(layout.segments, rotations, passes, bounds)
         uses_blends = bool(blended.times[-1] < phases.times[-1])
-    if layout is not None and uses_blends:
-        segments = layout.segments
-        phases = blended
+        if uses_blends:
+            segments = layout.segments
+            phases = blended
     path = path._replace(blend=uses_blends)
     phases = _stretch(phases, duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
@@ -615,6 +607,23 @@ def make_trajectory(
     if path.space is None or uses_blends:  # smooth paths have just been proven
         return replace(made, certified=uses_blends or path.certified)
     return replace(made, certified=bool(made.recheck(path.space).all()))
+
+
+def _find_motion(
+    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, yaw_jumps: bool
+) -> tuple[Segments, Phases]:
+    """Return the fastest motion that stays on the path's edges or a car's arcs.
+
+    The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
+    limit.
+    """
+    is_curved = path.drive in CURVES
+    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
+    compared = slice(bounds.velocity.dim if is_curved and yaw_jumps else None)
+    ends = place_along(segments, rotations, segments.lengths)[1]
+    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
+    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
+    return segments, find_phases(segments, rotations, passes, bounds)
 
 
 def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:

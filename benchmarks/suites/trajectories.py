@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from benchmarks.timing import Timing
 from cspace import ConfigurationError, CSpace, Robot, Workspace
 from cspace.rotations.base import shorter
 from cspace.support.arrays import Floats
+from cspace.support.words import Drive
 from planners import Plan, Trajectory
 
 PLANS, QUICK_PLANS = 34, 4
@@ -46,7 +48,8 @@ MAX_SECONDS, CORNERS = 0.02, 30
 
 def run(report: Report, seed: int) -> None:
     """Time trajectories on three maps and of two arms."""
-    if inputs.data_folder() is None:
+    folder = inputs.data_folder()
+    if folder is None:
         report.note(inputs.NO_DATA)
         return
     maps = {"depot": DEPOT, "willow": OFFICE}
@@ -67,7 +70,7 @@ def run(report: Report, seed: int) -> None:
                 ratios += _measure(report, space, drive, np.random.default_rng(seed))
         _judge(report, f"{drive}, {'turns' if rotations else 'a disc'}", ratios, MAX_RATIO)
     for acceleration in ARM_ACCELERATIONS:
-        _measure_arms(report, acceleration)
+        _measure_arms(report, folder, acceleration)
 
 
 def make_warehouse(rng: np.random.Generator) -> Workspace:
@@ -83,9 +86,7 @@ def make_warehouse(rng: np.random.Generator) -> Workspace:
     return Workspace.from_array(occupied, 0.05)
 
 
-def _measure(
-    report: Report, space: CSpace, drive: planners.Drive, rng: np.random.Generator
-) -> list[float]:
+def _measure(report: Report, space: CSpace, drive: Drive, rng: np.random.Generator) -> list[float]:
     """Return the ratios of durations to the least ones, of default plans on one map."""
     limits: dict[str, Any] = {"max_velocity": SPEED, "max_acceleration": ACCELERATION}
     if space.size == 3:
@@ -103,9 +104,7 @@ def _measure(
     return list(ratios.tolist())
 
 
-def draw_plans(
-    space: CSpace, drive: planners.Drive, number: int, rng: np.random.Generator
-) -> list[Plan]:
+def draw_plans(space: CSpace, drive: Drive, number: int, rng: np.random.Generator) -> list[Plan]:
     """Return default plans between random configurations far apart."""
     plans: list[Plan] = []
     while len(plans) < number:
@@ -153,7 +152,7 @@ def _time(report: Report, plans: list[Plan], limits: Mapping[str, Any]) -> list[
     plans[0].trajectory(**limits)  # compiles
     timing = Timing(None)
     trajectories = [timing.take(partial(plan.trajectory, **limits)) for plan in plans]
-    assert all(trajectory.certified for trajectory in trajectories)
+    report.check(all(each.certified for each in trajectories), "all trajectories are certified")
     report.timing("plan.trajectory", timing)
     corners = np.array([max(len(plan.waypoints) - 2, 1) for plan in plans])
     seconds = float(np.median(np.array(timing.cpu) / corners)) * CORNERS
@@ -169,10 +168,8 @@ def _judge(report: Report, name: str, ratios: list[float], largest: float) -> No
     report.note(f"{name}: median {median:.3f} of {len(ratios)}, target {largest:g} {verdict}")
 
 
-def _measure_arms(report: Report, acceleration: float) -> None:
+def _measure_arms(report: Report, folder: Path, acceleration: float) -> None:
     """Compare trajectories of arms with those that stop at corners, and with full speed."""
-    folder = inputs.data_folder()
-    assert folder is not None
     limits = {"max_acceleration": acceleration}
     for name in ("panda", "ur5"):
         files = Folder(folder / "arms" / name)
@@ -199,6 +196,6 @@ def _measure_arms(report: Report, acceleration: float) -> None:
 
 def _full_speed_duration(plan: Plan) -> float:
     """Return the seconds of an arm's path if its joints had no limits of acceleration."""
-    assert plan.space is not None
-    fastest: Floats = np.array([plan.space.max_velocity[axis] for axis in plan.axes])
+    space: Any = plan.space
+    fastest: Floats = np.array([space.max_velocity[axis] for axis in plan.axes])
     return float((np.abs(np.diff(plan.waypoints, axis=0)) / fastest).max(axis=1).sum())

@@ -29,6 +29,9 @@ FACE_STEP: Final = 1e-6
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
+MAX_ANGLE_TIMES_PARTS: Final = 2.7207
+"""Upper bound of the covering angle, radians, times the parts of an axis."""
+
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs of the components of the inverse of a unit quaternion."""
