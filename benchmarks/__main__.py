@@ -23,6 +23,7 @@ BENCHMARKS = {
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "paths": "lengths of default paths, against OMPL on equal collision checks; drives",
     "replanning": "plans anew as a crate moves on real maps: the rate of each planner",
+    "trajectories": "durations on real maps and of arms, against the least conceivable; CPU times",
     "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
     "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false frees",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",

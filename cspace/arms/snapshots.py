@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace.arms.chain import FIXED, compute_poses
+from cspace.arms.chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import (
     Scene,
@@ -26,6 +26,7 @@ from cspace.arms.proofs import (
 )
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.queries.batches import as_contiguous
@@ -125,6 +126,29 @@ class Snapshot:
         rows = as_contiguous(firsts), as_contiguous(lasts)
         _run_in_threads(motions_are_free, scene or self.outer, *rows, out)
         return out
+
+    def are_free_around(self, firsts: Floats, lasts: Floats, deviation: Floats) -> Bools:
+        """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
+
+        ``deviation``, shape (dof,), bounds that of each joint at each time. The motions prove it if
+        all pairs stay apart by as much as such joint motions move them, in addition.
+        """
+        padding = self.outer.padding + self._bound_displacements(deviation)
+        return self.are_free(firsts, lasts, self.outer._replace(padding=padding))
+
+    def _bound_displacements(self, joint_motions: Floats) -> Floats:
+        """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""
+        chain = self.outer.chain
+        solids = self.outer.solids
+        first, second = self.outer.pairs.T
+        bodies = solids.bodies[first]
+        rates = np.abs(chain.factors * joint_motions[chain.joint_indices])
+        reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
+        levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
+        moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
+        displacements = (moves * levers * rates).sum(axis=1)
+        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum()
+        return np.asarray(displacements / ADVANCE_FACTOR + rounding)
 
     def are_blocked(self, points: Floats) -> Bools:
         """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""

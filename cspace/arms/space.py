@@ -1010,6 +1010,41 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
+    def motions_are_free_around(
+        self, starts: ArrayLike, ends: ArrayLike, deviation: ArrayLike
+    ) -> Bools:
+        """Return whether motions and all near motions are proven collision-free.
+
+        Near motions deviate by at most ``deviation`` from the straight motion, at each time and in
+        each joint. Use it to prove curves piece by piece. Continuous joints count whole turns.
+
+        Parameters
+        ----------
+        starts, ends : array-like, shape (n, dof)
+        deviation : array-like, shape (dof,)
+            Radians and metres, zero or above.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is more than 1e-5 rad (m) beyond a limit.
+        """
+        firsts = self._check_configurations(starts, "starts")
+        lasts = self._check_configurations(ends, "ends")
+        reach = check_finite(deviation, "deviation")
+        if reach.shape != firsts.shape[-1:] or (reach < 0.0).any():
+            raise InputError(
+                "deviation",
+                f"is {deviation!r}",
+                f"it must be {firsts.shape[-1]} numbers, zero or above",
+                "give one for each joint",
+            )
+        return self.snapshot.are_free_around(firsts, lasts, reach)
+
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 

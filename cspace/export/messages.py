@@ -159,6 +159,18 @@ def fill_joint_trajectory(
     return _set_fields(msg, kind, content)
 
 
+def make_twists(make: Callable[[], Message], v: Floats, omega: Floats) -> list[Message]:
+    """Make a ``geometry_msgs/Twist`` of each velocity ahead and yaw rate, shapes (n,).
+
+    Raises InputError if the messages lack a field.
+    """
+    twists = []
+    for ahead, turn in zip(v.tolist(), omega.tolist(), strict=True):
+        fields = {"linear.x": ahead, "angular.z": turn}
+        twists.append(_set_fields(make(), "geometry_msgs/Twist", fields))
+    return twists
+
+
 _NANO: Final = 10**9
 """Nanoseconds of a second."""
 

@@ -343,6 +343,14 @@ class Duration:
 
 
 @dataclass
+class Twist:
+    """``geometry_msgs/Twist``: a velocity and an angular velocity."""
+
+    linear: Point = field(default_factory=Point)
+    angular: Point = field(default_factory=Point)
+
+
+@dataclass
 class JointTrajectoryPoint:
     """trajectory_msgs/JointTrajectoryPoint."""
 
