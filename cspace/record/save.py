@@ -202,8 +202,8 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False, compress: b
         write_map(contents, temporary, compress)
 
 
-def write_map(contents: Contents, folder: Path, compress: bool = True, **more: Any) -> None:
-    """Write a map into a new folder; ``more`` are attributes in addition."""
+def write_map(contents: Contents, folder: Path, compress: bool = True, **extra: Any) -> None:
+    """Write a map into a new folder; ``extra`` are attributes in addition."""
     arrays = arrays_of(contents)
     # What describes the map, then what a reader needs to unpack its arrays.
     attributes = {
@@ -213,7 +213,7 @@ def write_map(contents: Contents, folder: Path, compress: bool = True, **more: A
         "shapes_bytes": len(arrays.get("shapes", ())),
         # The CF conventions' name of the arrays that label others.
         "coordinates": " ".join((*turns_of(arrays), "slice_of")),
-        **more,
+        **extra,
     }
     write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
 
@@ -319,6 +319,7 @@ def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
     """Make a map of its attributes and arrays; raise any error if they describe no map."""
+    # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
     states = arrays["cell_states"]
