@@ -3,6 +3,7 @@
 from . import arms as arms
 from . import errors as errors
 from . import plot as plot
+from . import reasons as reasons
 from . import shapes as shapes
 from . import spectral as spectral
 from . import view as view
@@ -12,7 +13,9 @@ from .arms import PoseGoal as PoseGoal
 from .arms import build_arm_space as build_arm_space
 from .arms import build_joint_map as build_joint_map
 from .arms import undecided_pairs as undecided_pairs
+from .builder import Suggestion as Suggestion
 from .builder import build as build
+from .builder import suggest as suggest
 from .errors import AngleWarning as AngleWarning
 from .errors import ConfigurationError as ConfigurationError
 from .errors import CspaceError as CspaceError
@@ -38,6 +41,8 @@ from .spectral import BallDecomposition as BallDecomposition
 from .support.arrays import BLOCKED as BLOCKED
 from .support.arrays import FREE as FREE
 from .support.arrays import MIXED as MIXED
+from .support.headers import get_cmake_dir as get_cmake_dir
+from .support.headers import get_include as get_include
 from .tiles.space import TiledCSpace as TiledCSpace
 from .workspace import LazyWorkspace as LazyWorkspace
 from .workspace import Workspace as Workspace

@@ -1,5 +1,7 @@
 """``build``: from a workspace and a robot to the certified map of the robot's configurations.
 
+``suggest`` returns the spacing and the rotation cells with which a map decides passages of a width.
+
 A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the
 workspace, and BLOCKED if the inner raster overlaps an inner cell (see
 ``docs/explanation/certificate.md``).
@@ -7,9 +9,11 @@ workspace, and BLOCKED if the inner raster overlaps an inner cell (see
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final, TypedDict, Unpack, overload
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,22 +28,26 @@ from cspace.engines.slices import (
     slice_rasters,
 )
 from cspace.errors import InputError, UnitWarning, warn_user
-from cspace.grid import SLACK, Grid
-from cspace.limits import check_memory, map_bytes
+from cspace.grid import MAX_COORDINATE, SLACK, Grid
+from cspace.limits import bytes_text, check_memory, map_bytes
 from cspace.record.contents import Contents
 from cspace.record.exterior import OUTSIDES
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK
+from cspace.rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
+from cspace.rotations.yaw import MAX_YAW_CELLS
 from cspace.space import CSpace
 from cspace.support.arrays import Floats
-from cspace.support.check import check_count, check_not_negative, check_word
+from cspace.support.check import check_count, check_not_negative, check_positive, check_word
 from cspace.support.words import Method, Outside
-from cspace.workspace import Workspace, load_workspace
+from cspace.workspace import Workspace, covering_shape, load_workspace
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from cspace.shapes import ShapeLike
+    from cspace.shapes.shape import Shape
     from cspace.tiles.space import TiledCSpace
 
 MAX_OPEN_SIZE_RATIO: Final = 10.0
@@ -50,6 +58,15 @@ MIN_ROBOT_CELLS: Final = 0.02
 
 MAX_ORIGIN_SIZES: Final = 10.0
 """Distance of a robot from its reference point, in its longest sides, that suggests an error."""
+
+RATE: Final = 2.0 * (1.0 + 1e-4)
+"""Constant of the theorem in ``docs/explanation/convergence.md``, with room for rounding."""
+
+MAX_WIDTH_DIRECTIONS: Final = 4096
+"""Maximum number of directions in which a robot's width is measured."""
+
+_TURN_AXES: Final = {"fixed": 0, "yaw": 1, "all": 3}
+"""Dimensions of the rotations of a suggestion."""
 
 
 class BuildOptions(TypedDict, total=False):
@@ -368,3 +385,159 @@ def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bo
 def _sides_text(sides: Floats) -> str:
     """Format the sides of a box, metres."""
     return " x ".join(f"{side:.6g} m" for side in sides)
+
+
+# ---- suggestions ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """Settings of a map that decides passages of a width; see :func:`suggest`.
+
+    Attributes
+    ----------
+    spacing : float
+        Side of a cell, metres.
+    rotations : Rotations or None
+        Rotation cells for :func:`build`; None if the robot need not turn.
+    memory : int
+        Bytes of the map's states. :func:`build` needs some hundred megabytes more.
+    """
+
+    spacing: float
+    rotations: Rotations | None
+    memory: int
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        turns = "no rotations" if self.rotations is None else str(self.rotations)
+        return f"spacing {self.spacing:g} m, {turns}, {bytes_text(self.memory)} of states"
+
+
+def suggest(
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    gap: float,
+    rotations: Literal["fixed", "yaw", "all"] = "yaw",
+) -> Suggestion:
+    """Suggest the spacing and rotations that decide passages of a width.
+
+    A map with these settings connects the ends of every straight passage between parallel walls at
+    least `gap` apart, if the robot can turn to its narrowest direction before it. Let d be `gap`
+    less the width of the robot in that direction. A gap between walls thicker than
+    ``2 * sqrt(dim) * spacing`` is proven shut if it is narrower by d than the diameter of a ball in
+    the robot.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Its extents count. Its spacing does not, so make it again with the one suggested.
+    robot : Robot, or shape
+        As for :func:`build`.
+    gap : float
+        Width of the narrowest passage to find, metres, above the width of the robot.
+    rotations : {"yaw", "all", "fixed"}
+        How the robot turns: by its yaw, through passages with vertical walls in space; by all
+        rotations of space; or not at all, so that its widest direction counts.
+
+    Returns
+    -------
+    Suggestion
+        With attributes `spacing`, `rotations` and `memory`.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, the gap is no wider than the robot, or it is so narrow that the
+        map has too many cells or rotations.
+
+    References
+    ----------
+    ``docs/explanation/convergence.md`` has the theorem.
+
+    Examples
+    --------
+    >>> import cspace, shapely
+    >>> bounds = (0, 0, 10, 8)
+    >>> wall = shapely.box(4, 0, 5, 6)
+    >>> workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=bounds)
+    >>> print(cspace.suggest(workspace, "rect:0.9x0.6", gap=0.8))
+    spacing 0.0238 m, 104 rotations, 7.38 MB of states
+    """
+    gap = check_positive(gap, "gap")
+    check_word(rotations, "rotations", tuple(_TURN_AXES))
+    _check_types(workspace, robot)
+    robot = robot_of(robot)
+    _check(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)
+    turn_axes = _TURN_AXES[rotations]
+    if turn_axes == 3:
+        Rotations.quaternions(1).check_dimension(robot.dim)
+    if robot.shape.is_round or (turn_axes == 1 and robot.shape.is_round_about_z):
+        turn_axes = 0
+    width, reach = _measure_robot(robot.shape, rotations)
+    if gap <= width:
+        problem = f"is {gap:g} m and the robot is {width:.6g} m wide"
+        raise InputError("gap", problem, "it must be wider than the robot", "pass a wider gap")
+    # The largest sum of the diagonal of a cell and of the displacement in a rotation cell.
+    budget = (gap - width) / 2.0 / RATE
+    cells = None
+    if turn_axes:
+        # With this share, the map has the fewest states.
+        displacement = budget * turn_axes / (robot.dim + turn_axes)
+        cells = _choose_rotations(turn_axes, displacement / reach)
+        budget -= 2.0 * reach * math.sin(float(cells.covering_angles.max()) / 2.0)
+    spacing = budget / math.sqrt(robot.dim)
+    extents = workspace.grid.spacing * np.array(workspace.grid.shape)
+    if extents.max() >= MAX_COORDINATE * spacing:
+        problem = f"needs cells of {spacing:.3g} m"
+        rule = f"a map may have {MAX_COORDINATE:.0f} cells along an axis"
+        raise InputError("gap", problem, rule, "pass a wider gap, or a smaller workspace")
+    digits = 2 - math.floor(math.log10(spacing))
+    spacing = math.floor(spacing * 10.0**digits) / 10.0**digits
+    slices = 1 if cells is None else int(cells.assign_slices(robot.shape).max()) + 1
+    shape = covering_shape(np.stack([np.zeros_like(extents), extents]), spacing)
+    return Suggestion(spacing, cells, slices * math.prod(shape))
+
+
+def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
+    """Return the width of a robot in its passage, and its reach from its axis; metres.
+
+    The width is that in the narrowest direction if the robot turns, of the directions that are
+    tried, and otherwise that in its widest. The reach is the largest distance of its points from
+    the z axis, or from the reference point for all rotations.
+    """
+    from scipy.spatial import ConvexHull
+
+    lower, upper = shape.outer.bounds
+    if shape.is_round:
+        return float(upper[0] - lower[0]), float(upper[0])
+    if rotations == "fixed":
+        return float(np.linalg.norm(upper - lower)), 0.0
+    simplices, simplex_radii = shape.outer.boundary()
+    axes = 2 if rotations == "yaw" else 3
+    points = simplices[..., :axes].reshape(-1, axes)
+    radii = np.repeat(simplex_radii, simplices.shape[1])
+    reach = float((np.linalg.norm(points, axis=1) + radii).max())
+    # The width in any direction is an upper bound. The faces of a hull have the narrowest ones; a
+    # radius above zero keeps the hull of a flat robot from being flat.
+    steps = np.concatenate([np.eye(axes), -np.eye(axes)])
+    tips = points[:, None] + np.maximum(radii, 1e-6 * reach)[:, None, None] * steps
+    normals = ConvexHull(tips.reshape(-1, axes)).equations[:, :axes]
+    tried = normals[:: 1 + len(normals) // MAX_WIDTH_DIRECTIONS]
+    widths = [np.ptp([points @ n - radii, points @ n + radii]) for n in tried]
+    return float(min(widths)), reach
+
+
+def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
+    """Return the fewest rotation cells in which a point at distance 1 moves by at most a chord."""
+    angle = 2.0 * math.asin(min(chord / 2.0, 1.0)) - 2.0 * ANGLE_SLACK
+    most = MAX_YAW_CELLS if turn_axes == 1 else MAX_PARTS_PER_AXIS
+    parts = math.pi if turn_axes == 1 else MAX_ANGLE_TIMES_PARTS
+    if parts > most * angle:
+        problem = f"needs rotation cells smaller than {math.degrees(parts / most):.2g} degrees"
+        raise InputError("gap", problem, "these are the smallest", "pass a wider gap")
+    if turn_axes == 3:
+        return Rotations.quaternions(math.ceil(parts / angle))
+    # Robots with symmetries share the slices of a multiple of 4.
+    return Rotations.of(4 * math.ceil(parts / angle / 4.0))

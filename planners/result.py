@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
+    from cspace.reasons import Explanation
     from cspace.tiles.space import TiledCSpace
 
 
@@ -320,8 +321,37 @@ class Plan:
             )
         return self._edges_on(space).edges_are_free(self.waypoints)
 
+    def explain(self, *, refine: bool = False) -> Explanation:
+        """Explain why a path between start and goal exists, or does not.
+
+        See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot.
+
+        Parameters
+        ----------
+        refine : bool
+            Build finer windows where the map does not decide.
+
+        Returns
+        -------
+        cspace.reasons.Explanation
+
+        Raises
+        ------
+        InputError
+            If the plan has no map in memory of positions, with or without a yaw.
+        """
+        space: Any = self._map("call space.explain(plan.start, plan.goal)")
+        if not hasattr(space, "explain"):
+            problem = f"is in {space!r}"
+            hint = "ask space.window(lower, upper) of a tiled map"
+            raise InputError("plan", problem, "only maps in memory explain", hint)
+        return cast("Explanation", space.explain(self.start, self.goal, refine=refine))
+
     def __repr__(self) -> str:
-        """Return a summary in a few lines."""
+        """Return a summary in a few lines.
+
+        Without a path it has the reason, which may take some seconds for a large map.
+        """
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _lines(self) -> list[str]:
@@ -332,7 +362,7 @@ class Plan:
         between = " to ".join(map(format_configuration, ends.tolist()))
         if not self.solved:
             hints = [f"try {self.hint}"] if self.hint else []
-            return [result, f"from {between} ({axes})", *hints]
+            return [result, f"from {between} ({axes})", *self._reasons, *hints]
         measures = [f"{self.length:.3f} {self.length_unit}"]
         if self.total_rotation:
             measures.append(f"total rotation {self.total_rotation:.2f} rad")
@@ -349,6 +379,15 @@ class Plan:
             f"set up in {_format_seconds(times.setup)}, "
             f"checked in {_format_seconds(times.checking)}",
         ]
+
+    @property
+    def _reasons(self) -> list[str]:
+        """First sentence of the explanation, if the map knows why there is no path."""
+        try:
+            explanation = self.explain()
+        except InputError:  # the space explains nothing
+            return []
+        return [] if explanation.verdict == "connected" else explanation.sentences[:1]
 
     @property
     def _proof(self) -> str:

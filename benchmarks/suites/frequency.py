@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
-from cspace import Grid, Mesh
+from cspace import Grid, Mesh, Workspace, suggest
 from cspace.spectral import (
     BallDescriptor,
     Bump,
@@ -33,7 +33,7 @@ from cspace.spectral import (
 )
 from cspace.support.arrays import Floats, Ints
 from tests.helpers import solids
-from tests.soak.frequency import compute_overlap, draw_pool_body
+from tests.soak.frequency import compute_overlap, draw_part
 
 Complexes = NDArray[np.complex128]
 
@@ -91,6 +91,21 @@ RASTER_CELLS_PER_RADIUS = 4.0
 MAX_SCORE_DIFFERENCE = 0.02
 """Largest relative difference of the best score of the rasters from ours, at the same rotations."""
 
+CROSSOVER_CELLS = 4, 6, 8, 12, 16, 24, 32, 48, 64
+"""Cells along each side of two bitmaps whose Minkowski sum by FFT overtakes the direct one."""
+
+EQUAL_ERRORS = 1e-2, 1e-3, 1e-5
+"""Errors of spectra, over the largest value, at which transforms are compared."""
+
+SAMPLED_BALLS = 1, 3, 10, 30, 100, 1000, 10_000
+"""Numbers of balls whose spectra are computed by several methods."""
+
+SAMPLED_FREQUENCIES = 64
+"""Frequencies along each axis of these spectra."""
+
+MEMORY_CELLS = 64
+"""Cells along each axis of the maps whose memory is compared."""
+
 
 def run(report: Report, seed: int) -> None:
     """Compare Minkowski sums, spectra, values at placements, best placements, and verdicts."""
@@ -102,6 +117,11 @@ def run(report: Report, seed: int) -> None:
         _values(report, seed, dim, rng)
         _placements(report, dim, rng)
     _verdicts(report, rng)
+    _minkowski_crossover(report, rng)
+    for tolerance in EQUAL_ERRORS:
+        _sampling(report, tolerance, rng)
+    _bounds(report, rng)
+    _memory(report)
 
 
 # ---- spectra -------------------------------------------------------------------------------------
@@ -269,6 +289,185 @@ def _minkowski(
         report.ratio(f"{call} / ours, fft", more, fft, least=MIN_MINKOWSKI_RATIO)
 
 
+def _minkowski_crossover(report: Report, rng: np.random.Generator) -> None:
+    """Report the size of bitmaps from which sums by FFT take less CPU time than direct sums."""
+    report.section("Minkowski sums of bitmaps, n x n and n x n cells: CPU times")
+    sizes = CROSSOVER_CELLS[::2] if report.quick else CROSSOVER_CELLS
+    times = []
+    for cells in sizes:
+        f, g = (_flags(cells, rng) for _ in range(2))
+        calls = {
+            "direct": partial(convolve2d, f.values, g.values),
+            "FFT": partial(minkowski_sum, f, g),
+        }
+        times.append(_cpu_times(report, f"{cells} x {cells} cells", calls))
+    _report_crossover(report, "direct", "FFT", sizes, times)
+
+
+def _sampling(report: Report, tolerance: float, rng: np.random.Generator) -> None:
+    """Compare spectra of discs from samples, from sums over discs, and by a non-uniform FFT.
+
+    The uniform samples are the coarsest powers of two whose spectrum is within the tolerance.
+    """
+    count = SAMPLED_FREQUENCIES
+    radius = 4.0 / count
+    bump = Bump(2.0)
+    k = np.fft.fftfreq(count, 1.0 / count)
+    radial = radius**2 * bump.radial_spectrum(radius * np.hypot(k[:, None], k), 2)
+
+    waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def sum_waves(centers: Floats) -> Complexes:
+        sums = sum(np.exp(-2j * math.pi * (waves @ center)) for center in centers)
+        return np.asarray(radial * np.reshape(sums, (count, count)))
+
+    def sum_discs(centers: Floats) -> Complexes:
+        x, y = (np.exp(-2j * math.pi * k[:, None] * column) for column in centers.T)
+        return np.asarray(radial * (x @ y.T))
+
+    def sample(cells: int, centers: Floats) -> Complexes:
+        grid = Grid((0.0, 0.0), 1.0 / cells, (cells, cells))
+        values = BallDescriptor(centers, radius, bump).sample(grid).values
+        kept = k.astype(int) % cells
+        shift = np.exp(-1j * math.pi * k / cells) / cells
+        spectrum = np.fft.fft2(values)[np.ix_(kept, kept)]
+        return np.asarray(spectrum * shift[:, None] * shift)
+
+    def transform(centers: Floats) -> Complexes:
+        return ball_spectrum(centers, radius, bump, 1.0, count, tolerance)
+
+    few = rng.uniform(radius, 1.0 - radius, (30, 2))
+    exact = sum_discs(few)
+    largest = float(np.abs(exact).max())
+    cells = count
+    while float(np.abs(sample(cells, few) - exact).max()) > tolerance * largest:
+        cells *= 2
+    report.section(
+        f"spectra of discs, {count} x {count} frequencies, within {tolerance:g}: CPU times"
+    )
+    numbers = SAMPLED_BALLS[::3] if report.quick else SAMPLED_BALLS
+    times = []
+    names = (
+        "sums",
+        "sums, a factor for each axis",
+        f"{cells} x {cells} samples, FFT",
+        "ball_spectrum, NUFFT",
+    )
+    for number in numbers:
+        centers = rng.uniform(radius, 1.0 - radius, (number, 2))
+        methods = sum_waves, sum_discs, partial(sample, cells), transform
+        calls = {
+            name: partial(method, centers) for name, method in zip(names, methods, strict=True)
+        }
+        times.append(_cpu_times(report, f"{number} discs", calls))
+        exact = sum_discs(centers)
+        error = float(np.abs(transform(centers) - exact).max() / np.abs(exact).max())
+        report.check(error <= tolerance, f"NUFFT: within {error:.1g}")
+    sums, factors, samples, transforms = names
+    for slow, fast in (
+        (sums, samples),
+        (sums, transforms),
+        (factors, transforms),
+        (samples, transforms),
+    ):
+        _report_crossover(report, slow, fast, numbers, times)
+
+
+def _cpu_times(report: Report, case: str, calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
+    """Report and return the CPU times of calls, seconds, each repeated for some milliseconds."""
+    times = {}
+    for name, call in calls.items():
+        call()
+        repeats = max(1, math.ceil((1e-3 if report.quick else 2e-2) / max(once(call).cpu[0], 1e-6)))
+
+        def repeat(call: Callable[[], Any] = call, repeats: int = repeats) -> None:
+            for _ in range(repeats):
+                call()
+
+        times[name] = interleave({name: repeat}, 5)[name].per(repeats).median_cpu
+        report.figure(f"{case}: {name}", 1e6 * times[name], "us")
+    return times
+
+
+def _report_crossover(
+    report: Report, slow: str, fast: str, sizes: Sequence[int], times: list[dict[str, float]]
+) -> None:
+    """Report the size from which one method stays slower than another, on logarithmic axes."""
+    ratio = np.log([each[slow] / each[fast] for each in times])
+    behind = np.flatnonzero(ratio <= 0.0)
+    if not len(behind):
+        report.note(f"{slow}: slower than {fast} at all sizes")
+    elif behind[-1] == len(ratio) - 1:
+        report.note(f"{slow}: faster than {fast} at the largest size")
+    else:
+        i = int(behind[-1])
+        size = math.exp(np.interp(0.0, ratio[i : i + 2], np.log(sizes[i : i + 2])))
+        report.figure(f"{slow}: slower than {fast} from", size, "")
+
+
+def _bounds(report: Report, rng: np.random.Generator) -> None:
+    """Count the frequencies that decide with Lysenko's bound of the rest, and with ours.
+
+    Of the frequencies that are not summed yet, Lysenko (2013) multiplies the two norms; ours sums
+    the products of the moduli. Frequencies beyond the band count for neither.
+    """
+    a, b = (
+        BallDescriptor(
+            rng.uniform(-0.5, 0.5, (40, 2)) * side, rng.choice([0.08, 0.1, 0.15], 40), Bump(2.0)
+        )
+        for side in (0.8, 2.0)
+    )
+    period, count = 4.0, 128
+    k = np.fft.fftfreq(count, 1.0 / count) / period
+    waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
+    order = np.argsort(np.linalg.norm(waves, axis=1), kind="stable")
+    spectra = [
+        ball_spectrum(each.centers, each.radii, each.bump, period, count, 1e-9).ravel()[order]
+        for each in (a, b)
+    ]
+    products = np.abs(spectra[0]) * np.abs(spectra[1]) / period**2
+    ours = products.sum() - np.cumsum(products)
+    energies = [np.abs(spectrum) ** 2 / period**2 for spectrum in spectra]
+    norms = [np.sqrt(np.maximum(e.sum() - np.cumsum(e), 0.0)) for e in energies]
+    theirs = norms[0] * norms[1]
+    places = rng.uniform(-1.8, 1.8, (200 if report.quick else 2000, 2))
+    needed: dict[str, list[float]] = {"Lysenko's bound": [], "our bound": []}
+    threshold = 1e-3
+    for place in places:
+        phases = np.exp(2j * math.pi * (waves[order] @ place))
+        sums = np.cumsum((spectra[1] * np.conj(spectra[0]) * phases).real) / period**2
+        for name, rest in zip(needed, (theirs, ours), strict=True):
+            decided = np.flatnonzero(np.abs(sums - threshold) > rest)
+            needed[name].append(float(decided[0]) + 1.0 if len(decided) else math.inf)
+    report.section(
+        f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all"
+    )
+    for name, numbers in needed.items():
+        for percent in (25, 50, 75):
+            report.figure(f"{name}, {percent} % of placements", np.percentile(numbers, percent), "")
+
+
+def _memory(report: Report) -> None:
+    """Report the memory of maps over the dimension, at equal counts and for an equal passage."""
+    report.section(f"memory of a map, {MEMORY_CELLS} cells along each axis, a byte each")
+    for dim in range(2, 8):
+        report.figure(f"{dim} dimensions", MEMORY_CELLS**dim / 2.0**20, "MiB")
+    report.section("memory of a map as cspace.suggest gives it, 10 m wide, for a gap of 0.9 m")
+    plane = Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
+    space = Workspace.from_array(np.zeros((100, 100, 20), dtype=bool), 0.1)
+    cases = (
+        ("R^2, 2 dimensions", plane, "disc:0.3", "fixed"),
+        ("SE(2), 3 dimensions", plane, "rect:0.9x0.6", "yaw"),
+        ("R^3, 3 dimensions", space, "ball:0.3", "fixed"),
+        ("R^3 x SO(2), 4 dimensions", space, "box:0.9x0.6x0.6", "yaw"),
+        ("SE(3), 6 dimensions", space, "box:0.9x0.6x0.6", "all"),
+    )
+    for name, workspace, robot, rotations in cases:
+        suggestion = suggest(workspace, robot, gap=0.9, rotations=rotations)
+        report.figure(name, suggestion.memory / 2.0**20, "MiB")
+        report.note(f"{name}: {suggestion}")
+
+
 # ---- overlaps ------------------------------------------------------------------------------------
 
 
@@ -276,8 +475,8 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
     overlap = compute_overlap(
-        draw_pool_body(seed, 0, dim),
-        [draw_pool_body(seed, 1, dim)],
+        draw_part(seed, 0, dim),
+        [draw_part(seed, 1, dim)],
         0.5,
         8,
         Bump(2.0),

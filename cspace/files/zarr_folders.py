@@ -8,7 +8,6 @@ package as codec, and a missing chunk is read as the fill value, which could pas
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
@@ -150,7 +149,9 @@ class Layout:
             range(cells.start // side, -(-cells.stop // side))
             for cells, side in zip(box, self.chunks, strict=True)
         ]
-        for index in itertools.product(*spans):
+        # Files may declare any number of chunks, which itertools.product would list in memory.
+        for place in np.ndindex(*map(len, spans)):
+            index = [span[k] for span, k in zip(spans, place, strict=True)]
             axes = zip(index, self.chunks, self.shape, strict=True)
             cells = tuple(slice(i * side, min((i + 1) * side, count)) for i, side, count in axes)
             yield f"c/{'/'.join(map(str, index))}", cells

@@ -20,7 +20,7 @@ from cspace.support.arrays import STATE_NAMES
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 6
-"""Version of the format; a reader refuses all others."""
+"""Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
 
@@ -95,6 +95,18 @@ ARRAYS: Final[dict[str, StoredArray]] = {
         "first and last cell of the box of cells that are MIXED outside the grid, and the state "
         "of those beyond it",
     ),
+    "distances": _describe(
+        "slice cells",
+        "float32",
+        0.0,
+        "distance from the center of a cell to the nearest cell that is not FREE, in cells",
+        units="1",
+    ),
+    "distance_boxes": _describe_floats(
+        "slice bound axis",
+        "corners of the box of all cells that are not FREE, in cells",
+        "1",
+    ),
     "shapes": _describe(
         "byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"
     ),
@@ -104,6 +116,9 @@ ARRAYS: Final[dict[str, StoredArray]] = {
     },
 }
 """Every array that a map may hold, except those that describe its rotation cells."""
+
+DERIVED: Final = ("distances", "distance_boxes")
+"""Arrays for readers without this package, which computes them again."""
 
 
 def describe_arrays() -> dict[str, StoredArray]:

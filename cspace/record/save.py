@@ -17,7 +17,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -35,6 +35,7 @@ from cspace.limits import check_bytes
 from cspace.record.contents import Contents
 from cspace.record.description import (
     AXES,
+    DERIVED,
     FORMAT,
     VERSION,
     arrays_of,
@@ -82,6 +83,9 @@ _MAX_EXTERIOR_CELL: Final = 2**40
 
 _ROTATION_ROUNDING: Final = 1e-12
 """Maximum difference of coordinates between machines; proofs have far more slack."""
+
+_LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
+"""Names that later releases may give to arrays."""
 
 _OTHER_ENTRIES: Final = re.compile(
     r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
@@ -194,17 +198,32 @@ def is_map_folder(folder: Path) -> bool:
 # ---- writing -------------------------------------------------------------------------------------
 
 
-def save(contents: Contents, path: StrPath, overwrite: bool = False, compress: bool = True) -> None:
-    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`."""
+def save(
+    contents: Contents,
+    path: StrPath,
+    overwrite: bool = False,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+) -> None:
+    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`.
+
+    ``derived`` are arrays in addition, of the names in ``DERIVED``.
+    """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
     check_suffix(path, MAP_SUFFIXES, rule)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
-        write_map(contents, temporary, compress)
+        write_map(contents, temporary, compress, derived)
 
 
-def write_map(contents: Contents, folder: Path, compress: bool = True, **extra: Any) -> None:
+def write_map(
+    contents: Contents,
+    folder: Path,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+    **extra: Any,
+) -> None:
     """Write a map into a new folder; ``extra`` are attributes in addition."""
-    arrays = arrays_of(contents)
+    arrays = {**arrays_of(contents), **(derived or {})}
     # What describes the map, then what a reader needs to unpack its arrays.
     attributes = {
         **metadata_of(contents),
@@ -245,7 +264,7 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
         grid = grid_of(attributes)
         layouts = _expect_layouts(attributes, grid)
         check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
-        arrays = _read_arrays(path, layouts, digest)
+        arrays = _read_arrays(path, attributes["arrays"].split(), layouts, digest)
         if digest.hexdigest() != attributes["digest"]:
             raise map_error(path, "its files differ from their digest")
         contents = _make_contents(attributes, grid, arrays)
@@ -258,14 +277,16 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
 
 
 def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
-    """Return the layout that each array of a map must have.
+    """Return the layout that each array of a map must have, except arrays that are skipped.
 
-    Raises ValueError if an array is missing or unknown, or a size is not positive.
+    Raises ValueError if an array is missing or has no valid name, or a size is not positive.
     """
     names = attributes["arrays"].split()
+    known = describe_arrays()
+    arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
     required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
     missing = [name for name in required if name not in names]
-    unknown = sorted(set(names).difference(describe_arrays()))
+    unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
     if missing or unknown:
         raise ValueError(f"it lacks {missing} and has {unknown}")
     # Lengths of all axes by name; some arrays bring axes of their own.
@@ -277,8 +298,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
         **dict(zip(AXES, grid.shape, strict=False)),
     }
     layouts = {}
-    for name in names:
-        expected = describe_arrays()[name]
+    for name, expected in arrays.items():
         all_sizes = {**sizes, **expected.sizes}
         shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
         if min(shape) < 1:
@@ -288,9 +308,9 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
 
 
 def _read_arrays(
-    path: StrPath, layouts: Mapping[str, Layout], digest: Any
+    path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read all arrays, and add their files to the digest."""
+    """Read the arrays that have a layout, and add the files of all arrays to the digest."""
 
     def read(name: str) -> bytes:
         content = read_member(path, name, "part of a saved map")
@@ -300,10 +320,15 @@ def _read_arrays(
         return content
 
     arrays = {}
-    for name, layout in layouts.items():
-        stored = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
-        if stored != layout:
-            problem = f"is {stored.dtype} {stored.shape}, not {layout.dtype} {layout.shape}"
+    for name in names:
+        given = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
+        layout = layouts.get(name)
+        if layout is None:
+            for file, _ in given.iterate_chunks():
+                read(f"{name}/{file}")
+            continue
+        if given != layout:
+            problem = f"is {given.dtype} {given.shape}, not {layout.dtype} {layout.shape}"
             raise ValueError(f"its array {name!r} {problem}, or has other chunks")
         values = np.empty(layout.shape, dtype=layout.dtype)
         for file, cells in layout.iterate_chunks():

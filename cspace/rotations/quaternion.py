@@ -30,6 +30,9 @@ FACE_STEP: Final = 1e-6
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
+MAX_ANGLE_TIMES_PARTS: Final = 2.7207
+"""Upper bound of the covering angle, radians, times the parts of an axis."""
+
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs of the components of the inverse of a unit quaternion."""
@@ -372,7 +375,9 @@ def _chart(n: int) -> _Chart:
 
     One chart is computed first, because all charts have the same cells.
     """
-    borders = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1))
+    angles = np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1)
+    # The C library's tangent, as in C++; numpy's differs from it in the last bit on some machines.
+    borders = np.array([math.tan(angle) for angle in angles.tolist()])
     borders = (borders - borders[::-1]) / 2.0  # symmetric to the last bit
     borders[[0, -1]] = -1.0, 1.0
     parts = np.indices((n, n, n)).reshape(3, -1).T  # of each cell along the axes, shape (n^3, 3)

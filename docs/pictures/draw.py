@@ -48,6 +48,7 @@ def draw_all(folder: Path) -> None:
             draw_correlation,
             draw_states,
             draw_covering_angle,
+            draw_convergence,
             draw_window,
             draw_hull_tree,
             draw_joint_map,
@@ -194,6 +195,55 @@ def draw_covering_angle() -> Figure:
         ),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_convergence() -> Figure:
+    """Draw the share of MIXED cells as cells and rotations get smaller, together and apart."""
+    block = shapely.Polygon([(1.0, 1.2), (2.6, 0.9), (3.0, 2.4), (1.7, 3.1)])
+    post = shapely.box(3.9, 2.8, 4.6, 4.0)
+    solid = cspace.Robot.box((0.6, 0.7, 0.5), (1.05, 0.95, 1.0))
+    box = cspace.Robot.box((0.5, 0.3, 0.2))
+
+    def build_plane(spacing: float, yaws: int) -> cspace.CSpace:
+        bounds = (0.0, 0.0, 5.6, 4.8)
+        workspace = cspace.Workspace.from_polygons([block, post], spacing=spacing, bounds=bounds)
+        robot = cspace.Robot.rectangle(0.9, 0.6)
+        return cspace.build(workspace, robot, rotations=yaws, outside="free")
+
+    def build_solid(spacing: float, parts: int) -> cspace.CSpace:
+        workspace = cspace.Workspace.from_shapes([solid], spacing, bounds=(0, 0, 0, 2, 2, 2))
+        rotations = cspace.Rotations.quaternions(parts)
+        return cspace.build(workspace, box, rotations=rotations, outside="free")
+
+    cases: list[tuple[str, Any, list[float], list[int], str]] = [
+        ("SE(2): a rectangle", build_plane, [0.2, 0.1, 0.05, 0.025], [18, 36, 72, 144], "{} yaws"),
+        ("SE(3): a box", build_solid, [0.2, 0.1, 0.05], [4, 8, 16], "n = {}"),
+    ]
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained")
+    for ax, (title, make, spacings, counts, label) in zip(axes, cases, strict=True):
+        steps = range(len(spacings))
+        for name, color, at in (
+            ("cells and rotations", PATH, [(k, k) for k in steps]),
+            (f"cells, {label.format(counts[0])}", MIXED, [(k, 0) for k in steps]),
+            (f"rotations, cells of {spacings[0]} m", ROBOT, [(0, k) for k in steps]),
+        ):
+            counted = [make(spacings[i], counts[j]).count() for i, j in at]
+            shares = [mixed / (free + mixed + blocked) for free, mixed, blocked in counted]
+            numbers = ", ".join(f"{share:.3f}" for share in shares)
+            ax.semilogy(steps, shares, "o-", color=color, label=f"{name}: {numbers}")
+        ticks = [
+            f"{spacing:g} m\n{label.format(count)}"
+            for spacing, count in zip(spacings, counts, strict=True)
+        ]
+        ax.set_xticks(steps, ticks)
+        ax.set_yticks([0.05, 0.1, 0.2, 0.4], ["0.05", "0.1", "0.2", "0.4"], minor=False)
+        ax.set_yticks([], minor=True)
+        ax.set(title=title, ylabel="share of MIXED cells", ylim=(0.028, 0.9))
+        ax.grid(color=GRID, linewidth=0.4)
+        ax.legend(
+            title="refined:", alignment="left", fontsize=7.5, framealpha=1.0, loc="lower left"
+        )
     return figure
 
 
@@ -425,7 +475,7 @@ def draw_joint_map() -> Figure:
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
     ("planning", ("planners",), "#e8e3f3"),
-    ("pictures", ("plot",), "#e8e3f3"),
+    ("reasons, pictures", ("reasons", "plot"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
     ("maps are made", ("builder", "opening", "tiles", "export"), "#d4eaf7"),
