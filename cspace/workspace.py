@@ -356,8 +356,8 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.images import read_movingai_map, read_movingai_voxels
 
-        solid = str(path).lower().endswith(".3dmap")
-        cells = read_movingai_voxels(path) if solid else read_movingai_map(path)
+        is_in_space = Path(path).suffix.lower() == ".3dmap"
+        cells = read_movingai_voxels(path) if is_in_space else read_movingai_map(path)
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod

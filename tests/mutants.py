@@ -616,8 +616,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/tiles/parts.py",
-        "part, rows in self.parts_near(first_cells, self.folder.halo, is_inside)",
-        "part, rows in self.parts_near(first_cells, 1, is_inside)",
+        "space, rows in self.parts_near(first_cells, self.folder.halo, is_inside)",
+        "space, rows in self.parts_near(first_cells, 1, is_inside)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(

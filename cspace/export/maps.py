@@ -180,6 +180,7 @@ def export(
     MissingPackageError
         If netCDF is asked for, and xarray is not installed.
     """
+    # What the format holds: any dimension or one; all rotations, all or one, or one.
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format")
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):

@@ -94,21 +94,21 @@ def _read_gltf(file: Path) -> Surface:
     header = _parse_gltf_header(text)
     for buffer in header.get("buffers", []):
         buffer["content"] = _read_buffer(buffer, embedded, file)
-    # For each mesh, the points and corners of its parts, as views of the buffers.
-    parts = [
-        [_read_gltf_part(part, header) for part in mesh["primitives"]]
+    # For each mesh, the points and corners of its primitives, as views of the buffers.
+    primitives = [
+        [_read_gltf_part(primitive, header) for primitive in mesh["primitives"]]
         for mesh in header.get("meshes", [])
     ]
     placed = list(_place_gltf_meshes(header))
-    # Parts may share arrays, and a mesh may be placed several times, so the memory is checked
+    # Primitives may share arrays, and a mesh may be placed several times, so the memory is checked
     # before anything is copied.
     unfolded_bytes = 0
     for mesh, _ in placed:
-        for points, corners in parts[mesh]:
+        for points, corners in primitives[mesh]:
             unfolded_bytes += surface_bytes(len(points), len(corners) // 3)
     check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
     surfaces = {
-        mesh: [_make_gltf_surface(points, corners) for points, corners in parts[mesh]]
+        mesh: [_make_gltf_surface(points, corners) for points, corners in primitives[mesh]]
         for mesh, _ in placed
     }
     return _join_placed(surfaces, placed)
@@ -533,8 +533,8 @@ def _read_surfaces(geometry: Element, collada: _Collada) -> list[Surface]:
             continue
         if element.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {element.tag}")
-        parts = [part for part in element if part.tag not in _SURFACELESS_CHILDREN]
-        surfaces += [_read_collada_part(part, collada) for part in parts]
+        primitives = [child for child in element if child.tag not in _SURFACELESS_CHILDREN]
+        surfaces += [_read_collada_part(primitive, collada) for primitive in primitives]
     return surfaces
 
 

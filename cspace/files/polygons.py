@@ -80,11 +80,11 @@ def join_surfaces(parts: Sequence[Surface]) -> Surface:
     """Join surfaces into one surface; without parts it is empty."""
     vertices = [np.empty((0, 3))]
     faces = [np.empty((0, 3), dtype=np.int64)]
-    count = 0  # of the vertices before a part, to which its faces do not refer
-    for part_vertices, part_faces in parts:
-        vertices.append(part_vertices)
-        faces.append(part_faces + count)
-        count += len(part_vertices)
+    count = 0  # of vertices before a part; its faces count from its own first vertex
+    for points, triangles in parts:
+        vertices.append(points)
+        faces.append(triangles + count)
+        count += len(points)
     return np.concatenate(vertices), np.concatenate(faces)
 
 
@@ -512,6 +512,7 @@ def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
 
     Refuses faces of different sizes, because trimesh applies the size of the first face to all.
     """
+    # trimesh gives a list as two fields: "f0" has the lengths, and "f1" the values.
     for list_name in lists:
         lengths = data[list_name]["f0"]
         if (lengths != lengths[0]).any():

@@ -531,6 +531,7 @@ def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     if not robots:
         rule = f"it has {', '.join(tables)}"
         raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
+    # Costmaps may agree; then it does not matter which one is taken.
     name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:
         listed = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
@@ -556,8 +557,9 @@ def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Ma
 def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
     """Parse the robot of a costmap's parameters."""
     footprint: Any = table.get("footprint")
-    given_padding = table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING)
-    padding = check_not_negative(given_padding, f"{place}: footprint_padding")
+    padding = check_not_negative(
+        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
+    )
     if footprint in _NO_FOOTPRINT:
         radius = check_positive(table["robot_radius"], f"{place}: robot_radius")
         return CostmapRobot((), radius, padding)

@@ -41,7 +41,8 @@ class Raster:
         """Trim a bitmap; its first entry is the offset ``lower``."""
         window = []
         for axis in range(cells.ndim):
-            other_axes = tuple(other for other in range(cells.ndim) if other != axis)
+            # Indices along the axis at which a cell is set.
+            other_axes = tuple(k for k in range(cells.ndim) if k != axis)
             occupied = np.flatnonzero(cells.any(axis=other_axes))
             if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)

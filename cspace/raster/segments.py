@@ -182,6 +182,7 @@ def _segment_over_slab(
         return math.inf, -math.inf
     if px == qx:
         return min(py, qy), max(py, qy)
+    # Clip the segment, from 0 at p to 1 at q, to both sides of the slab.
     t0 = min(max((x0 - px) / (qx - px), 0.0), 1.0)
     t1 = min(max((x1 - px) / (qx - px), 0.0), 1.0)
     y0 = py + t0 * (qy - py)
@@ -198,11 +199,12 @@ def mark_touched(
     b1: float,
     slack: float,
 ) -> None:
-    """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
+    """Set ``out[i]`` if box ``i``, ``i + [b0, b1]^2``, meets a segment grown by its radius.
 
-    Gaps up to ``slack`` count as touching. The grown segment is convex, so its part over the x-slab
-    of a box spans a y-interval; the box meets it if and only if their y-intervals overlap. That
-    interval is the hull of the intervals of the two end discs and the rectangle between them.
+    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells; ``radii`` have shape (n,). Gaps up to
+    ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box
+    spans a y-interval; the box meets it if and only if their y-intervals overlap. That interval is
+    the hull of the intervals of the two end discs and the rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
@@ -215,6 +217,7 @@ def mark_touched(
         oy = scale * (qx - px)
         first_x = max(0, math.ceil(min(px, qx) - radius - slack - b1))
         last_x = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
+        # For each column of boxes, the y-interval of the grown segment.
         for i in range(first_x, last_x + 1):
             x0 = i + b0 - slack
             x1 = i + b1 + slack
@@ -241,8 +244,9 @@ def mark_touched(
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """Fill closed curves by even-odd parity.
 
-    Sets ``out[i, j]`` if the point ``(i + c, j + c)`` is inside. Exact for points farther from the
-    curve than rounding; ``out`` must be all False.
+    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells. Sets ``out[i, j]`` if the point
+    ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding; ``out``
+    must be all False.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):

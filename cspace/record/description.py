@@ -198,6 +198,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
     ``shapes`` if the obstacles have shapes.
     """
+    # What every map has, then what it may have.
     workspace = contents.workspace
     grid = contents.grid
     arrays: dict[str, Any] = {

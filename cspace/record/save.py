@@ -220,9 +220,9 @@ def write_map(
     folder: Path,
     compress: bool = True,
     derived: Mapping[str, NDArray[Any]] | None = None,
-    **more: Any,
+    **extra: Any,
 ) -> None:
-    """Write a map into a new folder; ``more`` are attributes in addition."""
+    """Write a map into a new folder; ``extra`` are attributes in addition."""
     arrays = {**arrays_of(contents), **(derived or {})}
     # What describes the map, then what a reader needs to unpack its arrays.
     attributes = {
@@ -232,7 +232,7 @@ def write_map(
         "shapes_bytes": len(arrays.get("shapes", ())),
         # The CF conventions' name of the arrays that label others.
         "coordinates": " ".join((*turns_of(arrays), "slice_of")),
-        **more,
+        **extra,
     }
     write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
 
@@ -344,6 +344,7 @@ def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
     """Make a map of its attributes and arrays; raise any error if they describe no map."""
+    # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
     states = arrays["cell_states"]

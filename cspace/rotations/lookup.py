@@ -257,6 +257,7 @@ def find_part(borders: Floats, quotient: float) -> int:
     # This polynomial is the arc tangent to a few thousandths.
     angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
     guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
+    # From the guess, step to the part that contains the quotient.
     part = int(min(max(guess, 0.0), parts - 1.0))
     while part > 0 and quotient < borders[part]:
         part -= 1
@@ -359,15 +360,15 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     share = 1.0  # of the rest of the chord, to the boundary of the cell that it meets first
     for n in range(3):
         component = OTHER_COMPONENTS[chart][n]
-        other = sign * point[component]
-        other_at_end = sign * end[component]
+        value = sign * point[component]
+        value_at_end = sign * end[component]
         low = borders[parts[n]] - QUOTIENT_SLACK
         high = borders[parts[n] + 1] + QUOTIENT_SLACK
         # Zero on a boundary of the cell, and negative inside.
-        above = other - high * largest
-        above_at_end = other_at_end - high * largest_at_end
-        below = low * largest - other
-        below_at_end = low * largest_at_end - other_at_end
+        above = value - high * largest
+        above_at_end = value_at_end - high * largest_at_end
+        below = low * largest - value
+        below_at_end = low * largest_at_end - value_at_end
         # The functions are linear along the chord, so these are their zeros.
         if above_at_end > 0.0:
             share = min(share, above / (above - above_at_end))

@@ -270,6 +270,7 @@ def _check_borders(value: ArrayLike) -> Floats:
         rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
         hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
         raise InputError("rotations", problem, rule, hint)
+    # They need not begin at any angle, but must end where they begin.
     angles = check_finite(value, "rotations")
     first = angles[0]
     last = angles[-1]

@@ -70,13 +70,13 @@ class Polygons(ExactShape):
         if len(parts) > 1:
             names = [f"polygon[{number}]" for number in range(len(parts))]
         check_shapes(parts, names)
-        for name, part in zip(names, parts, strict=True):
-            if part.geom_type != "Polygon":
-                problem = f"is a {part.geom_type}"
+        for name, polygon in zip(names, parts, strict=True):
+            if polygon.geom_type != "Polygon":
+                problem = f"is a {polygon.geom_type}"
                 rule = "each part must be a Polygon"
                 raise GeometryError(name, problem, rule, "remove other parts")
-            if not part.area > 0.0:
-                problem = f"has area {part.area:g}"
+            if not polygon.area > 0.0:
+                problem = f"has area {polygon.area:g}"
                 rule = "it must be above zero"
                 raise GeometryError(name, problem, rule, "pass its whole boundary")
         return cls(parts)
@@ -208,10 +208,11 @@ class Polygons(ExactShape):
         """Make the polygons of a :attr:`spec`."""
         import shapely
 
-        parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]
-        if all(part.geom_type == "Polygon" for part in parts):
-            return cls.of(parts)
-        return cls(parts)
+        contents = [base64.b64decode(text, validate=True) for text in spec["wkb"]]
+        geometries = shapely.from_wkb(contents).tolist()
+        if all(geometry.geom_type == "Polygon" for geometry in geometries):
+            return cls.of(geometries)
+        return cls(geometries)
 
 
 def _drop_tiny(coordinates: Floats) -> Floats:
@@ -250,4 +251,5 @@ def _iterate_parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats,
         elif hasattr(shape, "geoms"):
             yield from _iterate_parts(list(shape.geoms))
         else:
-            yield point_segments(np.asarray(shape.coords)[:, :2]), False
+            points = np.asarray(shape.coords)
+            yield point_segments(points[:, :2]), False

@@ -174,6 +174,7 @@ class Shape(ABC):
     @cached_property
     def symmetries(self) -> list[Floats]:
         """Signed permutation matrices, shape (dim, dim), that map the shape to itself."""
+        # Few matrices keep the bounding box, which is tested quickly.
         matrices = _signed_permutations(self.dim)
         bounds = np.array(self.outer.bounds)
         mapped_bounds = np.sort(bounds @ matrices.mT, axis=1)
@@ -188,6 +189,7 @@ class Shape(ABC):
         """
         if self.is_round_about_z:
             return 0
+        # Count the turns about z among the symmetries; mirrors have the determinant -1.
         order = 0
         for matrix in self.symmetries:
             keeps_z = bool((matrix[2:, 2:] == 1.0).all())

@@ -162,6 +162,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
     """Return a name that is known; raise InputError with the nearest known name otherwise."""
     if isinstance(value, str) and value in known:
         return value
+    # Otherwise hint at the most similar name, or at all of them.
     similar = difflib.get_close_matches(str(value), known, n=1)
     rule = f"there are {', '.join(known)}"
     hint = "name one of these"

@@ -185,6 +185,7 @@ class _SaveLock(event.Listener):
     """
 
     def __init__(self, file: Path) -> None:
+        """Open the file that processes lock."""
         self._file = os.open(file, os.O_RDWR)
 
     def on_start(self, event: Any) -> None:

@@ -230,14 +230,14 @@ class OpenTiles:
         pieces = np.stack(ends_of_pieces)  # their starts, then their ends, shape (2, m, size)
         first_cells = grid.cell_of(pieces[0, :, : grid.dim])
         out = np.ones(len(starts), dtype=np.bool_)
-        for part, rows in self.parts_near(first_cells, self.folder.halo, is_inside):
+        for space, rows in self.parts_near(first_cells, self.folder.halo, is_inside):
             q0, q1 = pieces[:, rows]
             if is_inside:
-                # Rounding may put the border of the grid just outside the part.
+                # Rounding may put the border of the grid just outside the map of the tile.
                 for q in (q0, q1):
                     position = q[:, : grid.dim]
-                    position.clip(part.grid.lower, part.grid.upper, out=position)
-            unproven = rows[~part.motion_is_free(q0, q1)]
+                    position.clip(space.grid.lower, space.grid.upper, out=position)
+            unproven = rows[~space.motion_is_free(q0, q1)]
             out[motions[unproven]] = False
         return out
 
